@@ -1,0 +1,29 @@
+"""What can be wrong with a quadratic program, said so that its author can act on it."""
+
+from __future__ import annotations
+
+
+class QPError(ValueError):
+    """A quadratic program without a solution, or data that make none."""
+
+
+class NotFiniteError(QPError):
+    """A NaN or an infinity in the data or in a product with the Hessian."""
+
+
+class IndefiniteError(QPError):
+    """The Hessian has a direction of negative curvature, so the problem is not convex."""
+
+
+class UnboundedError(QPError):
+    """The cost falls without limit along a feasible direction.
+
+    Attributes
+    ----------
+    component : int
+        Global number of the component that moves most along the direction.
+    """
+
+    def __init__(self, message: str, component: int = -1) -> None:
+        super().__init__(message)
+        self.component = component

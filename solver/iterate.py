@@ -1,0 +1,292 @@
+"""The point at which an active-set iteration stands, and the passes that move it.
+
+Every method makes one pass over the vectors and at most one collective. A CG step of MPRGP is
+:meth:`Iterate.probe`, :meth:`Iterate.advance`, :meth:`Iterate.conjugate`: one product with the
+Hessian, three passes, two collectives. All vectors are allocated when the iterate is made.
+"""
+
+from __future__ import annotations
+
+import math
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from solver.errors import IndefiniteError, NotFiniteError, UnboundedError
+from solver.gradients import Block, Scratch, activity_edges
+from solver.operators import estimate_norm
+from solver.qp import BoxQP
+from solver.result import Counts, Monitor, Step
+from solver.vectors import BLOCK, Mask, Vector, blocks
+
+#: Curvature pᵀAp/(‖A‖ pᵀp) at or below which a direction is taken to be in the kernel of A.
+ZERO_CURVATURE = 1e-14
+#: … and below which the Hessian is said to be indefinite.
+NEGATIVE_CURVATURE = -1e-12
+
+
+class Preconditioner(Protocol):
+    """An approximate inverse of the Hessian, symmetric positive definite."""
+
+    def apply(self, r: Vector, free_mask: Mask, out: Vector, /) -> None:
+        """Put the preconditioned free gradient r into out; what it puts on components that are
+        not free is cut away."""
+
+
+class Iterate:
+    """Point x, gradient g = Ax - b and its splitting, direction p and product Ap.
+
+    Attributes
+    ----------
+    free_square, chopped_square : float
+        ‖g^f‖², ‖g^c‖² over all ranks.
+    largest : float
+        Largest ‖Ap‖/‖p‖ seen: a lower bound of ‖A‖.
+    alpha : float
+        Step length of the reduced gradient: the one that an expansion used last.
+    """
+
+    def __init__(
+        self,
+        qp: BoxQP,
+        x0: object = None,
+        *,
+        norm: float | None = None,
+        preconditioner: Preconditioner | None = None,
+    ) -> None:
+        self.qp = qp
+        self.operator = qp.operator
+        self.reduction = qp.reduction
+        self.preconditioner = preconditioner
+        n = qp.size
+        self.x = qp.start(x0)
+        self.g, self.p, self.Ap = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.free, self.chopped = np.zeros(n), np.zeros(n)
+        self.is_free: Mask = np.ones(n, dtype=bool)
+        self.z = self.free if preconditioner is None else np.zeros(n)
+        lower_edge, upper_edge = activity_edges(qp.lower, qp.upper)
+        vectors = {
+            "x": self.x, "g": self.g, "p": self.p, "Ap": self.Ap, "b": qp.b,
+            "free": self.free, "chopped": self.chopped, "is_free": self.is_free, "z": self.z,
+            "lower": qp.lower, "upper": qp.upper,
+            "lower_edge": lower_edge, "upper_edge": upper_edge,
+        }  # fmt: skip
+        scratch = Scratch(min(n, BLOCK))
+        self.blocks = [Block(rows, vectors, scratch) for rows in blocks(n)]
+        self.counts = Counts()
+        self.iterations = 0
+        self.history: list[Step] = []
+        self.outer = 0
+        self.equality_residual = 0.0
+        self.free_square = self.chopped_square = self.x_square = 0.0
+        self.free_product = 0.0  # zᵀAp, numerator of the conjugation
+        self.active = 0
+        self.slope = self.curvature = 0.0  # gᵀp, pᵀAp
+        self.largest = 0.0
+        self.alpha = 0.0
+        self.b_norm = 0.0
+        self._norm = norm
+        self._began = perf_counter()
+
+    # ------------------------------------------------------------------ scalars
+
+    @property
+    def projected_gradient_norm(self) -> float:
+        """‖g^P‖; free and chopped gradient are orthogonal."""
+        return math.sqrt(self.free_square + self.chopped_square)
+
+    @property
+    def norm(self) -> float:
+        """‖A‖: given, or by the power method when first asked for; raised where a step saw more."""
+        if self._norm is None:
+            self._norm, products = estimate_norm(self.operator)
+            self.counts.norm_estimation += products
+        if self.largest > 1.01 * self._norm:
+            self._norm = self.largest
+        return self._norm
+
+    # ------------------------------------------------------------------ passes
+
+    def evaluate(self) -> None:
+        """g = Ax - b by a product; split it and restart the directions at the free gradient."""
+        self.operator.apply(self.x, self.g)
+        self.counts.hessian += 1
+        self.restart(subtract_b=True)
+
+    def restart(self, *, subtract_b: bool = False) -> None:
+        """Split the gradient g as it stands and restart the directions."""
+        sums = np.zeros(4)
+        for block in self.blocks:
+            if subtract_b:
+                np.subtract(block.g, block.b, out=block.g)
+            block.split()
+            np.copyto(block.p, block.free)
+            _add_squares(sums, block)
+        self._take(sums)
+        self._precondition(restart=True)
+
+    def probe(self) -> tuple[float, float]:
+        """Product Ap; lengths α_cg of the minimum along -p and α_f to the bound.
+
+        A direction without curvature has α_cg = ∞.
+
+        Raises
+        ------
+        IndefiniteError, UnboundedError, NotFiniteError
+        """
+        self.operator.apply(self.p, self.Ap)
+        self.counts.hessian += 1
+        slope = curvature = pp = ApAp = 0.0
+        longest = math.inf
+        for block in self.blocks:
+            slope += float(np.dot(block.g, block.p))
+            curvature += float(np.dot(block.p, block.Ap))
+            pp += float(np.dot(block.p, block.p))
+            ApAp += float(np.dot(block.Ap, block.Ap))
+            longest = min(longest, block.longest_step())
+        (slope, curvature, pp, ApAp), longest = self.reduction.sums_and_minimum(
+            (slope, curvature, pp, ApAp), longest
+        )
+        if not math.isfinite(slope + curvature + ApAp):
+            self._raise_not_finite(self.Ap)
+        self.slope, self.curvature = slope, curvature
+        self.largest = max(self.largest, math.sqrt(ApAp / pp) if pp > 0.0 else 0.0)
+        relative = curvature / (self.largest * pp) if self.largest * pp > 0.0 else 0.0
+        if relative < NEGATIVE_CURVATURE:
+            component = self.reduction.argmax(np.abs(self.p))
+            raise IndefiniteError(
+                "the Hessian is indefinite: the curvature p'Ap/(|A| p'p) is "
+                f"{relative:.3g} along a direction p that is largest in component {component}"
+            )
+        longest = max(longest, 0.0)
+        if relative <= ZERO_CURVATURE:
+            return math.inf, longest
+        return slope / curvature, longest
+
+    def advance(self, alpha: float, *, restart: bool = False, snap: bool = False) -> None:
+        """x - αp with its gradient g - αAp by recurrence, split; optionally restart p there.
+
+        With ``snap``, components that the step brought to within rounding of a bound are put
+        on it, as the half step to the bound needs.
+        """
+        sums = np.zeros(4)
+        free_product = 0.0
+        for block in self.blocks:
+            if snap:
+                block.step_to_bound(alpha)
+            else:
+                np.multiply(block.p, alpha, out=block.t)
+                np.subtract(block.x, block.t, out=block.x)
+                block.project()
+            np.multiply(block.Ap, alpha, out=block.t)
+            np.subtract(block.g, block.t, out=block.g)
+            block.split()
+            if restart:
+                np.copyto(block.p, block.free)
+            else:
+                free_product += float(np.dot(block.Ap, block.free))
+            _add_squares(sums, block)
+        self._take(sums, free_product)
+        self._precondition(restart)
+
+    def conjugate(self) -> None:
+        """p = z - βp with β = zᵀAp / pᵀAp, A-orthogonal to the last p; z = g^f if plain."""
+        beta = self.free_product / self.curvature
+        for block in self.blocks:
+            np.multiply(block.p, beta, out=block.p)
+            np.subtract(block.z, block.p, out=block.p)
+
+    def aim_chopped(self) -> None:
+        """p = g^c."""
+        np.copyto(self.p, self.chopped)
+
+    def project_step(self, alpha: float, direction: Vector) -> None:
+        """x = P(x - α direction): on the bounds exactly; g is not updated."""
+        for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
+            np.multiply(direction[rows], alpha, out=block.t)
+            np.subtract(block.x, block.t, out=block.x)
+            block.project()
+
+    def reduced_gradient(self, out: Vector) -> None:
+        """g^r for the last step length, into out."""
+        for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
+            block.reduced(self.alpha, out[rows])
+
+    # ------------------------------------------------------------------ bookkeeping
+
+    def record(self, step: str, monitor: Monitor | None) -> bool:
+        """Append to the history, tell the monitor; whether it asks to stop (on any rank)."""
+        event = Step(
+            self.outer,
+            self.iterations,
+            step,
+            self.projected_gradient_norm,
+            self.equality_residual,
+            self.active,
+            perf_counter() - self._began,
+        )
+        self.history.append(event)
+        if monitor is None:
+            return False
+        return self.reduction.sums(float(bool(monitor(event))))[0] > 0.0
+
+    @property
+    def round_off(self) -> float:
+        """Size of the rounding errors in a gradient Ax - b."""
+        scale = self.largest * math.sqrt(self.x_square) + self.b_norm
+        return 2.0 * float(np.finfo(np.float64).eps) * scale
+
+    def at_round_off(self) -> bool:
+        """Whether the projected gradient is no more than rounding errors."""
+        return self.projected_gradient_norm <= self.round_off
+
+    def measure_b(self) -> None:
+        """Take ‖b‖ anew."""
+        self.b_norm = self.reduction.norm(self.qp.b)
+
+    def raise_unbounded(self) -> None:
+        """Say which component runs away along -p."""
+        component = self.reduction.argmax(np.abs(self.p))
+        raise UnboundedError(
+            "the cost is unbounded below: it falls without limit along a direction without "
+            f"curvature that no bound stops, largest in component {component}",
+            component,
+        )
+
+    def _take(self, sums: np.ndarray, free_product: float = 0.0) -> None:
+        free, chopped, x_square, active, product = self.reduction.sums(*sums, free_product)
+        self.free_square, self.chopped_square, self.x_square = free, chopped, x_square
+        self.active, self.free_product = int(active), product
+        if not math.isfinite(free + chopped):
+            self._raise_not_finite(self.g)
+
+    def _raise_not_finite(self, product: Vector) -> None:
+        component = self.reduction.first(~np.isfinite(product))
+        raise NotFiniteError(
+            f"a product with the Hessian is not finite: component {component} (in step "
+            f"{self.iterations}); is the matrix free of NaN, or did the solve overflow?"
+        )
+
+    def _precondition(self, restart: bool) -> None:
+        if self.preconditioner is None:
+            return
+        self.preconditioner.apply(self.free, self.is_free, self.z)
+        product = 0.0
+        for block in self.blocks:
+            np.logical_not(block.is_free, out=block.mask)
+            np.copyto(block.z, 0.0, where=block.mask)
+            if restart:
+                np.copyto(block.p, block.z)
+            else:
+                product += float(np.dot(block.Ap, block.z))
+        if not restart:
+            self.free_product = self.reduction.sums(product)[0]
+
+
+def _add_squares(sums: np.ndarray, block: Block) -> None:
+    """Add a block's ‖g^f‖², ‖g^c‖², ‖x‖² and number of active components."""
+    sums[0] += np.dot(block.free, block.free)
+    sums[1] += np.dot(block.chopped, block.chopped)
+    sums[2] += np.dot(block.x, block.x)
+    sums[3] += block.x.size - np.count_nonzero(block.is_free)

@@ -1,0 +1,111 @@
+"""What a solver hands back: the solution, why it stopped, what it cost, and how it went."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, NamedTuple
+
+
+class Reason(Enum):
+    """Why a solve ended; the value is a sentence for the user."""
+
+    CONVERGED = "The projected gradient and the equality residual are below the tolerance."
+    ACCEPTED = "The caller's own test accepted the solution."
+    MAX_ITERATIONS = (
+        "The limit of inner iterations was reached before the tolerance; "
+        "raise max_iterations or the tolerance, or scale the problem better."
+    )
+    MAX_OUTER_ITERATIONS = (
+        "The limit of outer iterations was reached before the tolerance; "
+        "are the equalities consistent with the bounds?"
+    )
+    ROUND_OFF = (
+        "The gradient is at the level of rounding errors and cannot be reduced further; "
+        "the tolerance asks for more digits than the data hold."
+    )
+    STOPPED = "The monitor asked to stop; the result holds the last iterate."
+
+    @property
+    def converged(self) -> bool:
+        """Whether the tolerance, or the caller's own test, was met."""
+        return self in (Reason.CONVERGED, Reason.ACCEPTED)
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass
+class Counts:
+    """Work done, counted as the paper counts it (its Table 1 and Appendix A).
+
+    Every row satisfies ``hessian = gradients + cg + k * expansion + proportioning``, with
+    ``gradients`` the products for initial gradients (one a solve, or one an outer iteration
+    where SMALBE recomputes it) and ``k`` the products of an expansion step: 2, or 3 for ``opt``.
+    """
+
+    hessian: int = 0
+    cg: int = 0
+    expansion: int = 0
+    proportioning: int = 0
+    outer: int = 0
+    #: products of the power method, which the paper leaves out of ``hessian``
+    norm_estimation: int = 0
+
+    @property
+    def inner(self) -> int:
+        """Inner iterations: CG, expansion and proportioning steps together."""
+        return self.cg + self.expansion + self.proportioning
+
+
+class Step(NamedTuple):
+    """One inner iteration as the monitor sees it."""
+
+    outer: int  #: outer iteration, from 1 in SMALBE; 0 in plain MPRGP
+    iteration: int  #: inner iterations so far, over all outer ones
+    type: str  #: "start", "cg", "expansion" or "proportioning"
+    projected_gradient_norm: float
+    equality_residual: float  #: ||Cx - c|| when last evaluated, 0 without equalities
+    active: int  #: components at a bound, over all ranks
+    seconds: float  #: since the solve began
+
+
+#: Called for every step; a true answer stops the solve.
+Monitor = Callable[[Step], Any]
+
+
+@dataclass
+class Result:
+    """Outcome of a solve.
+
+    Attributes
+    ----------
+    x : ndarray (local part) or PETSc.Vec, the kind of the problem's b
+        Last iterate; always within the bounds.
+    reason : Reason
+        An enum whose value is a sentence; ``converged`` is its verdict.
+    counts : Counts
+    gradient : ndarray (local part)
+        Of the cost; in SMALBE of the augmented Lagrangian, which at the end is
+        ``A x - b + C^T multiplier``.
+    multiplier : ndarray (local rows of C) or None
+        Of the equalities C x = c.
+    projected_gradient_norm, equality_residual : float
+        ||g^P|| and ||C x - c||, over all ranks.
+    history : list of Step
+    """
+
+    x: Any
+    reason: Reason
+    counts: Counts
+    gradient: Any
+    projected_gradient_norm: float
+    multiplier: Any = None
+    equality_residual: float = 0.0
+    history: list[Step] = field(default_factory=list, repr=False)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solve met its tolerance."""
+        return self.reason.converged
