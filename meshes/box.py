@@ -1,0 +1,165 @@
+"""Boxes: lattices of equal cells, split regularly into congruent sub-boxes.
+
+The nodes of a box are a lattice, so the number of a node in the undecomposed mesh follows from
+its place by arithmetic and no mesh of the whole box is ever built. A split into nx × ny × nz
+sub-boxes has at most 2^d different shapes (sizes differ by one cell where the cells do not
+divide evenly), hence at most 2^d references.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from dolfinx import mesh as dmesh
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from meshes.subdomains import Reference, Subdomain
+
+SIDES = (("x-", 0, 0), ("x+", 0, 1), ("y-", 1, 0), ("y+", 1, 1), ("z-", 2, 0), ("z+", 2, 1))
+"""Name, axis and end of each side of a box."""
+
+CELLS_PER_CUBE = {"triangle": 2, "quadrilateral": 1, "tetrahedron": 6, "hexahedron": 1}
+
+
+@dataclass(frozen=True)
+class BoxShape:
+    """A box of equal cells.
+
+    Attributes
+    ----------
+    lower, upper
+        Opposite corners, in the unit of length of the scene.
+    cells
+        Cells along each axis (cubes, each cut into six, for tetrahedra; squares cut in two for
+        triangles).
+    cell
+        ``hexahedron``, ``tetrahedron``, ``quadrilateral`` or ``triangle``.
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    cells: tuple[int, ...]
+    cell: str
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes."""
+        return len(self.cells)
+
+    @cached_property
+    def strides(self) -> NDArray[np.int64]:
+        """Difference in node number between neighbours along each axis; x runs fastest."""
+        return np.cumprod([1, *(n + 1 for n in self.cells[:-1])], dtype=np.int64)
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of the lattice."""
+        return int(np.prod([n + 1 for n in self.cells], dtype=np.int64))
+
+    @property
+    def total_cells(self) -> int:
+        """Cells of the mesh."""
+        return int(np.prod(self.cells, dtype=np.int64)) * CELLS_PER_CUBE[self.cell]
+
+    @property
+    def spacing(self) -> NDArray[np.float64]:
+        """Edge lengths of one cell."""
+        return (np.array(self.upper) - np.array(self.lower)) / np.array(self.cells)
+
+    def mesh(self) -> Any:
+        """The dolfinx mesh of the whole box, its lower corner at the origin, on this process."""
+        cell_type = getattr(dmesh.CellType, self.cell)
+        lengths = self.spacing * self.cells
+        if self.dimension == 3:
+            corners = [np.zeros(3), lengths]
+            return dmesh.create_box(MPI.COMM_SELF, corners, list(self.cells), cell_type)
+        corners = [np.zeros(2), lengths]
+        return dmesh.create_rectangle(MPI.COMM_SELF, corners, list(self.cells), cell_type)
+
+    def lattice(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Lattice indices (n, dimension) of points (n, 3) measured from the lower corner."""
+        return np.rint(points[:, : self.dimension] / self.spacing).astype(np.int64)
+
+
+def sides_of(
+    box: BoxShape, lattice: NDArray[np.int64], facets: NDArray[np.int32]
+) -> dict[str, NDArray[np.int32]]:
+    """Rows of `facets` (nodes each) on each side of a box, given the lattice index of nodes."""
+    found = {}
+    for name, axis, end in SIDES[: 2 * box.dimension]:
+        on_side = lattice[:, axis] == end * box.cells[axis]
+        found[name] = np.flatnonzero(on_side[facets].all(axis=1)).astype(np.int32)
+    return found
+
+
+def split_points(cells: int, parts: int) -> NDArray[np.int64]:
+    """Where `cells` cells are cut into `parts` runs that differ by one cell at most."""
+    return np.arange(parts + 1, dtype=np.int64) * cells // parts
+
+
+def split_regularly(
+    box: BoxShape,
+    parts: tuple[int, ...],
+    body: int,
+    first_number: int,
+    first_node: int,
+    numbers: range,
+    references: dict[Any, tuple[Reference, dict[str, NDArray[np.int32]], NDArray[np.int64]]],
+) -> list[Subdomain]:
+    """The sub-boxes of a regular split that have the given numbers.
+
+    Parameters
+    ----------
+    parts
+        Sub-boxes along each axis.
+    first_number
+        Number of this body's first subdomain; sub-boxes are numbered with x fastest.
+    numbers
+        Subdomain numbers wanted (those of this rank).
+    references
+        Shapes already meshed, by their key; filled on the way, so that bodies share them.
+    """
+    cuts = [split_points(n, p) for n, p in zip(box.cells, parts, strict=True)]
+    subdomains = []
+    for number in numbers:
+        place = np.unravel_index(number - first_number, parts, order="F")
+        begin = np.array([c[i] for c, i in zip(cuts, place, strict=True)])
+        size = tuple(int(c[i + 1] - c[i]) for c, i in zip(cuts, place, strict=True))
+        key = (box.cell, size, tuple(box.spacing))
+        if key not in references:
+            references[key] = _reference(box, size)
+        reference, sides, lattice = references[key]
+        translation = np.zeros(3)
+        translation[: box.dimension] = np.array(box.lower) + begin * box.spacing
+        at_end = {
+            name: begin[axis] + end * size[axis] == end * box.cells[axis]
+            for name, axis, end in SIDES[: 2 * box.dimension]
+        }
+        boundaries = {name: rows for name, rows in sides.items() if at_end[name]}
+        exterior = np.concatenate([np.zeros(0, np.int32), *boundaries.values()])
+        subdomains.append(
+            Subdomain(
+                number=number,
+                body=body,
+                reference=reference,
+                translation=translation,
+                nodes=first_node + (lattice + begin) @ box.strides,
+                exterior=exterior,
+                boundaries=boundaries,
+            )
+        )
+    return subdomains
+
+
+def _reference(
+    box: BoxShape, size: tuple[int, ...]
+) -> tuple[Reference, dict[str, NDArray[np.int32]], NDArray[np.int64]]:
+    """Mesh a sub-box of `size` cells; with its sides and the lattice indices of its nodes."""
+    block = BoxShape((0.0,) * box.dimension, tuple(box.spacing * size), size, box.cell)
+    reference = Reference.of(block.mesh(), box.cell)
+    lattice = block.lattice(reference.points)
+    return reference, sides_of(block, lattice, reference.facets), lattice

@@ -1,0 +1,162 @@
+"""From bodies and a wish to a partition: who holds which subdomain.
+
+Subdomains are numbered body by body and dealt to the ranks in consecutive runs, so the numbers,
+and with them the dual problem, do not depend on how many ranks there are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from meshes.box import BoxShape, split_regularly
+from meshes.graph import place_piece, split_by_graph
+from meshes.subdomains import Partition, Subdomain, owned_range
+
+WHOLE_BODY_NODES = 1500
+"""Bodies of up to this many nodes stay whole: one small factor beats any gluing."""
+
+CELLS_PER_SUBDOMAIN = {2: 400, 3: 150}
+"""Cells of a subdomain that `auto` aims at (squares or cubes), measured on the shipped scenes."""
+
+
+def decompose(
+    boxes: Sequence[BoxShape],
+    subdomains: None | int | tuple[int, ...],
+    comm: MPI.Intracomm,
+) -> Partition:
+    """Cut the bodies into subdomains and give each rank its share.
+
+    Parameters
+    ----------
+    boxes
+        One box a body.
+    subdomains
+        None: regular splits of a size chosen here. A tuple: sub-boxes of every body along each
+        axis. A number: graph partitions, the number shared among the bodies by their cells.
+
+    Raises
+    ------
+    ValueError
+        More subdomains than cells along an axis, or fewer subdomains than ranks.
+    """
+    first_node = np.cumsum([0, *(box.nodes for box in boxes)], dtype=np.int64)
+    first_cell = np.cumsum([0, *(box.total_cells for box in boxes)], dtype=np.int64)
+    if isinstance(subdomains, int):
+        counts, local = _by_graph(boxes, subdomains, first_node, comm)
+    else:
+        counts, local = _by_splits(boxes, subdomains, first_node, comm)
+    sizes = [len(s.reference.cells) for s in local]
+    before = comm.exscan(sum(sizes)) or 0
+    return Partition(
+        comm=comm,
+        dimension=boxes[0].dimension,
+        subdomains=tuple(local),
+        count=sum(counts),
+        subdomains_of_body=tuple(counts),
+        first_node=first_node,
+        first_cell=first_cell,
+        cell_starts=before + np.cumsum([0, *sizes], dtype=np.int64)[:-1],
+    )
+
+
+def choose_split(box: BoxShape, at_least: int = 1) -> tuple[int, ...]:
+    """Sub-boxes along each axis for `decomposition: auto`.
+
+    Sub-boxes of about `CELLS_PER_SUBDOMAIN` cells that divide the box evenly if a split near
+    the wish does, so that they are congruent; one subdomain for a small body.
+    """
+    if box.nodes <= WHOLE_BODY_NODES and at_least == 1:
+        return (1,) * box.dimension
+    edge = CELLS_PER_SUBDOMAIN[box.dimension] ** (1.0 / box.dimension)
+    choices = []
+    for cells in box.cells:
+        wish = max(1.0, cells / edge)
+        near = range(max(1, math.floor(wish * 0.7)), min(cells, math.ceil(wish * 1.4)) + 1)
+        even = [p for p in near if cells % p == 0]
+        choices.append(even or [min(cells, max(1, round(wish)))])
+    target = max(float(at_least), math.prod(box.cells) / CELLS_PER_SUBDOMAIN[box.dimension])
+
+    def distance(split: tuple[int, ...]) -> tuple[bool, float]:
+        parts = math.prod(split)
+        return parts < at_least, abs(math.log(parts / target))
+
+    best = min(product(*choices), key=distance)
+    while math.prod(best) < at_least:
+        room = [c / p for c, p in zip(box.cells, best, strict=True)]
+        axis = int(np.argmax(room))
+        if room[axis] < 2:
+            break
+        best = tuple(p + (a == axis) for a, p in enumerate(best))
+    return best
+
+
+def _by_splits(
+    boxes: Sequence[BoxShape],
+    parts: tuple[int, ...] | None,
+    first_node: np.ndarray,
+    comm: MPI.Intracomm,
+) -> tuple[list[int], list[Subdomain]]:
+    needed = -(-comm.size // len(boxes))
+    splits = [parts or choose_split(box, needed) for box in boxes]
+    for split, box in zip(splits, boxes, strict=True):
+        for axis, (wanted, cells) in enumerate(zip(split, box.cells, strict=True)):
+            if wanted > cells:
+                raise ValueError(
+                    f"{wanted} subdomains along {'xyz'[axis]}, where the box has only {cells} cells"
+                )
+    counts = [math.prod(split) for split in splits]
+    begin, end = _share(sum(counts), comm)
+    references: dict[Any, Any] = {}
+    local: list[Subdomain] = []
+    start = 0
+    for body, (box, split, count) in enumerate(zip(boxes, splits, counts, strict=True)):
+        numbers = range(max(begin, start), min(end, start + count))
+        local += split_regularly(
+            box, split, body, start, int(first_node[body]), numbers, references
+        )
+        start += count
+    return counts, local
+
+
+def _by_graph(
+    boxes: Sequence[BoxShape], total: int, first_node: np.ndarray, comm: MPI.Intracomm
+) -> tuple[list[int], list[Subdomain]]:
+    weights = np.array([box.total_cells for box in boxes], dtype=float)
+    wanted = np.maximum(1, np.rint(total * weights / weights.sum())).astype(int)
+    for parts, box in zip(wanted, boxes, strict=True):
+        if parts > box.total_cells:
+            raise ValueError(f"{parts} subdomains of a body that has only {box.total_cells} cells")
+    pieces = None
+    if comm.rank == 0:
+        pieces = [split_by_graph(box, int(n)) for box, n in zip(boxes, wanted, strict=True)]
+    counts = comm.bcast([len(p) for p in pieces] if pieces is not None else None)
+    begin, end = _share(sum(counts), comm)
+    places = [(body, k) for body, count in enumerate(counts) for k in range(count)]
+    if pieces is not None:
+        for rank in range(1, comm.size):
+            first, last = sum(counts) * rank // comm.size, sum(counts) * (rank + 1) // comm.size
+            comm.send([pieces[body][k] for body, k in places[first:last]], dest=rank)
+        mine = [pieces[body][k] for body, k in places[begin:end]]
+    else:
+        mine = comm.recv(source=0)
+    references: dict[Any, Any] = {}
+    local = [
+        place_piece(piece, places[n][0], n, int(first_node[places[n][0]]), references)
+        for n, piece in zip(range(begin, end), mine, strict=True)
+    ]
+    return counts, local
+
+
+def _share(total: int, comm: MPI.Intracomm) -> tuple[int, int]:
+    if total < comm.size:
+        raise ValueError(
+            f"{comm.size} ranks but only {total} subdomain{'s' * (total > 1)}: start at most "
+            f"{total} rank{'s' * (total > 1)} or ask for more subdomains"
+        )
+    return owned_range(total, comm)

@@ -1,0 +1,146 @@
+"""What a decomposition is made of: references, subdomains and the partition that holds them.
+
+Many subdomains of a scene are translates of one another. A `Reference` is the mesh of such a
+congruence class, held once; a `Subdomain` is a translated copy of it with the numbers its nodes
+have in the undecomposed mesh. No mesh of a whole body is needed to describe a regular split.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dolfinx import mesh as dmesh
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from meshes import versions
+
+VTK_ORDER = {
+    "triangle": (0, 1, 2),
+    "quadrilateral": (0, 1, 3, 2),
+    "tetrahedron": (0, 1, 2, 3),
+    "hexahedron": (0, 1, 3, 2, 4, 5, 7, 6),
+}
+"""Vertices of dolfinx's tensor-product cells in the order VTK and XDMF use."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Mesh of one congruence class of subdomains, on one process.
+
+    Attributes
+    ----------
+    mesh
+        The dolfinx mesh; its geometry nodes number everything below.
+    cell
+        Name of the cell, e.g. ``hexahedron``.
+    points : (nodes, 3)
+        Coordinates.
+    cells : (cells, vertices)
+        Nodes of each cell in VTK order.
+    facets : (facets, vertices a facet)
+        Nodes of the facets on the surface of the subdomain.
+    facet_entities : (facets,)
+        The same facets as entities of `mesh`.
+    """
+
+    mesh: Any
+    cell: str
+    points: NDArray[np.float64]
+    cells: NDArray[np.int32]
+    facets: NDArray[np.int32]
+    facet_entities: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, mesh: Any, cell: str) -> Reference:
+        """Describe a dolfinx mesh on one process."""
+        dimension = mesh.topology.dim
+        mesh.topology.create_connectivity(dimension - 1, dimension)
+        entities = np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
+        return cls(
+            mesh=mesh,
+            cell=cell,
+            points=mesh.geometry.x.copy(),
+            cells=versions.cell_nodes(mesh)[:, VTK_ORDER[cell]],
+            facets=versions.facet_nodes(mesh, entities).reshape(len(entities), -1),
+            facet_entities=entities,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Subdomain:
+    """One subdomain: a translated reference with the node numbers of the undecomposed mesh.
+
+    Attributes
+    ----------
+    number
+        Its place among the subdomains of the whole scene.
+    body
+        Index of the body it is part of.
+    nodes : (nodes,)
+        Number of each node in the undecomposed mesh of the scene.
+    exterior
+        Rows of ``reference.facets`` that lie on the surface of the body.
+    boundaries
+        Rows of ``reference.facets`` by the name of a boundary the mesh itself knows.
+    """
+
+    number: int
+    body: int
+    reference: Reference
+    translation: NDArray[np.float64]
+    nodes: NDArray[np.int64]
+    exterior: NDArray[np.int32]
+    boundaries: Mapping[str, NDArray[np.int32]]
+
+    def points(self) -> NDArray[np.float64]:
+        """Coordinates of the nodes, (nodes, 3)."""
+        return self.reference.points + self.translation
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """All subdomains of a scene, those of this rank at hand.
+
+    Attributes
+    ----------
+    subdomains
+        The subdomains of this rank, by number; ranks hold consecutive numbers.
+    count
+        Subdomains on all ranks.
+    subdomains_of_body
+        How many subdomains each body has.
+    first_node : (bodies + 1,)
+        Nodes of body b are numbered from ``first_node[b]`` up to ``first_node[b + 1]``.
+    first_cell : (bodies + 1,)
+        The same for cells.
+    cell_starts
+        Number of the first cell of each local subdomain, in the order of `subdomains`.
+    """
+
+    comm: MPI.Intracomm
+    dimension: int
+    subdomains: tuple[Subdomain, ...]
+    count: int
+    subdomains_of_body: tuple[int, ...]
+    first_node: NDArray[np.int64]
+    first_cell: NDArray[np.int64]
+    cell_starts: NDArray[np.int64]
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of the undecomposed scene."""
+        return int(self.first_node[-1])
+
+    @property
+    def cells(self) -> int:
+        """Cells of the undecomposed scene."""
+        return int(self.first_cell[-1])
+
+
+def owned_range(total: int, comm: MPI.Intracomm) -> tuple[int, int]:
+    """Consecutive share of `total` things that falls to this rank."""
+    return total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size

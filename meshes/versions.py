@@ -1,0 +1,110 @@
+"""The differences between dolfinx 0.5 (Debian 12) and 0.9 (Debian 13), in one place.
+
+Everything else in the project calls these functions and knows one dolfinx only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import dolfinx
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+_MODERN = hasattr(fem, "functionspace")
+
+
+def vector_space(mesh: Any, degree: int, components: int) -> Any:
+    """Continuous Lagrange space with `components` values a node."""
+    if _MODERN:
+        return fem.functionspace(mesh, ("Lagrange", degree, (components,)))
+    return fem.VectorFunctionSpace(mesh, ("Lagrange", degree), dim=components)
+
+
+def cellwise_space(mesh: Any, components: int) -> Any:
+    """Piecewise constant space with `components` values a cell."""
+    if _MODERN:
+        return fem.functionspace(mesh, ("DG", 0, (components,)))
+    return fem.VectorFunctionSpace(mesh, ("DG", 0), dim=components)
+
+
+def coordinate_element(cell: str, dimension: int) -> Any:
+    """First-order coordinate element, as `create_mesh` expects it."""
+    if _MODERN:
+        import basix.ufl
+
+        element = basix.ufl.element("Lagrange", cell, 1, shape=(dimension,))
+        return ufl.Mesh(element)
+    return ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1, dim=dimension))
+
+
+def create_mesh(cells: NDArray[np.int64], points: NDArray[np.float64], cell: str) -> Any:
+    """Mesh of given cells (dolfinx vertex order) on this process alone."""
+    domain = coordinate_element(cell, points.shape[1])
+    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
+
+
+def cell_nodes(mesh: Any) -> NDArray[np.int32]:
+    """Geometry nodes of each cell, (cells, vertices a cell), in dolfinx's vertex order."""
+    dofmap = mesh.geometry.dofmap
+    if _MODERN:
+        return np.asarray(dofmap)
+    return dofmap.array.reshape(dofmap.num_nodes, -1)
+
+
+def dof_nodes(space: Any) -> NDArray[np.int32]:
+    """Dof blocks of each cell, (cells, blocks a cell)."""
+    dofs = space.dofmap.list
+    if _MODERN:
+        return np.asarray(dofs)
+    return dofs.array.reshape(dofs.num_nodes, -1)
+
+
+def facet_nodes(mesh: Any, facets: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Geometry nodes of facets, (facets, vertices a facet)."""
+    dimension = mesh.topology.dim
+    mesh.topology.create_connectivity(dimension - 1, dimension)
+    mesh.topology.create_connectivity(dimension, dimension - 1)
+    if _MODERN:
+        return dolfinx.mesh.entities_to_geometry(mesh, dimension - 1, facets)
+    return dolfinx.cpp.mesh.entities_to_geometry(mesh._mesh, dimension - 1, facets, False)
+
+
+def compile_form(form: Any) -> Any:
+    """Compiled form."""
+    return fem.form(form)
+
+
+def meshtags(mesh: Any, dimension: int, entities: NDArray[np.int32], value: int) -> Any:
+    """One value on sorted entities."""
+    values = np.full(len(entities), value, dtype=np.int32)
+    return dolfinx.mesh.meshtags(mesh, dimension, np.sort(entities).astype(np.int32), values)
+
+
+def adjacency(links: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Arrays (links, offsets) of an adjacency list or connectivity."""
+    return np.asarray(links.array), np.asarray(links.offsets)
+
+
+def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32]:
+    """Part of each vertex of a graph (links, offsets) held by this process alone."""
+    links, offsets = graph
+    partition = dolfinx.graph.partitioner_scotch()
+    if _MODERN:
+        listing = dolfinx.graph.adjacencylist(links.astype(np.int64), offsets.astype(np.int32))
+        destinations = partition(MPI.COMM_SELF, parts, listing._cpp_object, False)
+    else:
+        listing = dolfinx.graph.create_adjacencylist(
+            links.astype(np.int64), offsets.astype(np.int32)
+        )
+        destinations = partition(MPI.COMM_SELF, parts, listing, False)
+    return np.asarray(destinations.array, dtype=np.int32)
+
+
+def release(package: Sequence[int] | None = None) -> str:
+    """Version of dolfinx in use."""
+    return str(dolfinx.__version__)

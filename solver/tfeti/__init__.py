@@ -1,0 +1,1 @@
+"""Total FETI: gluing, kernels, generalised inverses, coarse problem, dual operator, recovery."""

@@ -1,0 +1,190 @@
+"""The dual problem: min ½ λᵀ F λ - λᵀ d  subject to  λ_I ≥ 0 and G λ = e.
+
+    F = B K⁺ Bᵀ,  d = B K⁺ f - c,  G = Rᵀ Bᵀ,  e = Rᵀ f
+
+(paper, section 4.1). The multipliers are homogenised by λ = x + λ̃ with λ̃ = Gᵀ (G Gᵀ)⁻¹ e, and
+F is projected, which leaves
+
+    min ½ xᵀ P F P x - xᵀ P (d - F λ̃)  subject to  x_I ≥ -λ̃_I and Q x = 0.
+
+Vectors are plain arrays, the local parts of distributed ones: dual vectors by owned row of B,
+interface vectors by subdomain of this rank, class after class, a row of the class's interface
+for each member.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from solver.tfeti.classes import SubdomainClass
+from solver.tfeti.coarse import CoarseProblem, ProjectedOperator, petsc_vec
+from solver.tfeti.constraints import ContactRows, RowKind
+
+
+class DualOperator:
+    """F = B K⁺ Bᵀ, never formed.
+
+    Parameters
+    ----------
+    B : (dual, interface)
+        Constraint matrix on the interface unknowns.
+    classes
+        The congruence classes of this rank, in the order of the columns.
+    """
+
+    def __init__(self, B: PETSc.Mat, classes: tuple[SubdomainClass, ...]) -> None:
+        self.comm: MPI.Intracomm = B.getComm().tompi4py()
+        self.B = B
+        self.classes = classes
+        self.size, self.interface = B.getLocalSize()
+        self._loads = np.empty(self.interface)
+        self._displacements = np.empty(self.interface)
+        self._slices = interface_slices(classes)
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """F x."""
+        self.B.multTranspose(petsc_vec(x, self.comm), petsc_vec(self._loads, self.comm))
+        for cls, part in zip(self.classes, self._slices, strict=True):
+            shape = (len(cls.members), len(cls.interface))
+            cls.apply_interface(
+                self._loads[part].reshape(shape), self._displacements[part].reshape(shape)
+            )
+        self.B.mult(petsc_vec(self._displacements, self.comm), petsc_vec(out, self.comm))
+
+
+def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
+    """Where each class lives in an interface vector."""
+    ends = np.cumsum([0, *(len(c.members) * len(c.interface) for c in classes)])
+    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class DualProblem:
+    """Everything the solve, the recovery and the certificate need; local parts throughout.
+
+    Attributes
+    ----------
+    classes
+        Congruence classes of this rank.
+    B : PETSc matrix (dual, interface)
+        Constraint matrix on interface unknowns.
+    c : (dual,)
+        Right-hand side of the constraints.
+    kinds : (dual,)
+        `RowKind` of each row.
+    contact : ContactRows
+        Geometry of the contact rows, in row order.
+    loads : one (n, members) array a class
+        Loads, with the lifting of eliminated conditions already subtracted.
+    lifting : one (n, members) array a class
+        Displacements of eliminated held unknowns, zero elsewhere.
+    coarse
+        None where no subdomain floats.
+    e : (kernels,)
+        Work of the loads on the kernels.
+    """
+
+    comm: MPI.Intracomm
+    dimension: int
+    classes: tuple[SubdomainClass, ...]
+    B: PETSc.Mat
+    c: NDArray[np.float64]
+    kinds: NDArray[np.int8]
+    contact: ContactRows
+    loads: tuple[NDArray[np.float64], ...]
+    lifting: tuple[NDArray[np.float64], ...]
+    coarse: CoarseProblem | None
+    e: NDArray[np.float64]
+
+    @cached_property
+    def F(self) -> DualOperator:
+        """The dual operator."""
+        return DualOperator(self.B, self.classes)
+
+    @property
+    def size(self) -> int:
+        """Local rows of B."""
+        return len(self.c)
+
+    @cached_property
+    def inequality(self) -> NDArray[np.bool_]:
+        """Which local rows are contact rows."""
+        return self.kinds == RowKind.CONTACT
+
+    def count(self, kind: RowKind) -> int:
+        """Rows of one kind on all ranks."""
+        return int(self.comm.allreduce(int((self.kinds == kind).sum())))
+
+    @cached_property
+    def d(self) -> NDArray[np.float64]:
+        """d = B K⁺ f - c."""
+        displacements = [
+            cls.solve(load) for cls, load in zip(self.classes, self.loads, strict=True)
+        ]
+        return self.constraint_values(displacements) - self.c
+
+    @cached_property
+    def offset(self) -> NDArray[np.float64]:
+        """λ̃ = Gᵀ (G Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads."""
+        result = np.zeros(self.size)
+        if self.coarse is not None:
+            alpha = np.empty_like(self.e)
+            self.coarse.solve(self.e, alpha)
+            self.coarse.extend(alpha, result)
+        return result
+
+    @cached_property
+    def projected(self) -> ProjectedOperator | DualOperator:
+        """P F P, or F where no subdomain floats."""
+        return self.F if self.coarse is None else ProjectedOperator(self.F.apply, self.coarse)
+
+    @cached_property
+    def rhs(self) -> NDArray[np.float64]:
+        """P (d - F λ̃), the right-hand side of the homogenised problem."""
+        if self.coarse is None:
+            return self.d
+        result = np.empty(self.size)
+        self.F.apply(self.offset, result)
+        np.subtract(self.d, result, out=result)
+        self.coarse.project(result, result)
+        return result
+
+    @cached_property
+    def lower(self) -> NDArray[np.float64] | None:
+        """Lower bounds -λ̃ on contact rows, -∞ elsewhere; None without contact rows."""
+        if not self.comm.allreduce(int(self.inequality.sum())):
+            return None
+        return np.where(self.inequality, -self.offset, -np.inf)
+
+    def constraint_values(self, displacements: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """B u for displacements (n, members) of each class."""
+        interface = np.empty(self.B.getLocalSize()[1])
+        for cls, part, u in zip(
+            self.classes, interface_slices(self.classes), displacements, strict=True
+        ):
+            interface[part] = u[cls.interface].T.ravel()
+        result = np.empty(self.size)
+        self.B.mult(petsc_vec(interface, self.comm), petsc_vec(result, self.comm))
+        return result
+
+    def constraint_forces(self, multiplier: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Bᵀ λ as (n, members) arrays, one a class."""
+        interface = np.empty(self.B.getLocalSize()[1])
+        self.B.multTranspose(petsc_vec(multiplier, self.comm), petsc_vec(interface, self.comm))
+        forces = []
+        for cls, part in zip(self.classes, interface_slices(self.classes), strict=True):
+            full = np.zeros((cls.unknowns, len(cls.members)), order="F")
+            full[cls.interface] = interface[part].reshape(len(cls.members), -1).T
+            forces.append(full)
+        return forces
+
+    def kernel_slices(self) -> list[slice]:
+        """Where the kernels of each class live in a coarse vector."""
+        ends = np.cumsum([0, *(len(c.members) * c.kernel.shape[1] for c in self.classes)])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

@@ -1,0 +1,106 @@
+"""Whether each body can be in equilibrium, from its rigid motions alone.
+
+A body is in equilibrium iff its load can be balanced by reactions of held rows (any sign) and of
+contact rows (compression only):
+
+    e = Dᵀ λ_D + Nᵀ λ_N,  λ_N ≥ 0,
+
+with e the work of the load on the rigid motions (six numbers in space), D and N the held and
+contact rows applied to the rigid motions. By Farkas' lemma there is no such λ iff there is a
+rigid motion r with D r = 0, N r ≤ 0 and eᵀ r > 0: the body leaves in the direction r, and the
+load drives it. The residual of the non-negative least-squares problem is this r.
+
+The problem has six equations and as many unknowns as contact rows, spread over ranks. It is
+solved by column generation: each round every rank offers the row the residual violates most, and
+the small problem of all rows offered so far is solved anew (scipy.optimize.nnls).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+ROUNDS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class BodyBalance:
+    """What holds one body.
+
+    Attributes
+    ----------
+    free_motions : (motions, k)
+        Orthonormal rigid motions no row sees: the body can slide along them.
+    escape : (motions,) or None
+        The rigid motion in which the body leaves, normalised; None if it is in equilibrium.
+    held : bool
+        Whether the held rows alone stop every rigid motion.
+    """
+
+    free_motions: NDArray[np.float64]
+    escape: NDArray[np.float64] | None
+    held: bool
+
+
+def balance(
+    comm: MPI.Intracomm,
+    held: NDArray[np.float64],
+    contact: NDArray[np.float64],
+    load: NDArray[np.float64],
+    load_scale: float,
+) -> BodyBalance:
+    """Examine one body.
+
+    Parameters
+    ----------
+    held : (rows, motions)
+        This rank's held rows applied to the body's rigid motions.
+    contact : (rows, motions)
+        The same for contact rows, with the direction into the obstacle.
+    load : (motions,)
+        Work of all loads of the body on its rigid motions, summed over ranks.
+    load_scale
+        Sum of the magnitudes of the loads; smaller residuals than 1e-9 of it are round-off.
+    """
+    gram_held = comm.allreduce(held.T @ held)
+    gram_contact = comm.allreduce(contact.T @ contact)
+    allowed = _null_space(gram_held)
+    free = _null_space(gram_held + gram_contact)
+    if allowed.shape[1] == 0:
+        return BodyBalance(free, None, held=True)
+    residual = _residual(comm, contact @ allowed, allowed.T @ load, 1e-9 * load_scale)
+    escape = None if residual is None else allowed @ (residual / np.linalg.norm(residual))
+    return BodyBalance(free, escape, held=False)
+
+
+def _residual(
+    comm: MPI.Intracomm, rows: NDArray[np.float64], load: NDArray[np.float64], tolerance: float
+) -> NDArray[np.float64] | None:
+    """Residual of min ‖load - rowsᵀ λ‖ over λ ≥ 0, or None if it vanishes."""
+    chosen = np.zeros((0, len(load)))
+    residual = load
+    for _ in range(ROUNDS):
+        if np.linalg.norm(residual) <= tolerance:
+            return None
+        violation = rows @ residual
+        best = int(np.argmax(violation)) if len(violation) else -1
+        threshold = 1e-10 * np.linalg.norm(residual)
+        offer = rows[best] if best >= 0 and violation[best] > threshold else None
+        offers = [row for row in comm.allgather(offer) if row is not None]
+        fresh = [row for row in offers if not (np.abs(chosen - row).max(axis=1) < 1e-14).any()]
+        if not fresh:
+            return residual
+        chosen = np.vstack([chosen, *fresh])
+        multiplier, _ = nnls(chosen.T, load)
+        residual = load - chosen.T @ multiplier
+    return residual
+
+
+def _null_space(gram: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Orthonormal null space of a small Gram matrix."""
+    values, vectors = np.linalg.eigh(gram)
+    return vectors[:, values <= 1e-12 * max(values.max(), np.finfo(float).tiny)]

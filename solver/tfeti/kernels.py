@@ -1,0 +1,89 @@
+"""Kernels of floating subdomains: the rigid motions, from geometry alone.
+
+The null space of the elasticity stiffness of a connected subdomain is spanned by its rigid
+motions, three in the plane and six in space: u(x) = t + W (x - x̄) with W antisymmetric. They
+are written down from the nodes' coordinates and checked against the stiffness, never computed
+from it (Dostál, Horák, Kučera, Total FETI, 2006).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+MOTIONS = {2: 3, 3: 6}
+"""Rigid motions by dimension."""
+
+
+def rigid_motions(
+    points: NDArray[np.float64], dimension: int, centre: NDArray[np.float64], length: float
+) -> NDArray[np.float64]:
+    """Displacements of points under each rigid motion.
+
+    Parameters
+    ----------
+    points : (n, 3)
+        Coordinates; the third is zero in the plane.
+    centre, length
+        Rotations turn about `centre` and are divided by `length`, so that all motions have the
+        same unit.
+
+    Returns
+    -------
+    (n, dimension, motions): translations first, then rotations (about z in the plane; about x,
+    y and z in space).
+    """
+    x = (points - centre) / length
+    motions = np.zeros((len(points), dimension, MOTIONS[dimension]))
+    for axis in range(dimension):
+        motions[:, axis, axis] = 1.0
+    if dimension == 2:
+        motions[:, 0, 2], motions[:, 1, 2] = -x[:, 1], x[:, 0]
+    else:
+        for k, (a, b) in enumerate(((1, 2), (2, 0), (0, 1)), start=3):
+            motions[:, a, k], motions[:, b, k] = -x[:, b], x[:, a]
+    return motions
+
+
+def orthonormal_kernel(points: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+    """Orthonormal basis R of the rigid motions of a set of nodes, (n · dimension, motions)."""
+    centre = points.mean(axis=0)
+    length = float(np.ptp(points, axis=0).max())
+    motions = rigid_motions(points, dimension, centre, length)
+    return np.linalg.qr(motions.reshape(len(points) * dimension, -1))[0]
+
+
+def check_kernel(stiffness: sparse.csr_matrix, kernel: NDArray[np.float64]) -> None:
+    """Check that the kernel is one: K R vanishes to round-off.
+
+    Raises
+    ------
+    ValueError
+        The stiffness resists a rigid motion, so the mesh or the assembly is wrong.
+    """
+    resistance = np.abs(stiffness @ kernel).max()
+    scale = np.abs(stiffness.diagonal()).max()
+    if not resistance <= 1e-9 * scale:
+        raise ValueError(
+            f"the stiffness of a subdomain resists a rigid motion (|K R| = {resistance:.1e} "
+            f"against |K| = {scale:.1e}); its cells may be degenerate"
+        )
+
+
+def fixing_nodes(points: NDArray[np.float64], dimension: int) -> NDArray[np.int64]:
+    """Nodes far apart that determine a rigid motion: two in the plane, three in space.
+
+    The first is the farthest from the centre, each next the one whose distance to the point or
+    line through those before it is largest.
+    """
+    x = points - points.mean(axis=0)
+    first = int(np.argmax(np.einsum("ij,ij->i", x, x)))
+    chosen = [first]
+    x = points - points[first]
+    for _ in range(dimension - 1):
+        farthest = int(np.argmax(np.einsum("ij,ij->i", x, x)))
+        chosen.append(farthest)
+        direction = x[farthest] / np.linalg.norm(x[farthest])
+        x = x - np.outer(x @ direction, direction)
+    return np.array(chosen)
