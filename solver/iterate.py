@@ -39,8 +39,8 @@ class Iterate:
 
     Attributes
     ----------
-    free_square, chopped_square : float
-        ‖g^f‖², ‖g^c‖² over all ranks.
+    free_square, chopped_square, reduced_free : float
+        ‖g^f‖², ‖g^c‖² and g^rᵀg^f over all ranks; without a step length g^r is g^f.
     largest : float
         Largest ‖Ap‖/‖p‖ seen: a lower bound of ‖A‖.
     alpha : float
@@ -79,7 +79,7 @@ class Iterate:
         self.history: list[Step] = []
         self.outer = 0
         self.equality_residual = 0.0
-        self.free_square = self.chopped_square = self.x_square = 0.0
+        self.free_square = self.chopped_square = self.reduced_free = self.x_square = 0.0
         self.free_product = 0.0  # zᵀAp, numerator of the conjugation
         self.active = 0
         self.slope = self.curvature = 0.0  # gᵀp, pᵀAp
@@ -116,13 +116,13 @@ class Iterate:
 
     def restart(self, *, subtract_b: bool = False) -> None:
         """Split the gradient g as it stands and restart the directions."""
-        sums = np.zeros(4)
+        sums = np.zeros(5)
         for block in self.blocks:
             if subtract_b:
                 np.subtract(block.g, block.b, out=block.g)
             block.split()
             np.copyto(block.p, block.free)
-            _add_squares(sums, block)
+            self._add_squares(sums, block)
         self._take(sums)
         self._precondition(restart=True)
 
@@ -170,7 +170,7 @@ class Iterate:
         With ``snap``, components that the step brought to within rounding of a bound are put
         on it, as the half step to the bound needs.
         """
-        sums = np.zeros(4)
+        sums = np.zeros(5)
         free_product = 0.0
         for block in self.blocks:
             if snap:
@@ -186,7 +186,7 @@ class Iterate:
                 np.copyto(block.p, block.free)
             else:
                 free_product += float(np.dot(block.Ap, block.free))
-            _add_squares(sums, block)
+            self._add_squares(sums, block)
         self._take(sums, free_product)
         self._precondition(restart)
 
@@ -255,8 +255,11 @@ class Iterate:
         )
 
     def _take(self, sums: np.ndarray, free_product: float = 0.0) -> None:
-        free, chopped, x_square, active, product = self.reduction.sums(*sums, free_product)
-        self.free_square, self.chopped_square, self.x_square = free, chopped, x_square
+        free, chopped, reduced, x_square, active, product = self.reduction.sums(
+            *sums, free_product
+        )
+        self.free_square, self.chopped_square = free, chopped
+        self.reduced_free, self.x_square = reduced, x_square
         self.active, self.free_product = int(active), product
         if not math.isfinite(free + chopped):
             self._raise_not_finite(self.g)
@@ -283,10 +286,15 @@ class Iterate:
         if not restart:
             self.free_product = self.reduction.sums(product)[0]
 
-
-def _add_squares(sums: np.ndarray, block: Block) -> None:
-    """Add a block's ‖g^f‖², ‖g^c‖², ‖x‖² and number of active components."""
-    sums[0] += np.dot(block.free, block.free)
-    sums[1] += np.dot(block.chopped, block.chopped)
-    sums[2] += np.dot(block.x, block.x)
-    sums[3] += block.x.size - np.count_nonzero(block.is_free)
+    def _add_squares(self, sums: np.ndarray, block: Block) -> None:
+        """Add a block's ‖g^f‖², ‖g^c‖², g^rᵀg^f, ‖x‖² and number of active components."""
+        free = float(np.dot(block.free, block.free))
+        sums[0] += free
+        sums[1] += np.dot(block.chopped, block.chopped)
+        if self.alpha > 0.0:
+            block.reduced(self.alpha, out=block.s)
+            sums[2] += np.dot(block.s, block.free)
+        else:
+            sums[2] += free
+        sums[3] += np.dot(block.x, block.x)
+        sums[4] += block.x.size - np.count_nonzero(block.is_free)

@@ -32,7 +32,9 @@ class MPRGP:
     alpha_u : float
         Multiple of the expansion's step length, 0 < α_u ≤ 2 (``projcg`` has none).
     gamma : float
-        Γ of the proportioning test ‖g^c‖ ≤ Γ‖g^f‖ (paper, inequality 2).
+        Γ of the proportioning test ‖g^c‖² ≤ Γ² g^rᵀg^f. The paper's inequality 2 prints
+        ‖g^f‖² at the right; its counts come from Dostál's g^rᵀg^f, with the step length that an
+        expansion used last. The two are one where no step length is in use (``projcg``).
     rtol, atol : float
         The solve ends when ‖g^P‖ ≤ max(rtol ‖b‖, atol); where b = 0, relative to the gradient
         at the initial guess.
@@ -99,7 +101,7 @@ class MPRGP:
                 return Reason.MAX_ITERATIONS
             if it.at_round_off():
                 return Reason.ROUND_OFF
-            if it.chopped_square <= self.gamma**2 * it.free_square:
+            if it.chopped_square <= self.gamma**2 * it.reduced_free:
                 alpha_cg, alpha_f = it.probe()
                 if math.isinf(alpha_cg) and math.isinf(alpha_f):
                     it.raise_unbounded()
