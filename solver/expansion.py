@@ -7,6 +7,21 @@ An expansion is one small frozen object that moves an iterate to a feasible poin
   fixed, ᾱ = α_u/‖A‖; approximately optimal (optapprox), ᾱ = α_u/‖A‖ · dᵀg/dᵀd; or optimal (opt),
   ᾱ = α_u dᵀg/dᵀAd, with one more product. ``gfgr``: along g^f, with the length from d = g^r.
 * :class:`ProjectedCG`: the full CG step, projected.
+* :class:`SafeguardedCG`: the same, with a guaranteed descent, at no more products. From the half
+  step x½, where the cost is below that at x, the segment to the projected CG step is feasible,
+  and all its points keep the bound that x½ met. Whether the cost falls along it is known before
+  any product; where it does not, the segment of the standard expansion, d = α g^r, is taken
+  instead, along which it always does. The product that plain ``projcg`` spends on the new
+  gradient is spent on Ad: it gives the gradient everywhere on the segment, so that a step which
+  would raise the cost ends at the minimum on the segment.
+
+Descent. Let D = ½ g^rᵀg^f/‖A‖ at x½ (g^r for the length 1/‖A‖), the decrease that Dostál's
+theory guarantees for the standard expansion. The segment is followed only if gᵀd ≥ 2κD and
+(gᵀd)² ≥ κ ‖d‖² g^rᵀg^f; then the minimum on it lies at least κD below f(x½), for it is either at
+the end of the segment, ½ gᵀd ≥ κD below, or inside, (gᵀd)²/(2 dᵀAd) ≥ κD below. The end is taken
+without a line search only if it is as far below itself. So every expansion decreases the cost by
+the factor that the R-linear convergence of MPRGP rests on, times κ. (‖A‖ is replaced by the
+largest ‖Ap‖/‖p‖ seen; it is a lower bound, which makes the first test stricter.)
 """
 
 from __future__ import annotations
@@ -117,6 +132,49 @@ class ProjectedCG:
         it.evaluate()
 
 
+@dataclass(frozen=True)
+class SafeguardedCG:
+    """Projection of the CG step, cut or replaced where the cost would rise.
+
+    Attributes
+    ----------
+    kappa : float
+        κ, the part of the standard expansion's guaranteed decrease that is asked for.
+    reach : float
+        Multiple of the CG step that is projected. 1 is the CG step; 1.5 halves the products for
+        obstacle problems that start inside the box, and gains nothing elsewhere.
+    standard : float
+        Length of the standard expansion's segment in units of 1/‖A‖.
+    """
+
+    name: str = "projcg-safe"
+    kappa: float = 1e-3
+    reach: float = 1.0
+    standard: float = 1.9
+
+    def prepare(self, it: Iterate) -> None:
+        """Nothing: ‖A‖ is learnt on the way."""
+
+    def expand(self, it: Iterate, alpha_cg: float, alpha_f: float) -> None:
+        """Half step, then the segment, with a line search where the cost asks for it."""
+        if it.largest == 0.0:  # no curvature seen at all: to the bound, and look again
+            it.advance(alpha_f, restart=True, snap=True)
+            return
+        if math.isinf(alpha_cg):
+            alpha_cg = alpha_f + 10.0 / it.largest
+        slope, square, decrease = it.half_step_and_aim(alpha_f, self.reach * alpha_cg)
+        if slope < self.kappa * decrease / it.largest or slope**2 < self.kappa * decrease * square:
+            it.aim_reduced(self.standard / it.largest)
+        if decrease == 0.0:  # no free component is left that could move
+            it.restart()
+            return
+        length, _ = it.probe()
+        end = it.slope - 0.5 * it.curvature  # decrease of the cost at the end of the segment
+        if end >= 0.5 * self.kappa * decrease / it.largest:
+            length = 1.0
+        it.advance(min(length, 1.0), restart=True, snap=True)
+
+
 LENGTHS: dict[str, Length] = {"optapprox": optapprox, "opt": opt}
 
 
@@ -150,4 +208,5 @@ _REGISTRY = {
         for d, m in (("gr", "gr"), ("gf", "gr"), ("gf", "gf"))
     },
     "projcg": lambda alpha_u: ProjectedCG(),
+    "projcg-safe": lambda alpha_u: SafeguardedCG(),
 }

@@ -58,7 +58,7 @@ class Block:
         for name, vector in vectors.items():
             setattr(self, name, None if vector is None else vector[rows])
         size = rows.stop - rows.start
-        self.t, self.s = scratch.t[:size], scratch.s[:size]
+        self.t, self.s, self.trial = scratch.t[:size], scratch.s[:size], scratch.trial[:size]
         self.at_lower, self.at_upper = scratch.at_lower[:size], scratch.at_upper[:size]
         self.mask = scratch.mask[:size]
 
@@ -108,6 +108,15 @@ class Block:
             np.maximum(self.x, self.lower, out=self.x)
         if self.upper is not None:
             np.minimum(self.x, self.upper, out=self.x)
+
+    def project_into(self, alpha: float, out: Vector) -> None:
+        """P(x - αp) into out."""
+        np.multiply(self.p, alpha, out=out)
+        np.subtract(self.x, out, out=out)
+        if self.lower is not None:
+            np.maximum(out, self.lower, out=out)
+        if self.upper is not None:
+            np.minimum(out, self.upper, out=out)
 
     def step_to_bound(self, alpha: float) -> None:
         """x - αp, with components that come within rounding of their bound put on it."""
@@ -166,5 +175,5 @@ class Scratch:
     """Work space that the blocks share."""
 
     def __init__(self, size: int) -> None:
-        self.t, self.s = np.empty(size), np.empty(size)
+        self.t, self.s, self.trial = (np.empty(size) for _ in range(3))
         self.at_lower, self.at_upper, self.mask = (np.empty(size, dtype=bool) for _ in range(3))

@@ -187,7 +187,7 @@ class Iterate:
             else:
                 free_product += float(np.dot(block.Ap, block.free))
             self._add_squares(sums, block)
-        self._take(sums, free_product)
+        (self.free_product,) = self._take(sums, free_product)
         self._precondition(restart)
 
     def conjugate(self) -> None:
@@ -212,6 +212,35 @@ class Iterate:
         """g^r for the last step length, into out."""
         for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
             block.reduced(self.alpha, out[rows])
+
+    def half_step_and_aim(self, alpha_f: float, target: float) -> tuple[float, float, float]:
+        """Take the half step; aim p from there at the projection of the step of length target.
+
+        Leaves p = x½ - P(x - target p) and returns gᵀp, ‖p‖² and g^rᵀg^f there, g^r for the
+        length 1/``largest``.
+        """
+        sums = np.zeros(5)
+        slope = square = standard = 0.0
+        for block in self.blocks:
+            block.project_into(target, out=block.trial)
+            block.step_to_bound(alpha_f)
+            np.multiply(block.Ap, alpha_f, out=block.t)
+            np.subtract(block.g, block.t, out=block.g)
+            block.split()
+            np.subtract(block.x, block.trial, out=block.p)
+            slope += float(np.dot(block.g, block.p))
+            square += float(np.dot(block.p, block.p))
+            block.reduced(1.0 / self.largest, out=block.s)
+            standard += float(np.dot(block.s, block.free))
+            self._add_squares(sums, block)
+        slope, square, standard = self._take(sums, slope, square, standard)
+        return slope, square, standard
+
+    def aim_reduced(self, alpha: float) -> None:
+        """p = α g^r: the standard expansion as a direction that may be followed to its end."""
+        for block in self.blocks:
+            block.reduced(alpha, out=block.p)
+            np.multiply(block.p, alpha, out=block.p)
 
     # ------------------------------------------------------------------ bookkeeping
 
@@ -254,15 +283,17 @@ class Iterate:
             component,
         )
 
-    def _take(self, sums: np.ndarray, free_product: float = 0.0) -> None:
-        free, chopped, reduced, x_square, active, product = self.reduction.sums(
-            *sums, free_product
+    def _take(self, sums: np.ndarray, *others: float) -> list[float]:
+        """Reduce the squares of the splitting, and other sums of the same pass."""
+        free, chopped, reduced, x_square, active, *others_total = self.reduction.sums(
+            *sums, *others
         )
         self.free_square, self.chopped_square = free, chopped
         self.reduced_free, self.x_square = reduced, x_square
-        self.active, self.free_product = int(active), product
+        self.active = int(active)
         if not math.isfinite(free + chopped):
             self._raise_not_finite(self.g)
+        return others_total
 
     def _raise_not_finite(self, product: Vector) -> None:
         component = self.reduction.first(~np.isfinite(product))

@@ -136,7 +136,7 @@ def _check_sparse(array: Any) -> None:
 
 
 def estimate_norm(
-    operator: Operator, rtol: float = 1e-4, max_products: int = 50
+    operator: Operator, rtol: float = 1e-5, max_products: int = 50
 ) -> tuple[float, int]:
     """Largest eigenvalue of a symmetric semidefinite operator, from below, by the power method.
 

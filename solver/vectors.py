@@ -38,7 +38,7 @@ class Reduction:
     ranks hold the same bits and take the same branches.
     """
 
-    WIDTH = 8
+    WIDTH = 12
 
     def __init__(self, comm: MPI.Comm) -> None:
         self.comm = comm
