@@ -33,7 +33,7 @@ from solver.mprgp import MPRGP
 from solver.operators import Operator, estimate_norm
 from solver.qp import BoxQP
 from solver.result import Monitor, Reason, Result
-from solver.vectors import Reduction, Vector
+from solver.vectors import Vector
 
 
 @runtime_checkable
@@ -122,8 +122,8 @@ class SMALBE:
     """
 
     inner: MPRGP = field(default_factory=MPRGP)
-    rho: float = 10.0
-    M: float = 1.0
+    rho: float = 1.0
+    M: float = 3.0
     shrink: float = 2.0
     eta: float = 0.1
     max_outer: int = 200

@@ -1,0 +1,114 @@
+"""The paper's counts (Appendix A), and how ours are set beside them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+COLUMNS = (
+    "benchmark",
+    "expansion",
+    "alpha_u",
+    "outer",
+    "hessian",
+    "cg",
+    "expansion_steps",
+    "proportioning",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the paper's tables, or ours for the same settings."""
+
+    benchmark: str
+    expansion: str
+    alpha_u: float | None  # None: the expansion has none
+    outer: int | None  # None: no outer iterations
+    hessian: int
+    cg: int
+    expansion_steps: int
+    proportioning: int
+
+    @property
+    def counts(self) -> tuple[int, int, int, int]:
+        """Hessian multiplications, CG, expansion and proportioning steps."""
+        return self.hessian, self.cg, self.expansion_steps, self.proportioning
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Our row beside the paper's."""
+
+    ours: Row
+    paper: Row
+
+    @property
+    def exact(self) -> bool:
+        """All four counts agree."""
+        return self.ours.counts == self.paper.counts
+
+    def within(self, share: float) -> bool:
+        """Hessian multiplications agree within a share."""
+        return abs(self.ours.hessian - self.paper.hessian) <= share * self.paper.hessian
+
+
+def paper_rows(benchmark: str) -> list[Row]:
+    """The paper's rows: 73 for ``contact``, 73 for each of the three data sets."""
+    text = files("contact_app").joinpath("data/paper_counts.csv").read_text(encoding="utf-8")
+    rows = (_row(fields) for fields in csv.DictReader(text.splitlines()))
+    return [row for row in rows if row.benchmark == benchmark]
+
+
+def _row(fields: dict[str, str]) -> Row:
+    return Row(
+        fields["benchmark"],
+        fields["expansion"],
+        float(fields["alpha_u"]) if fields["alpha_u"] else None,
+        int(fields["outer"]) if fields["outer"] else None,
+        *(int(fields[name]) for name in COLUMNS[4:]),
+    )
+
+
+def write_csv(path: Path, comparisons: Iterable[Comparison]) -> None:
+    """Write our rows in the columns of the paper's, and the paper's counts after them."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([*COLUMNS, *(f"paper_{name}" for name in COLUMNS[3:])])
+        for pair in comparisons:
+            ours = [getattr(pair.ours, name) for name in COLUMNS]
+            writer.writerow([*ours, *(getattr(pair.paper, name) for name in COLUMNS[3:])])
+
+
+def draw(path: Path, title: str, comparisons: Sequence[Comparison]) -> None:
+    """Hessian multiplications over α_u: ours drawn, theirs dashed (paper, Figures 3 to 6)."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(8.0, 5.5), layout="constrained")
+    names = list(dict.fromkeys(pair.paper.expansion for pair in comparisons))
+    highest = 0.0
+    for color, name in enumerate(names):
+        rows = [pair for pair in comparisons if pair.paper.expansion == name]
+        style = {"color": f"C{color}"}
+        if rows[0].paper.alpha_u is None:
+            axes.axhline(rows[0].ours.hessian, label=name, **style)
+            axes.axhline(rows[0].paper.hessian, linestyle="--", alpha=0.7, **style)
+            continue
+        alpha = [pair.paper.alpha_u for pair in rows]
+        axes.plot(alpha, [pair.ours.hessian for pair in rows], ".-", label=name, **style)
+        theirs = [pair.paper.hessian for pair in rows]
+        axes.plot(alpha, theirs, "x--", alpha=0.7, **style)
+        highest = max(highest, *(h for h in theirs if h < 2000))
+    axes.set_ylim(0.0, 1.1 * highest)
+    axes.set_xlabel("α_u")
+    axes.set_ylabel("Hessian multiplications")
+    axes.set_title(f"{title} (solid: this solver, dashed: the paper)")
+    axes.legend()
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
