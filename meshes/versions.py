@@ -5,6 +5,7 @@ Everything else in the project calls these functions and knows one dolfinx only.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -93,6 +94,8 @@ def adjacency(links: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
 def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32]:
     """Part of each vertex of a graph (links, offsets) held by this process alone."""
     links, offsets = graph
+    os.environ.setdefault("SCOTCH_DETERMINISTIC", "1")
+    os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
     partition = dolfinx.graph.partitioner_scotch()
     if _MODERN:
         listing = dolfinx.graph.adjacencylist(links.astype(np.int64), offsets.astype(np.int32))

@@ -80,8 +80,8 @@ class DualProblem:
         `RowKind` of each row.
     contact : ContactRows
         Geometry of the contact rows, in row order.
-    loads : one (n, members) array a class
-        Loads, with the lifting of eliminated conditions already subtracted.
+    forces : one (n, members) array a class
+        Loads f.
     lifting : one (n, members) array a class
         Displacements of eliminated held unknowns, zero elsewhere.
     coarse
@@ -97,7 +97,7 @@ class DualProblem:
     c: NDArray[np.float64]
     kinds: NDArray[np.int8]
     contact: ContactRows
-    loads: tuple[NDArray[np.float64], ...]
+    forces: tuple[NDArray[np.float64], ...]
     lifting: tuple[NDArray[np.float64], ...]
     coarse: CoarseProblem | None
     e: NDArray[np.float64]
@@ -111,6 +111,14 @@ class DualProblem:
     def size(self) -> int:
         """Local rows of B."""
         return len(self.c)
+
+    @cached_property
+    def loads(self) -> tuple[NDArray[np.float64], ...]:
+        """Loads with the lifting of eliminated conditions subtracted, f - K u_held."""
+        return tuple(
+            force - cls.stiffness @ lift if lift.any() else force
+            for cls, force, lift in zip(self.classes, self.forces, self.lifting, strict=True)
+        )
 
     @cached_property
     def inequality(self) -> NDArray[np.bool_]:
@@ -131,12 +139,18 @@ class DualProblem:
 
     @cached_property
     def offset(self) -> NDArray[np.float64]:
-        """λ̃ = Gᵀ (G Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads."""
+        """λ̃ = Gᵀ (G Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads.
+
+        On contact rows it is the bound of x, and where symmetry makes it vanish round-off would
+        decide which rows start active: such entries are zero.
+        """
         result = np.zeros(self.size)
         if self.coarse is not None:
             alpha = np.empty_like(self.e)
             self.coarse.solve(self.e, alpha)
             self.coarse.extend(alpha, result)
+            largest = self.comm.allreduce(float(np.abs(result).max(initial=0.0)), op=MPI.MAX)
+            result[self.inequality & (np.abs(result) < 1e-11 * largest)] = 0.0
         return result
 
     @cached_property

@@ -1,0 +1,201 @@
+"""The certificate: how right an answer is, recomputed from the answer.
+
+Nothing here trusts the solver's residuals. From the multiplier λ and the displacements u are
+computed anew: jumps and penetration B u - c, the residual of equilibrium K u - f + Bᵀ λ on every
+unknown, the sign of the contact forces, complementarity, and the duality gap.
+
+The gap. u minimises L(·, λ) = ½ a(u,u) - l(u) + λᵀ(B u - c), because K u = f - Bᵀ λ; so for any
+admissible û (glued, held, not penetrating)
+
+    J(û) - D(λ) = ½ (û - u)ᵀ K (û - u) - λᵀ (B û - c) ≥ 0,
+
+a sum of non-negative terms without cancellation, and the exact solution u* obeys
+½ ‖û - u*‖²_K ≤ J(û) - J(u*) ≤ J(û) - D(λ). It bounds the algebraic error; the error of the mesh
+is another matter.
+
+Lengths are relative to the largest displacement, forces to the load (the largest of the sums of
+the magnitudes of loads, of reactions and of contact forces), the gap to the energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.tfeti.constraints import RowKind
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.feasible import feasible_displacements
+
+FORCE_FLOOR = 1e-9
+"""Residual of equilibrium that round-off may leave, relative to the load."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Numbers of `summary.json`'s certificate, all relative.
+
+    Attributes
+    ----------
+    max_penetration, max_gluing_jump
+        Over the largest displacement; the jump covers gluing and held rows.
+    min_multiplier
+        Most negative contact force over the load; zero or positive when none pulls.
+    complementarity
+        Σ λ_i |gap_i| over load times largest displacement.
+    equilibrium
+        ‖K u - f + Bᵀ λ‖ over the load, in the 2-norm of all unknowns that are solved for.
+    duality_gap
+        J(û) - D(λ) over the energy.
+    passed
+        Whether all of them are below the tolerance asked for.
+    """
+
+    max_penetration: float
+    max_gluing_jump: float
+    min_multiplier: float
+    complementarity: float
+    equilibrium: float
+    duality_gap: float
+    passed: bool
+    warnings: tuple[str, ...] = field(default=())
+
+    def as_dict(self) -> dict[str, Any]:
+        """As `summary.json` holds it."""
+        return {**asdict(self), "warnings": list(self.warnings)}
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Sizes the certificate refers to.
+
+    Attributes
+    ----------
+    displacement
+        Largest |u| over all nodes, in units of length.
+    load
+        Largest of the sums of magnitudes of loads, reactions and contact forces.
+    energy
+        ½ a(û,û) - l(û) of the admissible û; its error is second order, at most the duality gap.
+    """
+
+    displacement: float
+    load: float
+    energy: float
+
+
+def certify(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    displacements: list[NDArray[np.float64]],
+    tolerance: float,
+) -> tuple[Certificate, Measures]:
+    """Compute the certificate of an answer.
+
+    Parameters
+    ----------
+    multiplier : (dual,)
+        λ, local part.
+    displacements : one (n, members) array a class
+        u.
+    tolerance
+        `solver.tolerance` of the scene.
+    """
+    comm = problem.comm
+    contact, glued = problem.inequality, ~problem.inequality
+    residual = problem.constraint_values(displacements) - problem.c
+    spread = np.ones(problem.size)
+    spread[contact] = np.sqrt(problem.contact.copies)
+    slack = residual / spread
+    largest = _largest_displacement(problem, displacements)
+    unit = largest or 1.0
+
+    imbalance, energy = _equilibrium(problem, multiplier, displacements)
+    contact_forces = multiplier[contact] * spread[contact]
+    load = _load(problem, multiplier, contact_forces)
+    repaired, repaired_residual = feasible_displacements(problem, displacements)
+    gap = -float(multiplier[contact] @ np.minimum(repaired_residual[contact], 0.0))
+    for cls, u, better in zip(problem.classes, displacements, repaired, strict=True):
+        change = better - u
+        gap += 0.5 * float(np.sum(change * (cls.stiffness @ change)))
+    complementarity = float(np.abs(contact_forces * slack[contact]).sum())
+    work = float(multiplier @ residual)
+    gap, complementarity, work = (
+        float(v) for v in comm.allreduce(np.array([gap, complementarity, work]))
+    )
+    energy += work + gap
+
+    values = {
+        "max_penetration": _max(comm, np.maximum(slack[contact], 0.0)) / unit,
+        "max_gluing_jump": _max(comm, np.abs(slack[glued])) / unit,
+        "min_multiplier": -_max(comm, -np.minimum(contact_forces, 0.0)) / (load or 1.0),
+        "complementarity": complementarity / ((load or 1.0) * unit),
+        "equilibrium": imbalance / (load or 1.0),
+        "duality_gap": gap / (abs(energy) or 1.0),
+    }
+    values = {name: value + 0.0 for name, value in values.items()}
+    passed = all(
+        np.isfinite(value) and abs(value) <= max(tolerance, floor)
+        for value, floor in zip(
+            values.values(), (0.0, 0.0, 0.0, 0.0, FORCE_FLOOR, 0.0), strict=True
+        )
+    )
+    return Certificate(**values, passed=bool(passed)), Measures(largest, load, energy)
+
+
+def _equilibrium(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    displacements: list[NDArray[np.float64]],
+) -> tuple[float, float]:
+    """‖K u - f + Bᵀ λ‖ over free unknowns, and the energy ½ a(u,u) - l(u)."""
+    sums = np.zeros(2)
+    for cls, u, load, force in zip(
+        problem.classes,
+        displacements,
+        problem.forces,
+        problem.constraint_forces(multiplier),
+        strict=True,
+    ):
+        Ku = cls.stiffness @ u
+        residual = (Ku - load + force)[cls.free]
+        sums += np.sum(residual**2), np.sum(u * (0.5 * Ku - load))
+    square, energy = problem.comm.allreduce(sums)
+    return float(np.sqrt(square)), float(energy)
+
+
+def _largest_displacement(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> float:
+    squares = [
+        (u.reshape(-1, problem.dimension, u.shape[1]) ** 2).sum(axis=1) for u in displacements
+    ]
+    return float(np.sqrt(_max(problem.comm, *squares)))
+
+
+def _load(
+    problem: DualProblem, multiplier: NDArray[np.float64], contact_forces: NDArray[np.float64]
+) -> float:
+    """Largest of the sums of magnitudes of loads, reactions of held rows and contact forces."""
+    held = problem.kinds == RowKind.DIRICHLET
+    sums = np.array(
+        [
+            sum(float(np.abs(f).sum()) for f in problem.forces),
+            float(np.abs(multiplier[held]).sum()),
+            float(np.abs(contact_forces).sum()),
+        ]
+    )
+    for cls, lift in zip(problem.classes, problem.lifting, strict=True):
+        if lift.any():
+            sums[1] += float(np.abs((cls.stiffness @ lift)).sum())
+    return float(problem.comm.allreduce(sums).max())
+
+
+def _max(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
+    """Largest value on all ranks, zero of nothing; NaN wins."""
+    local = [float(a.max()) for a in arrays if a.size]
+    gathered = np.array([v for part in comm.allgather(local) for v in part] or [0.0])
+    return float(gathered.max())

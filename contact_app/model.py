@@ -1,0 +1,637 @@
+"""From a scene to its dual problem: subdomains, loads, conditions at nodes, rows of B.
+
+A body that is one subdomain and whose held nodes stop every rigid motion needs no gluing and no
+coarse problem: its held unknowns are eliminated. Every other subdomain floats, as in Total FETI,
+and its conditions are rows of B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from contact_app.assembly import Element
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.scene import Body, Material, Scene
+from meshes import BoxShape, Partition, Subdomain, decompose
+from solver.tfeti.classes import SubdomainClass, dense_block_pays
+from solver.tfeti.coarse import CoarseProblem
+from solver.tfeti.constraints import (
+    ContactRows,
+    ContradictionError,
+    HeldRows,
+    NodeConditions,
+    RowKind,
+    Rows,
+    merge_contact,
+    merge_held,
+    write_rows,
+)
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.equilibrium import BodyBalance, balance
+from solver.tfeti.exchange import NodeExchange
+from solver.tfeti.generalised_inverse import GeneralisedInverse
+from solver.tfeti.kernels import (
+    MOTIONS,
+    check_kernel,
+    fixing_nodes,
+    orthonormal_kernel,
+    rigid_motions,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A scene made ready to solve.
+
+    Attributes
+    ----------
+    place : (subdomains, 2)
+        Class and column of each subdomain of this rank: where its vectors are.
+    elements
+        Finite-element forms of each class, for stresses and areas.
+    materials
+        Material of each class.
+    exchange
+        Where the copies of surface nodes meet; `copies` gives their subdomain and local node.
+    balances
+        What holds each body.
+    notes
+        Sentences on what was left out or added, for `check`, the log and the certificate.
+    """
+
+    scene: Scene
+    partition: Partition
+    problem: DualProblem
+    place: NDArray[np.int64]
+    elements: tuple[Element, ...]
+    materials: tuple[Material, ...]
+    balances: tuple[BodyBalance, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
+        return self.partition.comm
+
+    @cached_property
+    def dofs(self) -> int:
+        """Undecomposed degrees of freedom, held ones included."""
+        return self.partition.nodes * self.scene.dimension
+
+    @cached_property
+    def node_exchange(self) -> NodeExchange:
+        """Exchange of all nodes (not only surface nodes) with their owners."""
+        nodes = [s.nodes for s in self.partition.subdomains]
+        return NodeExchange(self.comm, np.concatenate(nodes), self.partition.nodes)
+
+
+def box_shapes(scene: Scene) -> list[BoxShape]:
+    """The bodies' boxes as meshes know them."""
+    return [BoxShape(b.mesh.lower, b.mesh.upper, b.mesh.cells, b.mesh.cell) for b in scene.bodies]
+
+
+def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
+    """Cut the scene's bodies into subdomains.
+
+    Raises
+    ------
+    ConfigurationError
+        The decomposition asked for is impossible.
+    """
+    try:
+        return decompose(box_shapes(scene), scene.decomposition.subdomains, comm)
+    except ValueError as error:
+        raise ConfigurationError(f"{scene.source}: decomposition: {error}") from error
+
+
+def build_model(scene: Scene, comm: MPI.Intracomm) -> Model:
+    """Mesh, assemble, write the constraints, factor.
+
+    Raises
+    ------
+    NoEquilibriumError
+        A body leaves, or conditions on a node exclude each other.
+    ConfigurationError
+        The decomposition is impossible or a boundary is empty.
+    """
+    partition = partition_scene(scene, comm)
+    surface = _Surface(partition)
+    conditions = _conditions(scene, partition)
+    length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+    exchange = NodeExchange(comm, surface.nodes, partition.nodes)
+    try:
+        held = merge_held(exchange, conditions)
+        contact = merge_contact(exchange, conditions, held, length)
+    except ContradictionError as error:
+        raise NoEquilibriumError(_contradiction(scene, error)) from error
+
+    elements: dict[int, Element] = {}
+    for subdomain in partition.subdomains:
+        reference = subdomain.reference
+        if id(reference) not in elements:
+            elements[id(reference)] = Element(reference, scene.dimension)
+    loads = _loads(scene, partition, elements)
+
+    balances = _balances(scene, partition, held, contact, loads)
+    whole = np.array([n == 1 for n in partition.subdomains_of_body])
+    eliminated = whole & np.array([b.held for b in balances])
+    body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
+    rows, contact = write_rows(exchange, held, contact, eliminated[body_of_held])
+    supports = _supports(scene, partition, surface, balances)
+    lifting = _lifting(partition, surface, exchange, held, eliminated)
+
+    problem, place, keys = _dual_problem(
+        scene, partition, surface, exchange, rows, contact, supports, loads, lifting, elements
+    )
+    notes = []
+    for body, found in zip(scene.bodies, balances, strict=True):
+        if found.free_motions.shape[1]:
+            notes.append(
+                f"{body.name} can move freely along {_directions(found.free_motions)} and no load "
+                "works on that motion: it is held where it is"
+            )
+    if not eliminated.all():
+        floating = int((~eliminated).sum())
+        notes.append(
+            f"Total FETI: {partition.count} subdomains, {floating} of {len(eliminated)} bodies "
+            "with a coarse problem of rigid motions"
+        )
+    else:
+        notes.append("every body is one held subdomain: no gluing, no coarse problem")
+    if not comm.allreduce(int((problem.kinds == RowKind.CONTACT).sum())):
+        notes.append("no contact rows: plain conjugate gradients")
+    return Model(
+        scene=scene,
+        partition=partition,
+        problem=problem,
+        place=place,
+        elements=tuple(elements[key[0]] for key in keys),
+        materials=tuple(key[1] for key in keys),
+        balances=tuple(balances),
+        notes=tuple(notes),
+    )
+
+
+def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int32]:
+    """Rows of the reference's facets on a boundary: those with all nodes on it."""
+    if boundary not in body.boundaries:
+        return subdomain.boundaries.get(boundary, np.zeros(0, np.int32))
+    if len(subdomain.exterior) == 0:
+        return subdomain.exterior
+    inside = body.boundaries[boundary](subdomain.points())
+    facets = subdomain.reference.facets[subdomain.exterior]
+    return subdomain.exterior[inside[facets].all(axis=1)]
+
+
+def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int64]:
+    """Local surface nodes on a boundary."""
+    facets = subdomain.reference.facets
+    if boundary not in body.boundaries:
+        return np.unique(facets[boundary_facets(subdomain, body, boundary)])
+    nodes = np.unique(facets[subdomain.exterior])
+    if len(nodes) == 0:
+        return nodes
+    return nodes[body.boundaries[boundary](subdomain.points()[nodes])]
+
+
+class _Surface:
+    """Copies of surface nodes of this rank's subdomains, one after another."""
+
+    def __init__(self, partition: Partition) -> None:
+        self.local: list[NDArray[np.int64]] = []
+        cache: dict[int, NDArray[np.int64]] = {}
+        for s in partition.subdomains:
+            key = id(s.reference)
+            if key not in cache:
+                cache[key] = np.unique(s.reference.facets).astype(np.int64)
+            self.local.append(cache[key])
+        self.starts = np.cumsum([0, *(len(n) for n in self.local)])
+        parts = [
+            s.nodes[local] for s, local in zip(partition.subdomains, self.local, strict=True)
+        ]
+        self.nodes: NDArray[np.int64] = np.concatenate(parts)
+
+    def copies(self, subdomain: int) -> slice:
+        """Copies of one subdomain (local number)."""
+        return slice(int(self.starts[subdomain]), int(self.starts[subdomain + 1]))
+
+
+def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
+    """Held nodes and contact rows as this rank's subdomains see them."""
+    d = scene.dimension
+    held: list[tuple] = []
+    touching: list[tuple] = []
+    found = np.zeros(len(scene.displacements) + len(scene.contacts), bool)
+    for s in partition.subdomains:
+        body = scene.bodies[s.body]
+        points = s.points()
+        for i, condition in enumerate(scene.displacements):
+            if condition.body != s.body:
+                continue
+            nodes = boundary_nodes(s, body, condition.boundary)
+            found[i] |= len(nodes) > 0
+            mask = np.array([v is not None for v in condition.values])
+            values = np.array([v or 0.0 for v in condition.values])
+            shape = (len(nodes), d)
+            held.append(
+                (
+                    s.nodes[nodes], points[nodes], np.broadcast_to(mask, shape),
+                    np.broadcast_to(values, shape), np.full(len(nodes), i),
+                )
+            )  # fmt: skip
+        for i, contact in enumerate(scene.contacts):
+            if contact.body != s.body:
+                continue
+            nodes = boundary_nodes(s, body, contact.boundary)
+            found[len(scene.displacements) + i] |= len(nodes) > 0
+            if len(nodes) == 0:
+                continue
+            gap, normal = contact.obstacle.gap_and_normal(points[nodes])
+            touching.append(
+                (s.nodes[nodes], points[nodes], -normal[:, :d], gap, np.full(len(nodes), i))
+            )
+    _refuse_empty(scene, partition.comm.allreduce(found.astype(int)) > 0)
+    none = np.zeros(0, np.int64)
+    held.append((none, np.zeros((0, 3)), np.zeros((0, d), bool), np.zeros((0, d)), none))
+    touching.append((none, np.zeros((0, 3)), np.zeros((0, d)), np.zeros(0), none))
+    joined = [[np.concatenate(c) for c in zip(*part, strict=True)] for part in (held, touching)]
+    return NodeConditions(*joined[0], *joined[1])
+
+
+def _refuse_empty(scene: Scene, found: NDArray[np.bool_]) -> None:
+    for thing, some in zip((*scene.displacements, *scene.contacts), found, strict=True):
+        if not some:
+            raise ConfigurationError(
+                f"{scene.source}: {thing.source}.on: no node of the surface of "
+                f"{scene.bodies[thing.body].name} lies on {thing.boundary}; change the boundary's "
+                "`where` or the mesh"
+            )
+
+
+def _loads(
+    scene: Scene, partition: Partition, elements: dict[int, Element]
+) -> list[NDArray[np.float64] | None]:
+    """Load vector of each subdomain of this rank, None where nothing acts."""
+    facet_loads = (*scene.tractions, *scene.pressures)
+    found = np.zeros(len(facet_loads), bool)
+    cache: dict[tuple, NDArray[np.float64]] = {}
+    loads: list[NDArray[np.float64] | None] = []
+    for s in partition.subdomains:
+        element = elements[id(s.reference)]
+        parts = []
+        for i, load in enumerate(facet_loads):
+            if load.body != s.body:
+                continue
+            rows = boundary_facets(s, scene.bodies[s.body], load.boundary)
+            if len(rows) == 0:
+                continue
+            found[i] = True
+            key = (id(s.reference), i, rows.tobytes())
+            if key not in cache:
+                if i < len(scene.tractions):
+                    cache[key] = element.traction(rows, np.array(scene.tractions[i].vector))
+                else:
+                    pressure = scene.pressures[i - len(scene.tractions)].value
+                    cache[key] = element.pressure(rows, pressure)
+            parts.append(cache[key])
+        for i, force in enumerate(scene.forces):
+            if force.body == s.body:
+                key = (id(s.reference), "force", i)
+                if key not in cache:
+                    cache[key] = element.body_force(np.array(force.vector))
+                parts.append(cache[key])
+        loads.append(np.sum(parts, axis=0) if parts else None)
+    found = partition.comm.allreduce(found.astype(int)) > 0
+    for load, some in zip(facet_loads, found, strict=True):
+        if not some:
+            raise ConfigurationError(
+                f"{scene.source}: {load.source}.on: no whole facet of the surface of "
+                f"{scene.bodies[load.body].name} lies on {load.boundary}; a load needs facets all "
+                "of whose nodes are on it"
+            )
+    return loads
+
+
+def _balances(
+    scene: Scene,
+    partition: Partition,
+    held: HeldRows,
+    contact: ContactRows,
+    loads: Iterable[NDArray[np.float64] | None],
+) -> list[BodyBalance]:
+    """What holds each body; raises where a load drives a body away."""
+    d, comm = scene.dimension, partition.comm
+    count = len(scene.bodies)
+    work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
+    for s, load in zip(partition.subdomains, loads, strict=True):
+        if load is not None:
+            motions = rigid_motions(s.points(), d, *_frame(scene.bodies[s.body]))
+            work[s.body] += load @ motions.reshape(len(load), -1)
+            scale[s.body] += np.abs(load).sum()
+    work, scale = comm.allreduce(work), comm.allreduce(scale)
+    balances = []
+    for b, body in enumerate(scene.bodies):
+        first, last = partition.first_node[b], partition.first_node[b + 1]
+        frame = _frame(body)
+        mine = (held.nodes >= first) & (held.nodes < last)
+        motions = rigid_motions(held.points[mine], d, *frame)
+        held_rows = motions[held.held[mine]]
+        mine = (contact.nodes >= first) & (contact.nodes < last)
+        motions = rigid_motions(contact.points[mine], d, *frame)
+        contact_rows = np.einsum("nd,ndm->nm", contact.directions[mine], motions)
+        found = balance(comm, held_rows, contact_rows, work[b], float(scale[b]))
+        if found.escape is not None:
+            raise NoEquilibriumError(
+                f"{scene.source}: the scene has no equilibrium: nothing stops {body.name} from "
+                f"leaving along {_directions(found.escape[:, None])} under its loads"
+            )
+        balances.append(found)
+    return balances
+
+
+def _frame(body: Body) -> tuple[NDArray[np.float64], float]:
+    """Centre and length of a body, to which its rigid motions refer."""
+    centre = np.zeros(3)
+    lower, upper = np.array(body.mesh.lower), np.array(body.mesh.upper)
+    centre[: len(lower)] = 0.5 * (lower + upper)
+    return centre, float((upper - lower).max())
+
+
+def _directions(motions: NDArray[np.float64]) -> str:
+    """Rigid motions (motions, k) in words."""
+    planar = len(motions) == 3
+    names = ["x", "y", "a turn about z"] if planar else [
+        "x", "y", "z", "a turn about x", "a turn about y", "a turn about z"
+    ]  # fmt: skip
+    words = []
+    for motion in motions.T:
+        motion = motion / np.abs(motion).max()
+        if motion[np.argmax(np.abs(motion))] < 0 and motions.shape[1] > 1:
+            motion = -motion
+        terms = []
+        for value, name in zip(motion, names, strict=True):
+            if abs(value) > 1e-3:
+                sign = "-" if value < 0 else "+"
+                terms.append(f"{'' if abs(value) > 0.999 else f'{abs(value):.2g} '}{sign}{name}")
+        words.append(" and ".join(terms).replace("+a turn", "a turn").replace("-a turn", "a turn"))
+    return "; ".join(words)
+
+
+def _contradiction(scene: Scene, error: ContradictionError) -> str:
+    if error.kind == "held twice":
+        first, second = scene.displacements[error.first], scene.displacements[error.second]
+        return (
+            f"{scene.source}: {first.source} and {second.source} hold one node of "
+            f"{scene.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
+        )
+    contact = scene.contacts[error.first]
+    return (
+        f"{scene.source}: the displacement conditions on {scene.bodies[contact.body].name} push "
+        f"held nodes into the obstacle of {contact.source}, by up to {error.amount:.6g}: no "
+        "displacement satisfies both"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Supports:
+    """Extra rows that hold motions nothing else sees, on this rank: (copies, d) values a row."""
+
+    copies: list[NDArray[np.int64]]
+    values: list[NDArray[np.float64]]
+
+
+def _supports(
+    scene: Scene, partition: Partition, surface: _Surface, balances: list[BodyBalance]
+) -> _Supports:
+    """Rows that hold free motions at a few nodes of each body's first subdomain."""
+    supports = _Supports([], [])
+    firsts = np.cumsum([0, *partition.subdomains_of_body])[:-1]
+    for local, s in enumerate(partition.subdomains):
+        motions = balances[s.body].free_motions
+        if s.number != firsts[s.body] or motions.shape[1] == 0:
+            continue
+        points = s.points()[surface.local[local]]
+        chosen = fixing_nodes(points, scene.dimension)
+        frame = _frame(scene.bodies[s.body])
+        seen = rigid_motions(points[chosen], scene.dimension, *frame) @ motions
+        basis = np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0]
+        for row in basis.T:
+            supports.copies.append(surface.starts[local] + chosen)
+            supports.values.append(row.reshape(len(chosen), -1))
+    return supports
+
+
+def _lifting(
+    partition: Partition,
+    surface: _Surface,
+    exchange: NodeExchange,
+    held: HeldRows,
+    eliminated: NDArray[np.bool_],
+) -> list[tuple[NDArray[np.int64], NDArray[np.float64]] | None]:
+    """Eliminated unknowns of each subdomain and their displacements; None where it floats."""
+    at = np.searchsorted(held.nodes, exchange.nodes)
+    at = np.minimum(at, max(len(held.nodes) - 1, 0))
+    if len(held.nodes):
+        known = held.nodes[at] == exchange.nodes
+        mask = held.held[at] & known[:, None]
+        values = np.where(mask, held.values[at], 0.0)
+    else:
+        mask = np.zeros((len(exchange.nodes), held.held.shape[1]), bool)
+        values = np.zeros(mask.shape)
+    mask, values = exchange.from_owners(mask), exchange.from_owners(values)
+    result: list[tuple[NDArray[np.int64], NDArray[np.float64]] | None] = []
+    for local, s in enumerate(partition.subdomains):
+        if not eliminated[s.body]:
+            result.append(None)
+            continue
+        part = surface.copies(local)
+        node, component = np.nonzero(mask[part])
+        unknowns = surface.local[local][node] * mask.shape[1] + component
+        order = np.argsort(unknowns)
+        result.append((unknowns[order], values[part][node, component][order]))
+    return result
+
+
+def _dual_problem(
+    scene: Scene,
+    partition: Partition,
+    surface: _Surface,
+    exchange: NodeExchange,
+    rows: Rows,
+    contact: ContactRows,
+    supports: _Supports,
+    loads: list[NDArray[np.float64] | None],
+    lifting: list[tuple[NDArray[np.int64], NDArray[np.float64]] | None],
+    elements: dict[int, Element],
+) -> tuple[DualProblem, NDArray[np.int64], list[tuple]]:
+    """Group subdomains into classes, number the interface, build B, G and the factors."""
+    comm, d = partition.comm, scene.dimension
+    touched = np.zeros((len(exchange.nodes), d), bool)
+    touched[rows.copy, rows.component] = True
+    touched = exchange.from_owners(touched)
+    for copies, values in zip(supports.copies, supports.values, strict=True):
+        touched[copies] |= values != 0.0
+
+    groups: dict[tuple, list[int]] = {}
+    for local, s in enumerate(partition.subdomains):
+        lifted = lifting[local]
+        held_key = None if lifted is None else lifted[0].tobytes()
+        key = (id(s.reference), scene.bodies[s.body].material, held_key)
+        groups.setdefault(key, []).append(local)
+
+    place = np.empty((len(partition.subdomains), 2), np.int64)
+    columns = np.full(touched.shape, -1, np.int64)
+    classes, class_loads, class_lifts = [], [], []
+    size = 0
+    for number, (key, members) in enumerate(groups.items()):
+        place[members, 0], place[members, 1] = number, np.arange(len(members))
+        local_nodes = surface.local[members[0]]
+        any_touch = np.zeros((len(local_nodes), d), bool)
+        for local in members:
+            any_touch |= touched[surface.copies(local)]
+        node, component = np.nonzero(any_touch)
+        interface = local_nodes[node] * d + component
+        position = np.where(any_touch, np.cumsum(any_touch.ravel()).reshape(-1, d) - 1, -1)
+        for nth, local in enumerate(members):
+            shifted = position + size + nth * len(interface)
+            columns[surface.copies(local)] = np.where(any_touch, shifted, -1)
+        size += len(interface) * len(members)
+        cls = _subdomain_class(scene, elements[key[0]], key[1], lifting[members[0]], interface,
+                               np.array(members))  # fmt: skip
+        classes.append(cls)
+        load = np.zeros((cls.unknowns, len(members)), order="F")
+        lift = np.zeros_like(load)
+        for nth, local in enumerate(members):
+            if loads[local] is not None:
+                load[:, nth] = loads[local]
+            lifted = lifting[local]
+            if lifted is not None:
+                lift[lifted[0], nth] = lifted[1]
+        class_loads.append(load)
+        class_lifts.append(lift)
+
+    first_column = comm.exscan(size) or 0
+    columns = np.where(columns >= 0, columns + first_column, -1)
+    B, c, kinds = _constraint_matrix(comm, exchange, rows, supports, columns, size)
+    e = np.concatenate(
+        [
+            np.zeros(0),
+            *((cls.kernel.T @ load).T.ravel() for cls, load in zip(classes, class_loads,
+                                                                    strict=True)),
+        ]
+    )  # fmt: skip
+    coarse = None
+    if comm.allreduce(len(e)):
+        coarse = CoarseProblem(B.matMult(_kernel_matrix(comm, classes, size, len(e))))
+    problem = DualProblem(
+        comm=comm,
+        dimension=d,
+        classes=tuple(classes),
+        B=B,
+        c=c,
+        kinds=kinds,
+        contact=contact,
+        forces=tuple(class_loads),
+        lifting=tuple(class_lifts),
+        coarse=coarse,
+        e=e,
+    )
+    return problem, place, list(groups)
+
+
+def _subdomain_class(
+    scene: Scene,
+    element: Element,
+    material: Material,
+    lifted: tuple[NDArray[np.int64], NDArray[np.float64]] | None,
+    interface: NDArray[np.int64],
+    members: NDArray[np.int64],
+) -> SubdomainClass:
+    """Assemble and factor one congruence class."""
+    d = scene.dimension
+    K = element.stiffness(material, scene.plane)
+    points = element.reference.points
+    rigid = orthonormal_kernel(points, d)
+    check_kernel(K, rigid)
+    free = np.arange(K.shape[0])
+    if lifted is None:
+        kernel = rigid
+        nodes = fixing_nodes(points, d)
+        fixing = (nodes[:, None] * d + np.arange(d)).ravel()
+        inverse = GeneralisedInverse(K, kernel, fixing)
+    else:
+        kernel = np.zeros((K.shape[0], 0))
+        free = np.setdiff1d(free, lifted[0])
+        inverse = GeneralisedInverse(K[free][:, free], kernel[free], np.zeros(0, np.int64))
+    block = None
+    if len(interface) and dense_block_pays(K.shape[0], len(interface), len(members)):
+        block = inverse.restricted(np.searchsorted(free, interface))
+    return SubdomainClass(K, kernel, points, free, interface, members, inverse, block)
+
+
+def _constraint_matrix(
+    comm: MPI.Intracomm,
+    exchange: NodeExchange,
+    rows: Rows,
+    supports: _Supports,
+    columns: NDArray[np.int64],
+    size: int,
+) -> tuple[PETSc.Mat, NDArray[np.float64], NDArray[np.int8]]:
+    """B on interface columns, its right-hand side and the kind of each row."""
+    arrived = exchange.to_owners(columns)
+    row, column, value = [rows.row], [arrived[rows.copy, rows.component]], [rows.value]
+    for nth, (copies, values) in enumerate(zip(supports.copies, supports.values, strict=True)):
+        node, component = np.nonzero(values)
+        row.append(np.full(len(node), len(rows.kind) + nth))
+        column.append(columns[copies[node], component])
+        value.append(values[node, component])
+    extra = len(supports.copies)
+    kinds = np.concatenate([rows.kind, np.full(extra, RowKind.SUPPORT, np.int8)])
+    c = np.concatenate([rows.rhs, np.zeros(extra)])
+    total = comm.allreduce(size)
+    local = sparse.csr_matrix(
+        (np.concatenate(value), (np.concatenate(row), np.concatenate(column))),
+        shape=(len(kinds), total),
+    )
+    local.sort_indices()
+    return _petsc_rows(comm, local, size), c, kinds
+
+
+def _kernel_matrix(
+    comm: MPI.Intracomm, classes: list[SubdomainClass], size: int, kernels: int
+) -> PETSc.Mat:
+    """R restricted to interface unknowns, (interface, kernels), one dense block a subdomain."""
+    blocks = [
+        cls.kernel[cls.interface]
+        for cls in classes
+        for _ in range(len(cls.members))
+    ]
+    diagonal = sparse.block_diag(blocks, format="coo") if blocks else sparse.coo_matrix((0, 0))
+    first, total = comm.exscan(kernels) or 0, comm.allreduce(kernels)
+    local = sparse.csr_matrix(
+        (diagonal.data, (diagonal.row, diagonal.col + first)), shape=(size, total)
+    )
+    return _petsc_rows(comm, local, kernels)
+
+
+def _petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> PETSc.Mat:
+    """A distributed PETSc matrix from each rank's rows, with its share of the columns."""
+    matrix = PETSc.Mat().createAIJ(
+        ((local.shape[0], PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
+        csr=(
+            local.indptr.astype(PETSc.IntType),
+            local.indices.astype(PETSc.IntType),
+            local.data,
+        ),
+        comm=comm,
+    )
+    matrix.assemble()
+    return matrix

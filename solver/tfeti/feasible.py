@@ -1,0 +1,125 @@
+"""Feasible neighbours of an approximate solution, primal and dual.
+
+The dual solution is made exactly admissible (λ_I ≥ 0, Gλ = e), the primal one too (glued, held,
+no penetration). Between two admissible points weak duality leaves a gap that bounds the error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.tfeti.coarse import CoarseProblem, petsc_vec
+from solver.tfeti.dual import DualProblem
+
+ROUNDS = 10
+
+
+def feasible_multiplier(
+    problem: DualProblem, x: NDArray[np.float64], touching: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """λ = λ̃ + x made admissible: zero on contact rows that do not touch, nowhere negative, Gλ = e.
+
+    What is missing in Gλ = e is put on the rows that hold with equality, gluing, held and
+    touching contact rows; where those cannot carry it (a body kept by too few touching rows) open
+    contact rows take a small share.
+
+    Parameters
+    ----------
+    x : (dual,)
+        Homogenised multiplier.
+    touching : (dual,)
+        Contact rows whose multiplier is above its bound.
+    """
+    multiplier = problem.offset + x
+    closed = problem.inequality & touching
+    multiplier[problem.inequality & ~touching] = 0.0
+    if problem.coarse is None:
+        return np.where(problem.inequality, np.maximum(multiplier, 0.0), multiplier)
+    weights = np.where(problem.inequality & ~closed, 0.0, 1.0)
+    repaired = _balance(problem, multiplier, weights)
+    if repaired is None:
+        weights[weights == 0.0] = 1e-6
+        repaired = _balance(problem, multiplier, weights)
+    return multiplier if repaired is None else repaired
+
+
+def _balance(
+    problem: DualProblem, multiplier: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Add W Gᵀ (G W Gᵀ)⁻¹ (e - Gλ) and clip, until both hold; None if the rows cannot carry it."""
+    assert problem.coarse is not None
+    root = np.sqrt(weights)
+    scaled = problem.coarse.Gt.copy()
+    scaled.diagonalScale(L=petsc_vec(root, problem.comm))
+    try:
+        coarse = CoarseProblem(scaled)
+    except ArithmeticError:
+        return None
+    multiplier = multiplier.copy()
+    missing = np.empty(len(problem.e))
+    solution = np.empty(len(problem.e))
+    change = np.empty(problem.size)
+    scale = _largest(problem.comm, problem.e)
+    size = _largest(problem.comm, multiplier)
+    for _ in range(ROUNDS):
+        clipped = problem.inequality & (multiplier < 0.0)
+        multiplier[clipped] = 0.0
+        problem.coarse.restrict(multiplier, missing)
+        np.subtract(problem.e, missing, out=missing)
+        worst = _largest(problem.comm, missing)
+        if worst <= 1e-13 * max(scale, size):
+            return multiplier
+        coarse.solve(missing, solution)
+        coarse.extend(solution, change)
+        change *= root
+        if not _largest(problem.comm, change) <= 10.0 * max(size, scale):
+            return None
+        multiplier += change
+    return multiplier if worst <= 1e-9 * max(scale, size) else None
+
+
+def feasible_displacements(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    """The admissible û nearest to u at the nodes of the interface, and B û - c.
+
+    B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
+    admissible set; where rows of one node are not orthogonal it is repeated, damped.
+    """
+    rows_at_node = _rows_sharing_a_node(problem)
+    repaired = [u.copy(order="F") for u in displacements]
+    violation = _violation(problem, repaired)
+    tolerance = 1e-15 * max(1e-300, _largest(problem.comm, *displacements))
+    for _ in range(200):
+        if _largest(problem.comm, violation) <= tolerance:
+            break
+        for u, change in zip(
+            repaired, problem.constraint_forces(violation / rows_at_node), strict=True
+        ):
+            u -= change
+        previous = _largest(problem.comm, violation)
+        violation = _violation(problem, repaired)
+        if _largest(problem.comm, violation) > 0.99 * previous:
+            break
+    return repaired, problem.constraint_values(repaired) - problem.c
+
+
+def _violation(problem: DualProblem, displacements: list[NDArray[np.float64]]) -> NDArray:
+    residual = problem.constraint_values(displacements) - problem.c
+    return np.where(problem.inequality, np.maximum(residual, 0.0), residual)
+
+
+def _rows_sharing_a_node(problem: DualProblem) -> NDArray[np.float64]:
+    """For each contact row the number of contact rows at its node, 1 for other rows."""
+    result = np.ones(problem.size)
+    _, place, count = np.unique(problem.contact.nodes, return_inverse=True, return_counts=True)
+    result[problem.inequality] = count[place.reshape(-1)]
+    return result
+
+
+def _largest(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
+    """Largest magnitude on all ranks."""
+    local = max((float(np.abs(a).max()) for a in arrays if a.size), default=0.0)
+    return float(comm.allreduce(local, op=MPI.MAX))
