@@ -45,6 +45,8 @@ class Iterate:
         Largest ‖Ap‖/‖p‖ seen: a lower bound of ‖A‖.
     alpha : float
         Step length of the reduced gradient: the one that an expansion used last.
+    drift : float
+        Rounding errors that recurrences may have added to g since it was last evaluated.
     """
 
     def __init__(
@@ -84,9 +86,12 @@ class Iterate:
         self.active = 0
         self.slope = self.curvature = 0.0  # gᵀp, pᵀAp
         self.largest = 0.0
+        self.product_norm = 0.0  # ‖Ap‖
+        self.drift = 0.0
         self.alpha = 0.0
         self.b_norm = 0.0
         self._norm = norm
+        self._marked: tuple[Vector, Vector] | None = None
         self._began = perf_counter()
 
     # ------------------------------------------------------------------ scalars
@@ -104,7 +109,7 @@ class Iterate:
             self.counts.norm_estimation += products
         if self.largest > 1.01 * self._norm:
             self._norm = self.largest
-        return self._norm
+        return self._norm or 1.0  # a zero Hessian: the half step alone moves to the bounds
 
     # ------------------------------------------------------------------ passes
 
@@ -112,6 +117,7 @@ class Iterate:
         """g = Ax - b by a product; split it and restart the directions at the free gradient."""
         self.operator.apply(self.x, self.g)
         self.counts.hessian += 1
+        self.drift = 0.0
         self.restart(subtract_b=True)
 
     def restart(self, *, subtract_b: bool = False) -> None:
@@ -151,6 +157,7 @@ class Iterate:
         if not math.isfinite(slope + curvature + ApAp):
             self._raise_not_finite(self.Ap)
         self.slope, self.curvature = slope, curvature
+        self.product_norm = math.sqrt(ApAp)
         self.largest = max(self.largest, math.sqrt(ApAp / pp) if pp > 0.0 else 0.0)
         relative = curvature / (self.largest * pp) if self.largest * pp > 0.0 else 0.0
         if relative < NEGATIVE_CURVATURE:
@@ -170,6 +177,7 @@ class Iterate:
         With ``snap``, components that the step brought to within rounding of a bound are put
         on it, as the half step to the bound needs.
         """
+        self._drift(alpha)
         sums = np.zeros(5)
         free_product = 0.0
         for block in self.blocks:
@@ -219,6 +227,7 @@ class Iterate:
         Leaves p = x½ - P(x - target p) and returns gᵀp, ‖p‖² and g^rᵀg^f there, g^r for the
         length 1/``largest``.
         """
+        self._drift(alpha_f)
         sums = np.zeros(5)
         slope = square = standard = 0.0
         for block in self.blocks:
@@ -266,6 +275,21 @@ class Iterate:
         scale = self.largest * math.sqrt(self.x_square) + self.b_norm
         return 2.0 * float(np.finfo(np.float64).eps) * scale
 
+    def _drift(self, alpha: float) -> None:
+        """Account for the rounding errors of g - αAp."""
+        size = abs(alpha) * self.product_norm + self.projected_gradient_norm
+        self.drift += float(np.finfo(np.float64).eps) * size
+
+    def settle(self) -> None:
+        """Put active components on their bounds exactly."""
+        for block in self.blocks:
+            if block.lower is not None and block.lower_edge is not None:
+                np.less_equal(block.x, block.lower_edge, out=block.mask)
+                np.copyto(block.x, block.lower, where=block.mask)
+            if block.upper is not None and block.upper_edge is not None:
+                np.greater_equal(block.x, block.upper_edge, out=block.mask)
+                np.copyto(block.x, block.upper, where=block.mask)
+
     def at_round_off(self) -> bool:
         """Whether the projected gradient is no more than rounding errors."""
         return self.projected_gradient_norm <= self.round_off
@@ -273,6 +297,24 @@ class Iterate:
     def measure_b(self) -> None:
         """Take ‖b‖ anew."""
         self.b_norm = self.reduction.norm(self.qp.b)
+
+    def mark(self) -> None:
+        """Remember where the iterate stands, for :meth:`diverges`."""
+        self._marked = (self.x.copy(), self.g.copy())
+
+    def diverges(self) -> bool:
+        """Whether x ran off since it was marked, downhill, without meeting curvature."""
+        if self._marked is None:
+            return False
+        x, g = self._marked
+        d = self.x - x
+        square, x_square, curvature, slope = self.reduction.sums(
+            float(np.dot(d, d)),
+            float(np.dot(x, x)),
+            float(np.dot(d, self.g - g)),
+            float(np.dot(d, self.g + g)),
+        )
+        return slope < 0.0 and square > 0.1 * x_square and curvature < 1e-6 * self.largest * square
 
     def raise_unbounded(self) -> None:
         """Say which component runs away along -p."""

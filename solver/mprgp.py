@@ -69,11 +69,17 @@ class MPRGP:
         it.evaluate()
         scale = it.b_norm if it.b_norm > 0.0 else it.reduction.norm(it.g)
         tolerance = max(self.rtol * scale, self.atol)
-        reason = self.minimise(
-            it,
-            lambda it: Reason.CONVERGED if it.projected_gradient_norm <= tolerance else None,
-            monitor,
-        )
+
+        def stop(it: Iterate) -> Reason | None:
+            if it.projected_gradient_norm > tolerance:
+                return None
+            if it.drift > 0.5 * tolerance:  # recurrences lost what the tolerance asks for
+                it.evaluate()
+                return stop(it)
+            return Reason.CONVERGED
+
+        reason = self.minimise(it, stop, monitor)
+        it.settle()
         return Result(
             x=qp.wrap(it.x),
             reason=reason,
@@ -98,7 +104,9 @@ class MPRGP:
             return Reason.STOPPED
         while (reason := stop(it)) is None:
             if it.iterations >= last:
-                return Reason.MAX_ITERATIONS
+                return Reason.DIVERGED if it.diverges() else Reason.MAX_ITERATIONS
+            if it.iterations == last - self.max_iterations // 2:
+                it.mark()
             if it.at_round_off():
                 return Reason.ROUND_OFF
             if it.chopped_square <= self.gamma**2 * it.reduced_free:

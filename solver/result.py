@@ -25,6 +25,10 @@ class Reason(Enum):
         "The gradient is at the level of rounding errors and cannot be reduced further; "
         "the tolerance asks for more digits than the data hold."
     )
+    DIVERGED = (
+        "The iterates kept growing along a direction of next to no curvature while the cost fell: "
+        "it seems to be unbounded below."
+    )
     STOPPED = "The monitor asked to stop; the result holds the last iterate."
 
     @property

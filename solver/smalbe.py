@@ -219,7 +219,7 @@ class SMALBE:
         next_multiplier = multiplier.copy()
         for outer in range(1, self.max_outer + 1):
             it.outer = it.counts.outer = outer
-            if outer > 1 and self.recompute_gradient:
+            if outer > 1 and (self.recompute_gradient or it.drift > 0.1 * tolerance):
                 it.evaluate()
             inner_reason = self.inner.minimise(it, inner_stop, monitor)
             size = measure(it)
@@ -227,11 +227,11 @@ class SMALBE:
             equalities.apply_transpose(next_multiplier, change)  # Cᵀ(μ_{k+1} - μ_k)
             np.add(next_multiplier, multiplier, out=next_multiplier)
             np.add(transposed, change, out=transposed)
-            if inner_reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
+            if inner_reason in (Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.DIVERGED):
                 reason = inner_reason
                 break
             small = it.projected_gradient_norm <= tolerance and size * to_gradient <= tolerance
-            if accept is None and small:
+            if accept is None and small and it.drift <= 0.5 * tolerance:
                 reason = Reason.CONVERGED
                 break
             if accept is not None and accept(
@@ -264,6 +264,7 @@ class SMALBE:
             it.measure_b()
             if not self.recompute_gradient:
                 it.restart()
+        it.settle()
         return Result(
             x=qp.wrap(it.x),
             reason=reason,
