@@ -1,0 +1,110 @@
+"""What a run stood on: BLAS, releases of dolfinx and PETSc, ranks, memory.
+
+Debian's packages leave the reference BLAS in place unless OpenBLAS is asked for, and a dense
+product is then a hundred times slower. Which one PETSc uses cannot be measured through numpy,
+which may carry its own; the libraries mapped into this process tell it.
+"""
+
+from __future__ import annotations
+
+import re
+import resource
+from collections.abc import Iterable
+from pathlib import Path
+
+from mpi4py import MPI
+
+REFERENCE = "reference BLAS"
+UNKNOWN = "unknown"
+
+#: What a path of a mapped library says about the BLAS, the first that matches.
+_FLAVOURS = (
+    (r"/openblas-(pthread|openmp|serial)/", "OpenBLAS ({0})"),
+    (r"/lib(?:scipy_)?openblas", "OpenBLAS"),
+    (r"/libmkl_", "Intel MKL"),
+    (r"/blis-(pthread|openmp|serial)/", "BLIS ({0})"),
+    (r"/libblis", "BLIS"),
+    (r"/atlas/", "ATLAS"),
+    (r"/(?:blas/)?libblas\.so", REFERENCE),
+)
+_OPENBLAS_RELEASE = re.compile(r"/libopenblas[a-z]*-r([0-9.]+)\.so")
+
+
+def blas_of(libraries: Iterable[str]) -> str:
+    """Name the BLAS among the paths of mapped libraries.
+
+    >>> blas_of(["/usr/lib/x86_64-linux-gnu/blas/libblas.so.3.11.0"])
+    'reference BLAS'
+    >>> blas_of(["/usr/lib/x86_64-linux-gnu/openblas-pthread/libblas.so.3"])
+    'OpenBLAS (pthread)'
+    """
+    # A wheel's own copy (numpy.libs/…) serves that package, not PETSc.
+    paths = [path for path in libraries if ".libs/" not in path]
+    for pattern, name in _FLAVOURS:
+        for path in paths:
+            if found := re.search(pattern, path):
+                release = next(filter(None, map(_OPENBLAS_RELEASE.search, paths)), None)
+                if release and name.startswith("OpenBLAS"):
+                    name = name.replace("OpenBLAS", f"OpenBLAS {release[1]}")
+                return name.format(*found.groups())
+    return UNKNOWN
+
+
+def blas() -> str:
+    """BLAS that PETSc uses in this process, such as ``OpenBLAS 0.3.21 (pthread)``."""
+    from petsc4py import PETSc  # noqa: F401  (maps the libraries)
+
+    try:
+        maps = Path("/proc/self/maps").read_text()
+    except OSError:
+        return UNKNOWN
+    # address, permissions, offset, device, inode, path
+    rows = (line.split(maxsplit=5) for line in maps.splitlines())
+    return blas_of(dict.fromkeys(row[5] for row in rows if len(row) == 6))
+
+
+def slow_blas_warning(name: str | None = None) -> str | None:
+    """Sentence for the user when the BLAS in use is the slow one, else None.
+
+    Parameters
+    ----------
+    name
+        As `blas` gives it; asked for when not given.
+    """
+    if (blas() if name is None else name) != REFERENCE:
+        return None
+    return (
+        "PETSc uses the reference BLAS, which is about a hundred times slower than OpenBLAS: "
+        "install libopenblas0-pthread, or start through ./contact, which does."
+    )
+
+
+def dolfinx_version() -> str:
+    """Release of dolfinx."""
+    import dolfinx
+
+    return str(dolfinx.__version__)
+
+
+def petsc_version() -> str:
+    """Release of PETSc itself."""
+    from petsc4py import PETSc
+
+    return ".".join(map(str, PETSc.Sys.getVersion()))
+
+
+def peak_rss_gb(comm: MPI.Comm = MPI.COMM_SELF) -> float:
+    """Largest memory that a rank of `comm` has held so far, in GB (collective)."""
+    kibibytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(comm.allreduce(kibibytes * 1024e-9, op=MPI.MAX))
+
+
+def environment(comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, str | int | float]:
+    """``environment`` of ``summary.json`` (collective)."""
+    return {
+        "blas": blas(),
+        "dolfinx": dolfinx_version(),
+        "petsc": petsc_version(),
+        "ranks": comm.size,
+        "peak_rss_gb": round(peak_rss_gb(comm), 3),
+    }
