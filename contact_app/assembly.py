@@ -70,10 +70,7 @@ class Element:
         form = ufl.inner(self._stress(u, material, plane), ufl.sym(ufl.grad(v))) * self._dx
         matrix = assemble_matrix(versions.compile_form(form))
         matrix.assemble()
-        indptr, indices, values = matrix.getValuesCSR()
-        K = sparse.csr_matrix((values, indices, indptr), shape=matrix.getSize())
-        matrix.destroy()
-        K = K[self.unknowns][:, self.unknowns].tocsr()
+        K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
         K.sort_indices()
         return K
 
@@ -102,43 +99,26 @@ class Element:
 
     def cell_volumes(self) -> NDArray[np.float64]:
         """Volume (area in the plane) of each cell."""
-        test = ufl.TestFunction(versions.cellwise_space(self.mesh, 6))
-        return self._assembled(test[0] * self._dx)[::6]
+        test = ufl.TestFunction(versions.cellwise_space(self.mesh, self.dimension))
+        return self._assembled(test[0] * self._dx)[:: self.dimension]
 
-    def stress_operator(self, material: Material, plane: str | None) -> sparse.csr_matrix:
-        """Cell means of the stress from unknowns, (cells · 6, unknowns).
-
-        Components as in `STRESS_COMPONENTS`; in the plane yz and xz vanish, and zz does too in
-        plane stress.
-        """
-        cellwise = versions.cellwise_space(self.mesh, 6)
+    def gradient_operator(self) -> sparse.csr_matrix:
+        """Cell means of ∂u_i/∂x_j from unknowns, (cells · dimension², unknowns), j fastest."""
+        d = self.dimension
+        cellwise = versions.cellwise_space(self.mesh, d * d)
         u, test = ufl.TrialFunction(self.space), ufl.TestFunction(cellwise)
-        form = ufl.inner(self._stress_vector(u, material, plane), test) * self._dx
-        matrix = assemble_matrix(versions.compile_form(form))
+        gradient = ufl.grad(u)
+        entries = ufl.as_vector([gradient[i, j] for i in range(d) for j in range(d)])
+        matrix = assemble_matrix(versions.compile_form(ufl.inner(entries, test) * self._dx))
         matrix.assemble()
-        indptr, indices, values = matrix.getValuesCSR()
-        operator = sparse.csr_matrix((values, indices, indptr), shape=matrix.getSize())
-        matrix.destroy()
-        per_volume = sparse.diags(1.0 / np.repeat(self.cell_volumes(), 6))
+        operator = _scipy(matrix)
+        per_volume = sparse.diags(1.0 / np.repeat(self.cell_volumes(), d * d))
         return (per_volume @ operator)[:, self.unknowns].tocsr()
 
     def _stress(self, u: Any, material: Material, plane: str | None) -> Any:
         lam, mu = (fem.Constant(self.mesh, PETSc.ScalarType(m)) for m in lame(material, plane))
         strain = ufl.sym(ufl.grad(u))
         return lam * ufl.tr(strain) * ufl.Identity(self.dimension) + 2.0 * mu * strain
-
-    def _stress_vector(self, u: Any, material: Material, plane: str | None) -> Any:
-        stress = self._stress(u, material, plane)
-        zero = 0.0 * stress[0, 0]
-        if self.dimension == 3:
-            return ufl.as_vector(
-                [stress[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))]
-            )
-        ratio = fem.Constant(
-            self.mesh, PETSc.ScalarType(material.poisson if plane == "strain" else 0.0)
-        )
-        across = ratio * (stress[0, 0] + stress[1, 1])
-        return ufl.as_vector([stress[0, 0], stress[1, 1], across, stress[0, 1], zero, zero])
 
     def _constant(self, vector: NDArray[np.float64]) -> Any:
         return fem.Constant(self.mesh, np.asarray(vector, dtype=PETSc.ScalarType))
@@ -156,6 +136,29 @@ class Element:
         return fem.assemble_vector(versions.compile_form(form)).array.copy()
 
 
+def stress(
+    gradient: NDArray[np.float64], material: Material, plane: str | None
+) -> NDArray[np.float64]:
+    """Stress (…, 6), in the order of `STRESS_COMPONENTS`, of displacement gradients (…, d, d).
+
+    In the plane yz and xz vanish; zz does too in plane stress.
+    """
+    lam, mu = lame(material, plane)
+    strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
+    volumetric = lam * np.trace(strain, axis1=-2, axis2=-1)
+    result = np.zeros((*gradient.shape[:-2], 6))
+    dimension = gradient.shape[-1]
+    for i in range(dimension):
+        result[..., i] = volumetric + 2.0 * mu * strain[..., i, i]
+    result[..., 3] = 2.0 * mu * strain[..., 0, 1]
+    if dimension == 3:
+        result[..., 4] = 2.0 * mu * strain[..., 1, 2]
+        result[..., 5] = 2.0 * mu * strain[..., 0, 2]
+    elif plane == "strain":
+        result[..., 2] = volumetric
+    return result
+
+
 def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
     """Von Mises stress of (…, 6) components in the order of `STRESS_COMPONENTS`."""
     xx, yy, zz, xy, yz, xz = np.moveaxis(stress, -1, 0)
@@ -163,3 +166,11 @@ def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
         0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
         + 3.0 * (xy**2 + yz**2 + xz**2)
     )  # fmt: skip
+
+
+def _scipy(matrix: PETSc.Mat) -> sparse.csr_matrix:
+    """Copy of an assembled PETSc matrix, which is destroyed."""
+    indptr, indices, values = matrix.getValuesCSR()
+    result = sparse.csr_matrix((values, indices, indptr), shape=matrix.getSize())
+    matrix.destroy()
+    return result

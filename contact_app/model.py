@@ -20,6 +20,7 @@ from scipy import sparse
 from contact_app.assembly import Element
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.scene import Body, Material, Scene
+from contact_app.timings import Timings
 from meshes import BoxShape, Partition, Subdomain, decompose
 from solver.tfeti.classes import SubdomainClass, dense_block_pays
 from solver.tfeti.coarse import CoarseProblem
@@ -112,8 +113,13 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
         raise ConfigurationError(f"{scene.source}: decomposition: {error}") from error
 
 
-def build_model(scene: Scene, comm: MPI.Intracomm) -> Model:
+def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Model:
     """Mesh, assemble, write the constraints, factor.
+
+    Parameters
+    ----------
+    timings
+        Where the time of each stage is added.
 
     Raises
     ------
@@ -122,7 +128,9 @@ def build_model(scene: Scene, comm: MPI.Intracomm) -> Model:
     ConfigurationError
         The decomposition is impossible or a boundary is empty.
     """
-    partition = partition_scene(scene, comm)
+    timings = timings or Timings()
+    with timings.measure("setup"):
+        partition = partition_scene(scene, comm)
     surface = _Surface(partition)
     conditions = _conditions(scene, partition)
     length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
@@ -138,7 +146,8 @@ def build_model(scene: Scene, comm: MPI.Intracomm) -> Model:
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
-    loads = _loads(scene, partition, elements)
+    with timings.measure("assembly"):
+        loads = _loads(scene, partition, elements)
 
     balances = _balances(scene, partition, held, contact, loads)
     whole = np.array([n == 1 for n in partition.subdomains_of_body])
@@ -149,8 +158,9 @@ def build_model(scene: Scene, comm: MPI.Intracomm) -> Model:
     lifting = _lifting(partition, surface, exchange, held, eliminated)
 
     problem, place, keys = _dual_problem(
-        scene, partition, surface, exchange, rows, contact, supports, loads, lifting, elements
-    )
+        scene, partition, surface, exchange, rows, contact, supports, loads, lifting, elements,
+        timings,
+    )  # fmt: skip
     notes = []
     for body, found in zip(scene.bodies, balances, strict=True):
         if found.free_motions.shape[1]:
@@ -471,6 +481,7 @@ def _dual_problem(
     loads: list[NDArray[np.float64] | None],
     lifting: list[tuple[NDArray[np.int64], NDArray[np.float64]] | None],
     elements: dict[int, Element],
+    timings: Timings,
 ) -> tuple[DualProblem, NDArray[np.int64], list[tuple]]:
     """Group subdomains into classes, number the interface, build B, G and the factors."""
     comm, d = partition.comm, scene.dimension
@@ -504,8 +515,11 @@ def _dual_problem(
             shifted = position + size + nth * len(interface)
             columns[surface.copies(local)] = np.where(any_touch, shifted, -1)
         size += len(interface) * len(members)
-        cls = _subdomain_class(scene, elements[key[0]], key[1], lifting[members[0]], interface,
-                               np.array(members))  # fmt: skip
+        with timings.measure("assembly"):
+            stiffness = elements[key[0]].stiffness(key[1], scene.plane)
+        with timings.measure("factorization"):
+            points = elements[key[0]].reference.points
+            cls = _subdomain_class(stiffness, points, d, lifting[members[0]], interface, members)
         classes.append(cls)
         load = np.zeros((cls.unknowns, len(members)), order="F")
         lift = np.zeros_like(load)
@@ -530,7 +544,8 @@ def _dual_problem(
     )  # fmt: skip
     coarse = None
     if comm.allreduce(len(e)):
-        coarse = CoarseProblem(B.matMult(_kernel_matrix(comm, classes, size, len(e))))
+        with timings.measure("factorization"):
+            coarse = CoarseProblem(B.matMult(_kernel_matrix(comm, classes, size, len(e))))
     problem = DualProblem(
         comm=comm,
         dimension=d,
@@ -548,17 +563,14 @@ def _dual_problem(
 
 
 def _subdomain_class(
-    scene: Scene,
-    element: Element,
-    material: Material,
+    K: sparse.csr_matrix,
+    points: NDArray[np.float64],
+    d: int,
     lifted: tuple[NDArray[np.int64], NDArray[np.float64]] | None,
     interface: NDArray[np.int64],
-    members: NDArray[np.int64],
+    members: list[int],
 ) -> SubdomainClass:
-    """Assemble and factor one congruence class."""
-    d = scene.dimension
-    K = element.stiffness(material, scene.plane)
-    points = element.reference.points
+    """Factor one congruence class."""
     rigid = orthonormal_kernel(points, d)
     check_kernel(K, rigid)
     free = np.arange(K.shape[0])
@@ -574,7 +586,9 @@ def _subdomain_class(
     block = None
     if len(interface) and dense_block_pays(K.shape[0], len(interface), len(members)):
         block = inverse.restricted(np.searchsorted(free, interface))
-    return SubdomainClass(K, kernel, points, free, interface, members, inverse, block)
+    return SubdomainClass(
+        K, kernel, points, free, interface, np.array(members), inverse, block
+    )  # fmt: skip
 
 
 def _constraint_matrix(

@@ -1,0 +1,176 @@
+"""Fields of an answer: at the nodes of the undecomposed mesh, and in its cells.
+
+Copies of a node meet at its owner, where their displacements, equal but for jumps below the
+tolerance, are averaged. Contact quantities are known at the owner already.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.assembly import stress, von_mises
+from contact_app.model import Model, boundary_facets
+from contact_app.solve import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class NodeFields:
+    """Fields at the nodes this rank owns, from node `first` on.
+
+    Attributes
+    ----------
+    points : (nodes, 3)
+    displacement : (nodes, dimension)
+    contact_pressure : (nodes,)
+        Normal contact force over the node's share of the contact boundary; 0 elsewhere.
+    gap : (nodes,)
+        Distance left to the nearest obstacle along its normal; NaN where there is no contact row.
+    contact_force : (3,)
+        Resultant of the obstacles on the bodies, of this rank's nodes.
+    without_area
+        Touching nodes that carry force but no facet of the contact boundary.
+    """
+
+    first: int
+    points: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    contact_pressure: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    contact_force: NDArray[np.float64]
+    without_area: int
+
+
+def node_fields(model: Model, solution: Solution) -> NodeFields:
+    """Average copies and evaluate contact at the owned nodes."""
+    problem, d = model.problem, model.scene.dimension
+    exchange = model.node_exchange
+    copies = [
+        solution.displacements[cls][:, column].reshape(-1, d) for cls, column in model.place
+    ]
+    displacement = exchange.to_owners(np.concatenate(copies))
+    points = exchange.to_owners(np.concatenate([s.points() for s in model.partition.subdomains]))
+    size = exchange.last - exchange.first
+    place = exchange.nodes - exchange.first
+    count = np.bincount(place, minlength=size)
+    mean = np.stack(
+        [np.bincount(place, displacement[:, i], minlength=size) / count for i in range(d)], axis=1
+    )
+    located = np.zeros((size, 3))
+    located[place] = points
+
+    contact = problem.contact
+    rows = problem.inequality
+    root = np.sqrt(contact.copies)
+    force = solution.multiplier[rows] * root * contact.force_scale
+    at = contact.nodes - exchange.first
+    area = _contact_areas(model)
+    share = np.zeros(len(at))
+    for source in np.unique(contact.sources):
+        mine = contact.sources == source
+        share[mine] = area[source, at[mine]]
+    loaded = (force > 0.0) & (share > 0.0)
+    pressure = np.zeros(size)
+    np.add.at(pressure, at[loaded], force[loaded] / share[loaded])
+    slack = contact.gaps - np.einsum("ij,ij->i", contact.directions, mean[at])
+    gap = np.full(size, np.inf)
+    np.minimum.at(gap, at, slack / contact.force_scale)
+    gap[np.isinf(gap)] = np.nan
+    resultant = np.zeros(3)
+    resultant[:d] = force @ contact.normals
+    return NodeFields(
+        first=exchange.first,
+        points=located,
+        displacement=mean,
+        contact_pressure=pressure,
+        gap=gap,
+        contact_force=resultant,
+        without_area=int(((force > 0.0) & (share <= 0.0)).sum()),
+    )
+
+
+def _contact_areas(model: Model) -> NDArray[np.float64]:
+    """Area of each contact boundary that falls to each owned node, (contacts, nodes)."""
+    scene, exchange = model.scene, model.node_exchange
+    subdomains = model.partition.subdomains
+    starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
+    area = np.zeros((len(scene.contacts), exchange.last - exchange.first))
+    place = exchange.nodes - exchange.first
+    cache: dict[tuple, NDArray[np.float64]] = {}
+    for i, contact in enumerate(scene.contacts):
+        share = np.zeros(starts[-1])
+        for local, s in enumerate(subdomains):
+            if s.body != contact.body:
+                continue
+            rows = boundary_facets(s, scene.bodies[s.body], contact.boundary)
+            if len(rows) == 0:
+                continue
+            key = (id(s.reference), rows.tobytes())
+            if key not in cache:
+                cache[key] = model.elements[model.place[local, 0]].tributary_area(rows)
+            share[starts[local] : starts[local + 1]] = cache[key]
+        area[i] = np.bincount(place, exchange.to_owners(share), minlength=area.shape[1])
+    return area
+
+
+@dataclass(frozen=True, eq=False)
+class CellFields:
+    """Fields in this rank's cells, in the order of its subdomains, from cell `first` on.
+
+    Attributes
+    ----------
+    cells : list of (cells, vertices)
+        Nodes of each subdomain's cells in VTK order.
+    stress : (cells, 6)
+        xx, yy, zz, xy, yz, xz.
+    von_mises : (cells,)
+    largest_strain, largest_rotation
+        Of any cell of this rank: largest strain component and rotation in radians.
+    """
+
+    first: int
+    cells: list[NDArray[np.int64]]
+    stress: NDArray[np.float64]
+    von_mises: NDArray[np.float64]
+    largest_strain: float
+    largest_rotation: float
+
+
+def cell_fields(model: Model, solution: Solution) -> CellFields:
+    """Cell means of stress, strain and rotation."""
+    d, scene = model.scene.dimension, model.scene
+    by_class = []
+    largest = np.zeros(2)
+    for element, material, u in zip(
+        model.elements, model.materials, solution.displacements, strict=True
+    ):
+        gradient = (element.gradient_operator() @ u).T.reshape(u.shape[1], -1, d, d)
+        transposed = np.swapaxes(gradient, -1, -2)
+        strain, rotation = 0.5 * (gradient + transposed), 0.5 * (gradient - transposed)
+        largest = np.maximum(largest, [np.abs(strain).max(), np.abs(rotation).max()])
+        by_class.append(stress(gradient, material, scene.plane))
+    stresses = [by_class[cls][column] for cls, column in model.place]
+    joined = np.concatenate(stresses) if stresses else np.zeros((0, 6))
+    starts = model.partition.cell_starts
+    return CellFields(
+        first=int(starts[0]) if len(starts) else 0,
+        cells=[s.nodes[s.reference.cells] for s in model.partition.subdomains],
+        stress=joined,
+        von_mises=von_mises(joined),
+        largest_strain=float(largest[0]),
+        largest_rotation=float(largest[1]),
+    )
+
+
+def slabs(comm: MPI.Intracomm, start: int, *arrays: Any) -> Any:
+    """Yield each rank's (start, arrays) on rank 0, one rank at a time; nothing elsewhere."""
+    if comm.rank == 0:
+        yield start, arrays
+        for rank in range(1, comm.size):
+            yield comm.recv(source=rank)
+    else:
+        comm.send((start, arrays), dest=0)

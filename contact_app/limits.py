@@ -1,0 +1,78 @@
+"""Where the model itself is too coarse for the answer it gave.
+
+The gap is linearised: the distance of the undeformed node along the obstacle's normal there. That
+is right for small strains and rotations, and on curved obstacles for small sliding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.fields import CellFields, NodeFields
+from contact_app.model import Model
+from contact_app.solve import Solution
+
+SMALL_STRAIN = 0.05
+SMALL_ROTATION = 0.1
+SMALL_SAGITTA = 0.01
+LOCKING_POISSON = 0.48
+
+
+def model_warnings(
+    model: Model, solution: Solution, nodes: NodeFields, cells: CellFields
+) -> list[str]:
+    """Sentences for the certificate (collective)."""
+    comm, scene = model.comm, model.scene
+    warnings = []
+    strain = comm.allreduce(cells.largest_strain, op=MPI.MAX)
+    rotation = comm.allreduce(cells.largest_rotation, op=MPI.MAX)
+    if strain > SMALL_STRAIN:
+        warnings.append(
+            f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
+        )
+    if rotation > SMALL_ROTATION:
+        warnings.append(
+            f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
+            "normals are those of the undeformed shape"
+        )
+    for i, contact in enumerate(scene.contacts):
+        radius = getattr(contact.obstacle, "curvature_radius", None)
+        if radius:
+            sliding = _largest_sliding(model, solution, nodes, i)
+            sagitta = sliding**2 / (2.0 * radius)
+            if sagitta > SMALL_SAGITTA * solution.measures.displacement > 0.0:
+                warnings.append(
+                    f"{contact.source}: nodes in contact slide by up to {sliding:.3g} along an "
+                    f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
+                    f"{sagitta:.2g}, which the linearised gap leaves out"
+                )
+    for body in scene.bodies:
+        if scene.plane != "stress" and body.material.poisson > LOCKING_POISSON:
+            warnings.append(
+                f"{body.name}: first-order cells lock as Poisson's ratio nears 0.5 "
+                f"(it is {body.material.poisson:g}): displacements come out too small"
+            )
+    lost = comm.allreduce(nodes.without_area)
+    if lost:
+        warnings.append(
+            f"{lost} touching nodes lie on no whole facet of their contact boundary: their force "
+            "counts, their pressure is not shown"
+        )
+    if not solution.certificate.passed:
+        warnings.append(f"not certified: {solution.reason.value}")
+    for note in model.notes:
+        if "can move freely" in note:
+            warnings.append(note)
+    return warnings
+
+
+def _largest_sliding(model: Model, solution: Solution, nodes: NodeFields, source: int) -> float:
+    """Largest tangential displacement of touching nodes of one contact."""
+    contact = model.problem.contact
+    touching = (solution.multiplier[model.problem.inequality] > 0.0) & (contact.sources == source)
+    u = nodes.displacement[contact.nodes[touching] - nodes.first]
+    normal = contact.normals[touching]
+    along = u - np.einsum("ij,ij->i", u, normal)[:, None] * normal
+    largest = float(np.linalg.norm(along, axis=1).max(initial=0.0))
+    return float(model.comm.allreduce(largest, op=MPI.MAX))

@@ -1,0 +1,124 @@
+"""Run a scene: model, solve, certify, write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.environment import environment, slow_blas_warning
+from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
+from contact_app.limits import model_warnings
+from contact_app.model import Model, build_model
+from contact_app.scene import Scene
+from contact_app.solve import Solution, solve
+from contact_app.timings import Timings
+from solver.result import Monitor
+from solver.tfeti.constraints import RowKind
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedScene:
+    """A solved scene: the model, the answer, its fields and its summary."""
+
+    model: Model
+    solution: Solution
+    nodes: NodeFields
+    cells: CellFields
+    timings: Timings
+    summary: dict[str, Any] = field(default_factory=dict)
+
+    def displacement_at_nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Points (n, 3) and displacements (n, dimension) of all nodes, on rank 0 (collective).
+
+        Gathers everything on one rank: for small scenes and tests.
+        """
+        parts = list(
+            slabs(self.model.comm, self.nodes.first, self.nodes.points, self.nodes.displacement)
+        )
+        if not parts:
+            return None
+        points, displacements = zip(*(arrays for _, arrays in parts), strict=True)
+        return np.concatenate(points), np.concatenate(displacements)
+
+
+def solve_scene(
+    scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD, monitor: Monitor | None = None
+) -> SolvedScene:
+    """Solve a scene and summarise it; writes nothing.
+
+    Raises
+    ------
+    ConfigurationError, NoEquilibriumError
+        The scene cannot be modelled, or has no equilibrium.
+    """
+    timings = Timings()
+    model = build_model(scene, comm, timings)
+    with timings.measure("solve"):
+        solution = solve(model.problem, scene.solver, monitor)
+    with timings.measure("output"):
+        nodes = node_fields(model, solution)
+        cells = cell_fields(model, solution)
+        warnings = model_warnings(model, solution, nodes, cells)
+        slow = slow_blas_warning()
+        if slow:
+            warnings.append(slow)
+        solution = replace(
+            solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
+        )
+    solved = SolvedScene(model, solution, nodes, cells, timings)
+    return replace(solved, summary=summarise(solved))
+
+
+def summarise(solved: SolvedScene) -> dict[str, Any]:
+    """`summary.json` (collective)."""
+    model, solution, nodes = solved.model, solved.solution, solved.nodes
+    problem, scene, comm = model.problem, model.scene, model.comm
+    magnitude = np.linalg.norm(nodes.displacement, axis=1)
+    multiplier = solution.multiplier[problem.inequality]
+    classes = comm.allreduce(len(problem.classes))
+    counts = solution.counts
+    return {
+        "scene": {"title": scene.title, "dimension": scene.dimension},
+        "mesh": {
+            "cells": model.partition.cells,
+            "nodes": model.partition.nodes,
+            "dofs": model.dofs,
+        },
+        "decomposition": {
+            "subdomains": model.partition.count,
+            "congruence_classes": classes,
+            "dual": comm.allreduce(problem.size),
+            "gluing": problem.count(RowKind.GLUING),
+            "dirichlet": problem.count(RowKind.DIRICHLET) + problem.count(RowKind.SUPPORT),
+            "contact": problem.count(RowKind.CONTACT),
+        },
+        "solver": {
+            "converged": solution.converged,
+            "reason": str(solution.reason.value),
+            "outer_iterations": counts.outer,
+            "hessian_multiplications": counts.hessian,
+            "cg_steps": counts.cg,
+            "expansion_steps": counts.expansion,
+            "proportioning_steps": counts.proportioning,
+            "norm_estimation_multiplications": counts.norm_estimation,
+        },
+        "solution": {
+            "energy": solution.measures.energy,
+            "max_displacement": comm.allreduce(float(magnitude.max(initial=0.0)), op=MPI.MAX),
+            "mean_displacement": comm.allreduce(float(magnitude.sum())) / model.partition.nodes,
+            "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
+            "contact_force": [float(f) for f in comm.allreduce(nodes.contact_force)][
+                : scene.dimension
+            ],
+            "max_contact_pressure": comm.allreduce(
+                float(nodes.contact_pressure.max(initial=0.0)), op=MPI.MAX
+            ),
+        },
+        "certificate": solution.certificate.as_dict(),
+        "timings": solved.timings.as_dict(),
+        "environment": environment(comm),
+    }

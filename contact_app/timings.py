@@ -1,0 +1,30 @@
+"""Wall-clock time by stage of a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+STAGES = ("setup", "assembly", "factorization", "solve", "output")
+
+
+class Timings:
+    """Wall-clock seconds by stage, counted from when it was made."""
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+        self._start = time.perf_counter()
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Add the time spent inside to a stage."""
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.perf_counter() - begin
+
+    def as_dict(self) -> dict[str, float]:
+        """Seconds by stage and in all."""
+        return {**self.seconds, "total": time.perf_counter() - self._start}
