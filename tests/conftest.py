@@ -1,0 +1,18 @@
+"""What all tests share: how slow ones are asked for, and MPI that starts as root."""
+
+import os
+
+import pytest
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--slow", action="store_true", help="run the slow tests as well")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--slow"):
+        config.option.markexpr = config.option.markexpr.replace("not slow", "")
+    # Open MPI refuses to start as root, as in a container, unless told.
+    if os.geteuid() == 0:
+        os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT", "1")
+        os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
