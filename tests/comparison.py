@@ -1,0 +1,51 @@
+"""Compare a solution of the application with a reference, node by node."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tests import reference, scenes
+
+
+@lru_cache(maxsize=None)
+def reference_of(name: str, cell: str, n: int) -> reference.Reference:
+    """Reference solution of a scene of :data:`tests.scenes.ALL`, computed once."""
+    return reference.solve(scenes.build(scenes.ALL[name](cell, n)))
+
+
+def in_order_of(known: reference.Reference, solution: Any) -> np.ndarray:
+    """The solution's displacement in the node order of a reference, shape (n, dim).
+
+    Fails unless the two sets of nodes are the same.
+    """
+    points, u = solution.displacement_at_nodes()
+    assert points.shape == known.points.shape, "another number of nodes"
+    distance, index = cKDTree(points).query(known.points)
+    extent = np.ptp(known.points, axis=0).max()
+    assert distance.max() < 1e-9 * extent, "a node of the mesh is missing"
+    assert np.unique(index).size == index.size, "two bodies share a point: nodes are ambiguous"
+    return np.asarray(u)[index]
+
+
+def solve(made: scenes.Config, subdomains: int | list[int] | None = None, **options: Any) -> Any:
+    """Solve a configuration with the application, with some solver options replaced."""
+    from contact_app.run import solve_scene
+
+    made = {**made, "solver": {**made.get("solver", {}), **options}}
+    return solve_scene(scenes.build(made, subdomains))
+
+
+def counts(solution: Any) -> dict[str, int]:
+    """Iteration counts of a solution."""
+    names = (
+        "outer_iterations",
+        "hessian_multiplications",
+        "cg_steps",
+        "expansion_steps",
+        "proportioning_steps",
+    )
+    return {name: solution.summary["solver"][name] for name in names}

@@ -1,0 +1,529 @@
+"""An independent solution of a scene: one undecomposed system and a direct method.
+
+The tests compare the application with this module, so it shares nothing with it but the
+description of the scene: every body is meshed as a whole on one process, dolfinx assembles one
+stiffness per body, held components are eliminated, and the quadratic programme
+
+    min ½ uᵀ K u - fᵀ u   subject to   B u ≤ g,      a row of B is -nᵀ at one node,
+
+is solved in the primal variable by the proximal method of multipliers: the k-th step minimises
+
+    ½ uᵀ K u - fᵀ u + ε/2 ‖u - u_k‖² + 1/(2δ) ‖max(0, B u - g + δ λ_k)‖²
+
+and sets λ_{k+1} = max(0, λ_k + (B u - g)/δ) (R. T. Rockafellar, Augmented Lagrangians and
+applications of the proximal point algorithm in convex programming, Math. Oper. Res. 1 (1976)).
+A step is convex and piecewise quadratic, so the primal-dual active set (semismooth Newton)
+method with an exact line search solves it from any start in a finite number of sparse direct
+solves. ε makes floating bodies and free sliding harmless, δ makes repeated and dependent contact
+rows harmless; both vanish from the limit, whose optimality conditions are checked at the end.
+
+:func:`snes_reference` is a second opinion for planes whose normal is a coordinate axis: PETSc's
+SNES ``vinewtonrsls`` with a direct solver, contact being a bound on a displacement component.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from petsc4py import PETSc
+
+NEW_DOLFINX = hasattr(fem, "functionspace")
+
+KKT_TOLERANCE = 1e-10
+"""Largest relative residual of the optimality conditions that a reference may leave."""
+
+
+class ReferenceError(RuntimeError):
+    """The reference found no solution it can vouch for."""
+
+
+@dataclass(frozen=True)
+class System:
+    """The assembled, undecomposed problem.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+        Nodes of all bodies, one body after the other.
+    body : ndarray, shape (n,)
+        Index of the body of each node.
+    stiffness : csr_matrix, shape (n·dim, n·dim)
+        Block diagonal, unconstrained.
+    load : ndarray, shape (n·dim,)
+    held : ndarray of bool, shape (n·dim,)
+        Components with a displacement condition.
+    prescribed : ndarray, shape (n·dim,)
+        Their values; zero elsewhere.
+    contact : csr_matrix, shape (rows, n·dim)
+        Rows -nᵀ of the non-penetration conditions.
+    gap, contact_node : ndarray, shape (rows,)
+    """
+
+    dimension: int
+    points: np.ndarray
+    body: np.ndarray
+    stiffness: sp.csr_matrix
+    load: np.ndarray
+    held: np.ndarray
+    prescribed: np.ndarray
+    contact: sp.csr_matrix
+    gap: np.ndarray
+    contact_node: np.ndarray
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The reference solution of a scene.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n, dim)
+        Displacement at ``system.points``.
+    energy : float
+        ½ a(u, u) - l(u).
+    multiplier : ndarray, shape (rows,)
+        Contact forces along the obstacle normals, ≥ 0.
+    contact_force : ndarray, shape (dim,)
+        Resultant on the bodies from the obstacles.
+    residual : float
+        Largest relative residual of the optimality conditions.
+    """
+
+    system: System
+    u: np.ndarray
+    energy: float
+    multiplier: np.ndarray
+    contact_force: np.ndarray
+    residual: float
+    newton_steps: int = field(default=0)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Nodes, shape (n, 3)."""
+        return self.system.points
+
+    @property
+    def active(self) -> int:
+        """Rows with a positive multiplier."""
+        scale = np.abs(self.multiplier).max(initial=0.0)
+        return int(np.count_nonzero(self.multiplier > 1e-9 * scale)) if scale > 0 else 0
+
+    def energy_error(self, u: np.ndarray) -> float:
+        """Squared energy norm of a difference, ‖u - u_ref‖²_K = a(u - u_ref, u - u_ref).
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, dim)
+            Displacement at the points of this reference, in its order.
+        """
+        difference = (np.asarray(u) - self.u).ravel()
+        return float(difference @ (self.system.stiffness @ difference))
+
+
+# --- assembly -------------------------------------------------------------------------------
+
+_CELLS = {
+    "hexahedron": mesh.CellType.hexahedron,
+    "tetrahedron": mesh.CellType.tetrahedron,
+    "quadrilateral": mesh.CellType.quadrilateral,
+    "triangle": mesh.CellType.triangle,
+}
+
+
+def _box_mesh(box: Any) -> mesh.Mesh:
+    lower, upper = [np.array(p, dtype=np.float64) for p in (box.lower, box.upper)]
+    make = mesh.create_box if len(lower) == 3 else mesh.create_rectangle
+    return make(MPI.COMM_SELF, [lower, upper], list(box.cells), _CELLS[box.cell])
+
+
+def _vector_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
+    dimension = domain.geometry.dim
+    if NEW_DOLFINX:
+        return fem.functionspace(domain, ("Lagrange", degree, (dimension,)))
+    return fem.VectorFunctionSpace(domain, ("Lagrange", degree), dim=dimension)
+
+
+def _on(body: Any, name: str, points: np.ndarray) -> np.ndarray:
+    """Which of the points (n, 3) lie on a named boundary; box faces need no definition."""
+    if name in body.boundaries:
+        return np.asarray(body.boundaries[name](points), dtype=bool)
+    lower, upper = np.asarray(body.mesh.lower, float), np.asarray(body.mesh.upper, float)
+    axis, side = "xyz".index(name[0]), (lower if name[1] == "-" else upper)
+    return np.abs(points[:, axis] - side[axis]) < 1e-9 * np.abs(upper - lower).max()
+
+
+class _AssembledBody:
+    """One body's nodes, stiffness and loads on its whole mesh."""
+
+    def __init__(self, body: Any, dimension: int, plane: str | None) -> None:
+        self.body = body
+        self.domain = _box_mesh(body.mesh)
+        self.space = _vector_space(self.domain, body.degree)
+        self.dimension = dimension
+        self.points = self.space.tabulate_dof_coordinates()
+        facets_dimension = dimension - 1
+        self.domain.topology.create_connectivity(facets_dimension, dimension)
+        outer = np.sort(mesh.exterior_facet_indices(self.domain.topology))
+        self.surface = np.unique(fem.locate_dofs_topological(self.space, facets_dimension, outer))
+
+        young, poisson = body.material.young, body.material.poisson
+        shear = young / (2 * (1 + poisson))
+        bulk = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+        if plane == "stress":
+            bulk = 2 * shear * bulk / (2 * shear + bulk)
+        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        lame = [fem.Constant(self.domain, PETSc.ScalarType(c)) for c in (bulk, shear)]
+
+        def strain(w: Any) -> Any:
+            return ufl.sym(ufl.grad(w))
+
+        stress = lame[0] * ufl.div(u) * ufl.Identity(dimension) + 2 * lame[1] * strain(u)
+        matrix = fem.petsc.assemble_matrix(fem.form(ufl.inner(stress, strain(v)) * ufl.dx))
+        matrix.assemble()
+        indptr, indices, values = matrix.getValuesCSR()
+        self.stiffness = sp.csr_matrix((values, indices, indptr), shape=matrix.getSize())
+        self.load = np.zeros(self.points.shape[0] * dimension)
+
+    def add_load(
+        self, boundary: str | None, force: Any = None, traction: Any = None, pressure: float = 0.0
+    ) -> None:
+        """Add a body force (per volume) or a traction and pressure on the facets of a boundary."""
+        facets = np.zeros(0, dtype=np.int32)
+        if boundary is not None:
+            facets = mesh.locate_entities_boundary(
+                self.domain, self.dimension - 1, lambda x: _on(self.body, boundary, x.T)
+            )
+            if facets.size == 0:
+                raise ReferenceError(f"no facet of {self.body.name} lies on {boundary}")
+        facets = np.sort(facets).astype(np.int32)
+        tags = mesh.meshtags(self.domain, self.dimension - 1, facets, np.ones_like(facets))
+        surface = ufl.Measure("ds", domain=self.domain, subdomain_data=tags)(1)
+
+        def constant(value: Any) -> fem.Constant:
+            zero = np.zeros(self.dimension)
+            return fem.Constant(self.domain, np.asarray(zero if value is None else value, float))
+
+        v = ufl.TestFunction(self.space)
+        normal = ufl.FacetNormal(self.domain)
+        minus_pressure = fem.Constant(self.domain, PETSc.ScalarType(-pressure))
+        form = ufl.inner(constant(force), v) * ufl.dx
+        form += ufl.inner(constant(traction) + minus_pressure * normal, v) * surface
+        self.load += fem.petsc.assemble_vector(fem.form(form)).array
+
+    def nodes_on(self, boundary: str) -> np.ndarray:
+        """Surface nodes on a named boundary."""
+        nodes = self.surface[_on(self.body, boundary, self.points[self.surface])]
+        if nodes.size == 0:
+            raise ReferenceError(f"no surface node of {self.body.name} lies on {boundary}")
+        return nodes
+
+
+def assemble(scene: Any) -> System:
+    """Assemble the undecomposed problem of a scene."""
+    dimension = scene.dimension
+    bodies = [_AssembledBody(body, dimension, scene.plane) for body in scene.bodies]
+    for item in scene.tractions:
+        bodies[item.body].add_load(item.boundary, traction=item.vector)
+    for item in scene.pressures:
+        bodies[item.body].add_load(item.boundary, pressure=item.value)
+    for item in scene.forces:
+        bodies[item.body].add_load(None, force=item.vector)
+
+    first_node = np.concatenate(([0], np.cumsum([b.points.shape[0] for b in bodies])))
+    dofs = first_node[-1] * dimension
+    held, prescribed = np.zeros(dofs, dtype=bool), np.zeros(dofs)
+    for item in scene.displacements:
+        nodes = first_node[item.body] + bodies[item.body].nodes_on(item.boundary)
+        for component, value in enumerate(item.values):
+            if value is None:
+                continue
+            index = nodes * dimension + component
+            if np.any(held[index] & (prescribed[index] != value)):
+                raise ReferenceError(f"{item.source} contradicts an earlier condition")
+            held[index], prescribed[index] = True, value
+
+    rows, gaps, contact_nodes = [], [], []
+    for item in scene.contacts:
+        local = bodies[item.body].nodes_on(item.boundary)
+        gap, normal = item.obstacle.gap_and_normal(bodies[item.body].points[local])
+        nodes = first_node[item.body] + local
+        count = np.arange(nodes.size).repeat(dimension)
+        columns = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
+        values = -np.asarray(normal)[:, :dimension].ravel()
+        rows.append(sp.csr_matrix((values, (count, columns)), shape=(nodes.size, dofs)))
+        gaps.append(gap)
+        contact_nodes.append(nodes)
+
+    return System(
+        dimension=dimension,
+        points=np.concatenate([b.points for b in bodies]),
+        body=np.repeat(np.arange(len(bodies)), np.diff(first_node)),
+        stiffness=sp.block_diag([b.stiffness for b in bodies], format="csr"),
+        load=np.concatenate([b.load for b in bodies]),
+        held=held,
+        prescribed=prescribed,
+        contact=sp.vstack(rows, format="csr") if rows else sp.csr_matrix((0, dofs)),
+        gap=np.concatenate(gaps) if gaps else np.zeros(0),
+        contact_node=np.concatenate(contact_nodes) if rows else np.zeros(0, dtype=int),
+    )
+
+
+# --- the quadratic programme -------------------------------------------------------------------
+
+
+def _step_length(slope: float, curvature: float, excess: np.ndarray, rate: np.ndarray) -> float:
+    """Minimiser t > 0 of a convex piecewise quadratic along a descent direction.
+
+    Its derivative is slope + curvature·t + Σ rate_i·max(0, excess_i + t·rate_i) with the parts
+    of the rows that are scaled by 1/δ already; it is increasing, so bisect, then solve exactly.
+    """
+
+    def derivative(t: float) -> float:
+        return slope + curvature * t + float(rate @ np.maximum(0.0, excess + t * rate))
+
+    upper = 1.0
+    while derivative(upper) < 0:
+        upper *= 2.0
+        if upper > 1e30:
+            raise ReferenceError("the energy is unbounded below: no equilibrium")
+    lower = 0.0
+    for _ in range(200):
+        middle = 0.5 * (lower + upper)
+        if middle in (lower, upper):
+            break
+        lower, upper = (middle, upper) if derivative(middle) < 0 else (lower, middle)
+    return upper
+
+
+def minimise(
+    stiffness: sp.spmatrix, load: np.ndarray, rows: sp.spmatrix, gap: np.ndarray, extent: float
+) -> tuple[np.ndarray, np.ndarray, float, int]:
+    """Solve min ½ uᵀ K u - fᵀ u subject to B u ≤ g.
+
+    Parameters
+    ----------
+    stiffness : sparse, shape (n, n)
+        Symmetric positive semidefinite.
+    load : ndarray, shape (n,)
+    rows : sparse, shape (m, n)
+    gap : ndarray, shape (m,)
+    extent : float
+        Size of the bodies: gaps are known to round-off of this.
+
+    Returns
+    -------
+    u, multiplier : ndarray
+    residual : float
+        Largest relative residual of the optimality conditions.
+    newton_steps : int
+
+    Raises
+    ------
+    ReferenceError
+        When the optimality conditions cannot be met to :data:`KKT_TOLERANCE`, for example
+        because the problem has no solution.
+    """
+    K, B = sp.csc_matrix(stiffness), sp.csr_matrix(rows)
+    n, m = K.shape[0], B.shape[0]
+    if n == 0:
+        if np.any(gap < -1e-12 * extent):
+            raise ReferenceError("a held node penetrates an obstacle")
+        return np.zeros(0), np.zeros(m), 0.0, 0
+    # A row without a free component is a plain statement about prescribed values.
+    norm = np.sqrt(np.asarray(B.multiply(B).sum(axis=1)).ravel())
+    fixed = norm < 1e-12
+    if np.any(gap[fixed] < -1e-12 * extent):
+        raise ReferenceError("a held node penetrates an obstacle")
+    gap = np.where(fixed, np.maximum(gap, 0.0), gap)
+
+    stiff = float(np.abs(K.diagonal()).max())
+    epsilon, delta = 1e-7 * stiff, 1e-3 / stiff
+    K_epsilon = sp.csc_matrix(K + epsilon * sp.identity(n))
+    u, multiplier = np.zeros(n), np.zeros(m)
+    factors: dict[bytes, Any] = {}
+    steps = 0
+
+    def newton_target(active: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Minimiser of the step's function if exactly these rows were active."""
+        key = np.packbits(active).tobytes()
+        if key not in factors:
+            B_a = B[active]
+            system = sp.bmat([[K_epsilon, B_a.T], [B_a, -delta * sp.identity(B_a.shape[0])]])
+            factors.clear()
+            factors[key] = (sp.csc_matrix(system), spla.splu(sp.csc_matrix(system)))
+        system, factor = factors[key]
+        target = factor.solve(right)
+        for _ in range(2):  # the regularisation is small: refine
+            target += factor.solve(right - system @ target)
+        return target[:n]
+
+    best, best_residual = (u, multiplier), np.inf
+    stagnation = 0
+    for _ in range(300):
+        center, shifted_gap = u, gap - delta * multiplier
+        for _ in range(200):
+            excess = B @ u - shifted_gap
+            active = excess > 0
+            right = np.concatenate([load + epsilon * center, shifted_gap[active]])
+            direction = newton_target(active, right) - u
+            steps += 1
+            gradient = K_epsilon @ u - load - epsilon * center
+            rate = B @ direction
+            full = B @ (u + direction) - shifted_gap > 0
+            if np.array_equal(full, active):
+                u = u + direction
+                break
+            u = u + direction * _step_length(
+                float(gradient @ direction),
+                float(direction @ (K_epsilon @ direction)),
+                excess / np.sqrt(delta),
+                rate / np.sqrt(delta),
+            )
+        multiplier = np.maximum(0.0, (B @ u - shifted_gap) / delta)
+        residual = optimality(K, load, B, gap, u, multiplier)
+        if residual < 0.5 * best_residual:
+            stagnation = 0
+        else:
+            stagnation += 1
+        if residual < best_residual:
+            best, best_residual = (u, multiplier), residual
+        if best_residual < 1e-14 or (stagnation >= 5 and best_residual < KKT_TOLERANCE):
+            break
+    if not best_residual <= KKT_TOLERANCE:
+        raise ReferenceError(
+            f"optimality conditions hold to {best_residual:.1e} only: no equilibrium, or a defect"
+        )
+    return best[0], best[1], best_residual, steps
+
+
+def optimality(
+    K: sp.spmatrix,
+    load: np.ndarray,
+    B: sp.spmatrix,
+    gap: np.ndarray,
+    u: np.ndarray,
+    multiplier: np.ndarray,
+) -> float:
+    """Largest relative residual of the optimality conditions of the quadratic programme.
+
+    Forces are relative to the largest nodal force (a load, an internal or a contact force),
+    lengths to the largest displacement or gap that is met, works to their product.
+    """
+    internal, reaction = K @ u, B.T @ multiplier
+    force = max(np.abs(v).max(initial=0.0) for v in (load, internal, reaction))
+    slack = gap - B @ u
+    closed = np.abs(gap[multiplier > 0]).max(initial=0.0)
+    length = max(np.abs(u).max(initial=0.0), closed)
+    if force == 0.0 and length == 0.0:
+        return float(np.any(slack < 0))
+    force, length = max(force, 1e-300), max(length, 1e-300)
+    return float(
+        max(
+            np.abs(internal - load + reaction).max(initial=0.0) / force,
+            np.maximum(0.0, -slack).max(initial=0.0) / length,
+            np.abs(multiplier * slack).max(initial=0.0) / (force * length),
+            np.maximum(0.0, -multiplier).max(initial=0.0) / force,
+        )
+    )
+
+
+def solve(scene: Any) -> Reference:
+    """Solve a scene by the active-set method of this module."""
+    system = assemble(scene)
+    free = ~system.held
+    K = system.stiffness
+    u = system.prescribed.copy()
+    load = (system.load - K @ u)[free]
+    gap = system.gap - system.contact @ u
+    extent = float(np.ptp(system.points, axis=0).max())
+    u[free], multiplier, residual, steps = minimise(
+        K[free][:, free], load, system.contact[:, free], gap, extent
+    )
+    return _reference(system, u, multiplier, residual, steps)
+
+
+def _reference(
+    system: System, u: np.ndarray, multiplier: np.ndarray, residual: float, steps: int
+) -> Reference:
+    force = -(system.contact.T @ multiplier).reshape(-1, system.dimension).sum(axis=0)
+    return Reference(
+        system=system,
+        u=u.reshape(-1, system.dimension),
+        energy=float(0.5 * u @ (system.stiffness @ u) - system.load @ u),
+        multiplier=multiplier,
+        contact_force=force,
+        residual=residual,
+        newton_steps=steps,
+    )
+
+
+# --- the second opinion ------------------------------------------------------------------------
+
+
+def snes_reference(scene: Any) -> Reference:
+    """Solve a scene whose planes have coordinate normals by SNES ``vinewtonrsls``."""
+    system = assemble(scene)
+    dofs = system.load.size
+    lower, upper = np.full(dofs, -np.inf), np.full(dofs, np.inf)
+    contact = sp.csr_matrix(system.contact)
+    for row, gap in enumerate(system.gap):
+        columns = contact.indices[contact.indptr[row] : contact.indptr[row + 1]]
+        values = contact.data[contact.indptr[row] : contact.indptr[row + 1]]
+        columns, values = columns[values != 0], values[values != 0]
+        if columns.size != 1:
+            raise ReferenceError("a contact row has more than one component: not a bound")
+        column, value = columns[0], values[0]
+        if value > 0:
+            upper[column] = min(upper[column], gap / value)
+        else:
+            lower[column] = max(lower[column], gap / value)
+    free = ~system.held
+    K = sp.csr_matrix(system.stiffness[free][:, free])
+    K.sort_indices()
+    load = (system.load - system.stiffness @ system.prescribed)[free]
+    scale = np.abs(load).max()
+
+    matrix = PETSc.Mat().createAIJ(
+        size=K.shape, csr=(K.indptr, K.indices, K.data / scale), comm=PETSc.COMM_SELF
+    )
+    x, residual = matrix.createVecs()
+    right, low, high = residual.duplicate(), residual.duplicate(), residual.duplicate()
+    right.array[:] = load / scale
+    low.array[:], high.array[:] = lower[free], upper[free]
+
+    def function(_snes: PETSc.SNES, at: PETSc.Vec, out: PETSc.Vec) -> None:
+        matrix.mult(at, out)
+        out.axpy(-1.0, right)
+
+    snes = PETSc.SNES().create(PETSc.COMM_SELF)
+    snes.setType("vinewtonrsls")
+    snes.setFunction(function, residual)
+    snes.setJacobian(lambda *_: None, matrix, matrix)
+    snes.setVariableBounds(low, high)
+    snes.setTolerances(rtol=1e-14, atol=1e-13, stol=0.0, max_it=100)
+    snes.getKSP().setType("preonly")
+    snes.getKSP().getPC().setType("lu")
+    x.set(0.0)
+    snes.solve(None, x)
+
+    u = system.prescribed.copy()
+    u[free] = x.array
+    # Contact forces are what is missing in the balance of the bounded components.
+    missing = (system.stiffness @ u - system.load) * free
+    columns = abs(contact).argmax(axis=1).A1 if contact.shape[0] else np.zeros(0, dtype=int)
+    signs = np.asarray(contact.sum(axis=1)).ravel()
+    touching = np.abs(contact @ u - system.gap) <= 1e-9 * max(np.abs(u).max(), 1e-300)
+    multiplier = np.maximum(0.0, -missing[columns] * signs) * touching
+    worst = optimality(
+        K, load, contact[:, free], system.gap - contact @ system.prescribed, u[free], multiplier
+    )
+    if worst > 1e-8:
+        raise ReferenceError(f"SNES left a residual of {worst:.1e} ({snes.getConvergedReason()})")
+    return _reference(system, u, multiplier, worst, snes.getIterationNumber())

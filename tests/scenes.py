@@ -1,0 +1,462 @@
+"""Small scenes for the tests, written as the configuration a user would type.
+
+A scene is a function of the cell type and the number of cells along an edge and returns the
+configuration as a mapping; the last axis points up, so that one function serves 2D and 3D.
+Lengths are about 1, Young's modulus is about 1000, displacements are a few hundredths.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+Config = dict[str, Any]
+
+CELLS_3D, CELLS_2D = ("hexahedron", "tetrahedron"), ("quadrilateral", "triangle")
+PLANE_KEY = "plane"
+
+
+def dimension(cell: str) -> int:
+    """Dimension of a cell type."""
+    return 3 if cell in CELLS_3D else 2
+
+
+def vector(cell: str, x: float | None, y: float | None, z: float | None) -> list[float | None]:
+    """(x, y, z) in 3D and (x, z) in 2D: the last component is the vertical one."""
+    return [x, y, z] if dimension(cell) == 3 else [x, z]
+
+
+def up(cell: str) -> str:
+    """Name of the top face of a box."""
+    return "z+" if dimension(cell) == 3 else "y+"
+
+
+def down(cell: str) -> str:
+    """Name of the bottom face of a box."""
+    return "z-" if dimension(cell) == 3 else "y-"
+
+
+def block(
+    cell: str,
+    n: int,
+    name: str = "block",
+    lower: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    upper: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    young: float = 1000.0,
+    poisson: float = 0.3,
+    boundaries: dict[str, str] | None = None,
+) -> Config:
+    """A box of n cells along each edge."""
+    body: Config = {
+        "name": name,
+        "mesh": {
+            "box": {
+                "lower": vector(cell, *lower),
+                "upper": vector(cell, *upper),
+                "cells": [n] * dimension(cell),
+                "cell": cell,
+            }
+        },
+        "material": {"young": young, "poisson": poisson},
+    }
+    if boundaries:
+        body["boundaries"] = {key: {"where": where} for key, where in boundaries.items()}
+    return body
+
+
+def plane(cell: str, point: tuple[float, ...], normal: tuple[float, ...]) -> Config:
+    """A plane obstacle; 3-vectors whose y is dropped in 2D."""
+    return {"plane": {"point": vector(cell, *point), "normal": vector(cell, *normal)}}
+
+
+def config(
+    cell: str, bodies: list[Config], conditions: list[Config], contacts: list[Config]
+) -> Config:
+    """A configuration with the tests' tight tolerance."""
+    made: Config = {
+        "title": "test",
+        "dimension": dimension(cell),
+        "bodies": bodies,
+        "conditions": conditions,
+        "solver": {"tolerance": 1e-9},
+    }
+    if contacts:
+        made["contacts"] = contacts
+    return made
+
+
+def clamp(cell: str, on: str) -> Config:
+    """A displacement condition that holds every component."""
+    return {"on": on, "displacement": vector(cell, 0.0, 0.0, 0.0)}
+
+
+# --- scenes ------------------------------------------------------------------------------------
+
+
+def wall(cell: str, n: int) -> Config:
+    """The paper's cube: foot clamped, top loaded, right face beside a wall (held wall nodes)."""
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            clamp(cell, f"block.{down(cell)}"),
+            {"on": f"block.{up(cell)}", "traction": vector(cell, 0, 0, -50)},
+        ],
+        [{"on": "block.x+", "obstacle": plane(cell, (1, 0, 0), (-1, 0, 0))}],
+    )
+
+
+def tilted_plane(cell: str, n: int) -> Config:
+    """A cantilever that bends down onto a tilted plane some way below it."""
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            clamp(cell, "block.x-"),
+            {"on": f"block.{up(cell)}", "traction": vector(cell, 5, 0, -60)},
+        ],
+        [
+            {
+                "on": f"block.{down(cell)}",
+                "obstacle": plane(cell, (1, 0, -0.01), (-0.05, 0.02, 1)),
+            }
+        ],
+    )
+
+
+def sphere(cell: str, n: int) -> Config:
+    """The foot is pushed up (non-zero displacement) until the top meets a sphere."""
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            {"on": f"block.{down(cell)}", "displacement": vector(cell, 0.0, 0.0, 0.04)},
+        ],
+        [
+            {
+                "on": f"block.{up(cell)}",
+                "obstacle": {"sphere": {"center": vector(cell, 0.45, 0.55, 2.01), "radius": 1.0}},
+            }
+        ],
+    )
+
+
+def hollow_sphere(cell: str, n: int) -> Config:
+    """A block clamped on its left is pulled against the inside of a sphere around it."""
+    return config(
+        cell,
+        [block(cell, n, lower=(-0.5, -0.5, -0.5), upper=(0.5, 0.5, 0.5))],
+        [
+            clamp(cell, "block.x-"),
+            {"on": f"block.{up(cell)}", "traction": vector(cell, 40, 10, 60)},
+        ],
+        [
+            {
+                "on": f"block.{face}",
+                "obstacle": {
+                    "sphere": {
+                        "center": vector(cell, 0.0, 0.0, 0.0),
+                        "radius": 0.89 if dimension(cell) == 3 else 0.72,
+                        "hollow": True,
+                    }
+                },
+            }
+            for face in (up(cell), "x+")
+        ],
+    )
+
+
+def cylinder(cell: str, n: int) -> Config:
+    """A block on a foundation is pressed against a roller above it (3D only)."""
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            clamp(cell, f"block.{down(cell)}"),
+            {"in": "block", "force": vector(cell, 0, 0, 80)},
+        ],
+        [
+            {
+                "on": f"block.{up(cell)}",
+                "obstacle": {
+                    "cylinder": {"point": [0.4, 0, 2.505], "axis": [0.1, 1, 0], "radius": 1.5}
+                },
+            }
+        ],
+    )
+
+
+def hollow_cylinder(cell: str, n: int) -> Config:
+    """A block held at one end in a pipe sags onto it (3D only)."""
+    return config(
+        cell,
+        [block(cell, n, lower=(-0.5, 0.0, -0.5), upper=(0.5, 1.0, 0.5))],
+        [
+            clamp(cell, "block.y-"),
+            {"in": "block", "force": vector(cell, 0, 0, -120)},
+        ],
+        [
+            {
+                "on": f"block.{down(cell)}",
+                "obstacle": {
+                    "cylinder": {
+                        "point": [0, 0, 0],
+                        "axis": [0, 2, 0],
+                        "radius": 0.71,
+                        "hollow": True,
+                    }
+                },
+            }
+        ],
+    )
+
+
+def pushed(cell: str, n: int) -> Config:
+    """The top is moved by a given displacement onto a floor with a gap."""
+    return config(
+        cell,
+        [block(cell, n)],
+        [{"on": f"block.{up(cell)}", "displacement": vector(cell, 0.01, 0.005, -0.03)}],
+        [{"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, -0.005), (0, 0, 2))}],
+    )
+
+
+def floating_in_corner(cell: str, n: int) -> Config:
+    """A free body kept by nothing but the floor and the walls it is pushed against."""
+    walls = [
+        {"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, -0.001), (0, 0, 1))},
+        {"on": "block.x-", "obstacle": plane(cell, (0, 0, 0), (1, 0, 0))},
+    ]
+    if dimension(cell) == 3:
+        walls.append({"on": "block.y-", "obstacle": plane(cell, (0, -0.002, 0), (0, 1, 0))})
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            {"on": f"block.{up(cell)}", "traction": vector(cell, 0, 0, -30)},
+            {"on": "block.x+", "traction": vector(cell, -10, 0, -25)},
+            {"in": "block", "force": vector(cell, -2, -4, -8)},
+        ],
+        walls,
+    )
+
+
+def two_bodies(cell: str, n: int) -> Config:
+    """A clamped soft body beside a stiff free one in a corner."""
+    soft = block(cell, n, name="soft", young=500.0, poisson=0.4)
+    stiff = block(
+        cell, max(n // 2, 1), name="stiff", lower=(2, 0.1, 0.2), upper=(3, 0.9, 1.0), young=4000.0
+    )
+    first = wall(cell, n)
+    corner = floating_in_corner(cell, n)
+    conditions = [
+        *(_renamed(c, "block", "soft") for c in first["conditions"]),
+        *(_renamed(c, "block", "stiff") for c in corner["conditions"]),
+    ]
+    contacts = [
+        *(_renamed(c, "block", "soft") for c in first["contacts"]),
+        {"on": f"stiff.{down(cell)}", "obstacle": plane(cell, (0, 0, 0.19), (0, 0, 1))},
+        {"on": "stiff.x-", "obstacle": plane(cell, (2, 0, 0), (1, 0, 0))},
+    ]
+    if dimension(cell) == 3:
+        contacts.append({"on": "stiff.y-", "obstacle": plane(cell, (0, 0.08, 0), (0, 1, 0))})
+    return config(cell, [soft, stiff], conditions, contacts)
+
+
+def _renamed(item: Config, old: str, new: str) -> Config:
+    renamed = copy.deepcopy(item)
+    for key in ("on", "in"):
+        if key in renamed:
+            renamed[key] = renamed[key].replace(old, new)
+    return renamed
+
+
+def rollers_and_floor(cell: str, n: int) -> Config:
+    """Nodes that are held in one component and in contact in the other."""
+    sides = [{"on": "block.x-", "displacement": vector(cell, 0.0, None, None)}]
+    if dimension(cell) == 3:
+        sides.append({"on": "block.y-", "displacement": [None, 0.0, None]})
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            *sides,
+            {"on": f"block.{up(cell)}", "pressure": 40},
+            {"on": "block.x+", "pressure": 15},
+        ],
+        [{"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, 0), (0, 0, 1))}],
+    )
+
+
+def two_planes(cell: str, n: int) -> Config:
+    """A clamped block that is pressed into a wedge: nodes of an edge lie on two planes."""
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            clamp(cell, "block.x-"),
+            {"on": f"block.{up(cell)}", "traction": vector(cell, 30, 0, -80)},
+        ],
+        [
+            {"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, -0.002), (0, 0, 1))},
+            {"on": "block.x+", "obstacle": plane(cell, (1.004, 0, 0), (-1, 0, 0))},
+        ],
+    )
+
+
+def duplicate_obstacles(cell: str, n: int) -> Config:
+    """The same plane three times on one boundary, the last time slightly turned."""
+    made = wall(cell, n)
+    made["contacts"] = [
+        *made["contacts"],
+        copy.deepcopy(made["contacts"][0]),
+        {"on": "block.x+", "obstacle": plane(cell, (1, 0, 0), (-1, 0, 0.001))},
+    ]
+    return made
+
+
+def sliding(cell: str, n: int) -> Config:
+    """A block pressed straight down on a frictionless floor: free to slide."""
+    return config(
+        cell,
+        [block(cell, n)],
+        [
+            {"on": f"block.{up(cell)}", "traction": vector(cell, 0, 0, -50)},
+            {"in": "block", "force": vector(cell, 0, 0, -20)},
+        ],
+        [{"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, 0), (0, 0, 1))}],
+    )
+
+
+def rolling_in_hollow_sphere(cell: str, n: int) -> Config:
+    """A free block at the bottom of a hollow sphere, which may turn about its centre."""
+    return config(
+        cell,
+        [block(cell, n, lower=(-0.5, -0.5, -0.5), upper=(0.5, 0.5, 0.5))],
+        [{"in": "block", "force": vector(cell, 0, 0, -20)}],
+        [
+            {
+                "on": f"block.{down(cell)}",
+                "obstacle": {
+                    "sphere": {
+                        "center": vector(cell, 0.0, 0.0, 0.0),
+                        "radius": 0.9,
+                        "hollow": True,
+                    }
+                },
+            }
+        ],
+    )
+
+
+def heavy(cell: str, n: int) -> Config:
+    """Body force only, a boundary given by an expression and an obstacle under half the foot."""
+    vertical = "z" if dimension(cell) == 3 else "y"
+    body = block(
+        cell, n, boundaries={"near": f"{vertical} < 1e-9 and x > 0.45", "back": "x < 1e-9"}
+    )
+    return config(
+        cell,
+        [body],
+        [clamp(cell, "block.back"), {"in": "block", "force": vector(cell, 0, 0, -90)}],
+        [{"on": "block.near", "obstacle": plane(cell, (0, 0, -0.004), (0, 0, 1))}],
+    )
+
+
+def initially_penetrating(cell: str, n: int) -> Config:
+    """An obstacle that starts inside the body must push it out."""
+    made = wall(cell, n)
+    made["conditions"][0] = clamp(cell, "block.x-")
+    made["contacts"][0]["obstacle"] = plane(cell, (0.99, 0, 0), (-1, 0, 0.05))
+    return made
+
+
+def far_obstacle(cell: str, n: int) -> Config:
+    """A clamped block that never reaches its obstacle."""
+    made = wall(cell, n)
+    made["contacts"][0]["obstacle"] = plane(cell, (1.5, 0, 0), (-1, 0, 0))
+    return made
+
+
+def bar(cell: str, n: int) -> Config:
+    """EA = L = F = 1 and ν = 0, pulled over a gap of 0.4 against a wall."""
+    return config(
+        cell,
+        [block(cell, n, young=1.0, poisson=0.0)],
+        [
+            clamp(cell, "block.x-"),
+            {"on": "block.x+", "traction": vector(cell, 1, 0, 0)},
+        ],
+        [{"on": "block.x+", "obstacle": plane(cell, (1.4, 0, 0), (-1, 0, 0))}],
+    )
+
+
+def patch(cell: str, n: int, assumption: str = "strain") -> Config:
+    """A block between rollers, pressed on a frictionless floor: stress is q everywhere."""
+    made = rollers_and_floor(cell, n)
+    young, poisson = (900.0, 0.25) if dimension(cell) == 3 else (2.1e5, 0.3)
+    made["bodies"][0]["material"] = {"young": young, "poisson": poisson}
+    made["conditions"] = [c for c in made["conditions"] if "pressure" not in c]
+    made["conditions"].append({"on": f"block.{up(cell)}", "pressure": 100})
+    if dimension(cell) == 2:
+        made["dimension"], made[PLANE_KEY] = 2, f"plane_{assumption}"
+    return made
+
+
+def no_contacts(cell: str, n: int) -> Config:
+    """Linear elasticity: no obstacle at all."""
+    made = wall(cell, n)
+    del made["contacts"]
+    return made
+
+
+ALL: dict[str, Callable[[str, int], Config]] = {
+    made.__name__: made
+    for made in (
+        wall,
+        tilted_plane,
+        sphere,
+        hollow_sphere,
+        cylinder,
+        hollow_cylinder,
+        pushed,
+        floating_in_corner,
+        two_bodies,
+        rollers_and_floor,
+        two_planes,
+        duplicate_obstacles,
+        sliding,
+        rolling_in_hollow_sphere,
+        heavy,
+        initially_penetrating,
+        far_obstacle,
+        no_contacts,
+    )
+}
+ONLY_3D = ("cylinder", "hollow_cylinder")
+SLIDING = ("sliding", "rolling_in_hollow_sphere")
+"""Scenes whose displacement is unique up to a rigid motion only."""
+
+
+# --- from configuration to scene ---------------------------------------------------------------
+
+
+def write(made: Config, path: Path) -> Path:
+    """Write a configuration as the YAML file a user would have."""
+    path.write_text(yaml.safe_dump(made, sort_keys=False))
+    return path
+
+
+def build(made: Config, subdomains: int | list[int] | None = None) -> Any:
+    """The scene of a configuration, split into the given subdomains."""
+    from contact_app.configuration import Configuration
+    from contact_app.scene import build_scene
+
+    made = copy.deepcopy(made)
+    if subdomains is not None:
+        made["decomposition"] = {"subdomains": subdomains}
+    return build_scene(Configuration.model_validate(made))
