@@ -79,7 +79,9 @@ def reproduce_svm(
 
 
 def reproduce_cube(
-    scale: Annotated[Scale, typer.Option(help="10x10x10 subdomains of 4³ or of 30³.")] = Scale.small,
+    scale: Annotated[
+        Scale, typer.Option(help="10x10x10 subdomains of 4³ or of 30³.")
+    ] = Scale.small,
     output: OutputOption = None,
     expansion: Annotated[
         str | None, typer.Option(help="Only the rows of this expansion, e.g. projcg.")

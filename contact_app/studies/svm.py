@@ -106,8 +106,14 @@ def reproduce_svm(output_dir: Path | str, data_dir: Path | str | None = None) ->
             pairs.append(
                 Comparison(
                     Row(
-                        name, paper.expansion, paper.alpha_u, None, counts.hessian, counts.cg,
-                        counts.expansion, counts.proportioning,
+                        name,
+                        paper.expansion,
+                        paper.alpha_u,
+                        None,
+                        counts.hessian,
+                        counts.cg,
+                        counts.expansion,
+                        counts.proportioning,
                     ),
                     paper,
                 )  # fmt: skip

@@ -29,9 +29,11 @@ def string_obstacle(n: int = 100) -> tuple[sparse.csr_array, np.ndarray, np.ndar
     off[[0, -1]] = 0.0  # identity end rows
     lower = np.sin(4.0 * np.pi * i * h - np.pi / 6.0) / 2.0 - 2.0
     lower[[0, -1]] = 0.0
-    return sparse.csr_array(sparse.diags([off, main, off], [-1, 0, 1])), np.full(
-        n, -30.0 * h**2
-    ), lower
+    return (
+        sparse.csr_array(sparse.diags([off, main, off], [-1, 0, 1])),
+        np.full(n, -30.0 * h**2),
+        lower,
+    )
 
 
 def membrane(m: int, seed: int = 0) -> BoxQP:
@@ -62,5 +64,7 @@ def kkt_residual(
     g = A @ x - b
     low = np.zeros(x.size, bool) if lower is None else x <= lower
     high = np.zeros(x.size, bool) if upper is None else x >= upper
-    g = np.where(low & high, 0.0, np.where(low, np.minimum(g, 0), np.where(high, np.maximum(g, 0), g)))
+    g = np.where(
+        low & high, 0.0, np.where(low, np.minimum(g, 0), np.where(high, np.maximum(g, 0), g))
+    )
     return float(np.linalg.norm(g))

@@ -70,7 +70,9 @@ class _Shell:
         y.setArray(self.A @ x.getArray(readonly=True))
 
 
-@pytest.mark.parametrize("kind", ["sparse", "matrix", "linear operator", "petsc", "dense petsc", "shell"])
+@pytest.mark.parametrize(
+    "kind", ["sparse", "matrix", "linear operator", "petsc", "dense petsc", "shell"]
+)
 def test_every_kind_of_matrix_gives_the_same_answer(kind):
     rng = np.random.default_rng(2)
     A = random_hessian(rng, np.geomspace(1.0, 100.0, 15))

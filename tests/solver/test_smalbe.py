@@ -81,7 +81,9 @@ def test_every_kind_of_equalities(kind):
     np.testing.assert_allclose(result.x, expected.x, atol=1e-8)
 
 
-@pytest.mark.parametrize(("t", "s", "r"), [(2.0**12, 1.0, 1.0), (1.0, 2.0**20, 1.0), (1.0, 1.0, 2.0**-15)])
+@pytest.mark.parametrize(
+    ("t", "s", "r"), [(2.0**12, 1.0, 1.0), (1.0, 2.0**20, 1.0), (1.0, 1.0, 2.0**-15)]
+)
 def test_units_change_nothing(t, s, r):
     """Hessian by t, lengths by s, equalities by r: the same counts."""
     A, b, C, c = problem()

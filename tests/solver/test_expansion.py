@@ -1,0 +1,122 @@
+"""Where strategies fail, and what the safeguarded one does there (paper, section 3.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver import MPRGP, BoxQP, Reason
+from solver.examples import cycling_problem, figure_1
+from solver.iterate import Iterate
+from tests.solver.problems import ALL, random_hessian
+
+
+def first_expansion(qp: BoxQP, expansion: str, x0: np.ndarray, alpha_u: float = 1.9):
+    """Cost before and after the first step, which must be an expansion."""
+    solver = MPRGP(expansion, alpha_u, max_iterations=1)
+    result = solver.solve(qp, x0)
+    assert result.counts.expansion == 1
+    return result
+
+
+def cost(qp, x):
+    product = np.empty(qp.size)
+    qp.operator.apply(np.ascontiguousarray(x), product)
+    return 0.5 * float(x @ product) - float(qp.b @ x)
+
+
+def test_projected_cg_raises_the_cost_in_the_papers_figure_1():
+    qp, x0 = figure_1()
+    before = cost(qp, x0)
+    assert cost(qp, first_expansion(qp, "projcg", x0).x) > before
+    assert cost(qp, first_expansion(qp, "fixed", x0).x) < before
+    assert cost(qp, first_expansion(qp, "projcg-safe", x0).x) < before
+
+
+@pytest.mark.parametrize("name", ["grgr-opt", "gfgr-opt", "gfgf-opt"])
+def test_opt_with_alpha_1_solves_figure_1_in_one_step_as_the_paper_says(name):
+    qp, x0 = figure_1()
+    result = first_expansion(qp, name, x0, alpha_u=1.0)
+    assert result.converged
+    np.testing.assert_allclose(result.x, MPRGP(rtol=1e-12).solve(qp).x, atol=1e-12)
+
+
+def test_the_safeguard_solves_figure_1_in_one_step_without_a_further_product():
+    qp, x0 = figure_1()
+    result = first_expansion(qp, "projcg-safe", x0)
+    assert result.converged
+    assert result.counts.hessian == 3  # gradient at x0 and the two of the projected CG step
+
+
+def random_start(seed: int):
+    """A random problem in few dimensions, and a point inside its bounds."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 6))
+    A = random_hessian(rng, np.geomspace(1.0, 10.0 ** rng.uniform(0.5, 4.0), n))
+    qp = BoxQP(A, A @ rng.standard_normal(n), lower=-np.abs(rng.standard_normal(n)))
+    return qp, qp.lower + 3.0 * np.abs(rng.standard_normal(n))
+
+
+def second_step(qp: BoxQP, x0: np.ndarray, expansion: str) -> tuple[Iterate, float] | None:
+    """The iterate after a CG step and an expansion, and the cost between; None if it goes else."""
+    it = Iterate(qp, x0)
+    it.measure_b()
+    strategy = MPRGP(expansion).strategy
+    it.evaluate()
+    alpha_cg, alpha_f = it.probe()
+    if alpha_cg > alpha_f:
+        return None
+    it.advance(alpha_cg)
+    it.conjugate()
+    before = cost(qp, it.x)
+    alpha_cg, alpha_f = it.probe()
+    if alpha_cg <= 1.001 * alpha_f:
+        return None
+    strategy.prepare(it)
+    strategy.expand(it, alpha_cg, alpha_f)
+    return it, before
+
+
+def test_over_many_expansions_the_safeguard_descends_always_and_projected_cg_does_not():
+    rises = loses = total = 0
+    for seed in range(3000):
+        qp, x0 = random_start(seed)
+        found = second_step(qp, x0, "projcg")
+        if found is None:
+            continue
+        before, plain = found[1], cost(qp, found[0].x)
+        safe = second_step(qp, x0, "projcg-safe")
+        standard = second_step(qp, x0, "fixed")
+        assert safe is not None
+        assert standard is not None
+        total += 1
+        rises += plain > before
+        assert cost(qp, safe[0].x) < before
+        assert safe[0].counts.hessian <= found[0].counts.hessian
+        if plain > before:
+            loses += cost(qp, safe[0].x) > cost(qp, standard[0].x) + 1e-9
+    assert total > 300
+    assert rises > 15
+    assert loses <= 0.03 * rises  # measured: 2 of 102
+
+
+def test_projected_cg_can_cycle_for_ever_and_the_safeguard_cannot():
+    qp = cycling_problem()
+    plain = MPRGP("projcg", max_iterations=2000).solve(qp)
+    assert plain.reason is Reason.MAX_ITERATIONS
+    norms = np.array([step.projected_gradient_norm for step in plain.history])
+    np.testing.assert_allclose(norms[-7:], norms[-14:-7], rtol=1e-6)
+    safe = MPRGP("projcg-safe", max_iterations=2000).solve(qp)
+    assert safe.converged
+
+
+@pytest.mark.parametrize("expansion", ALL)
+def test_half_step_lands_on_the_bound_exactly(expansion):
+    """A bound at zero has no scale of its own: what reaches it must be put on it."""
+    rng = np.random.default_rng(4)
+    A = random_hessian(rng, np.geomspace(1.0, 30.0, 12))
+    result = MPRGP(expansion, rtol=1e-10).solve(
+        BoxQP(A, rng.standard_normal(12), lower=0.0), np.full(12, 1.0)
+    )
+    assert result.converged
+    assert ((result.x == 0.0) | (result.x > 1e-8)).all()
