@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 
-class Loss(str, Enum):
+class Loss(StrEnum):
     """Loss of the support vector machine."""
 
     l1 = "l1"
     l2 = "l2"
 
 
-class Scale(str, Enum):
+class Scale(StrEnum):
     """Size of the paper's cube."""
 
     small = "small"

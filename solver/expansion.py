@@ -27,12 +27,14 @@ largest ‖Ap‖/‖p‖ seen; it is a lower bound, which makes the first test s
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from solver.iterate import Iterate
+from solver.vectors import Vector
 
 
 class Expansion(Protocol):
@@ -56,21 +58,22 @@ class Expansion(Protocol):
 class Length(Protocol):
     """Length of a projected step from the gradient d and α_u."""
 
-    def __call__(self, it: Iterate, d: np.ndarray, alpha_u: float) -> float: ...
+    def __call__(self, it: Iterate, d: Vector, alpha_u: float) -> float:
+        """ᾱ for the gradient d at the half step."""
 
 
-def fixed(it: Iterate, d: np.ndarray, alpha_u: float) -> float:
+def fixed(it: Iterate, d: Vector, alpha_u: float) -> float:
     """ᾱ = α_u / ‖A‖."""
     return alpha_u / it.norm
 
 
-def optapprox(it: Iterate, d: np.ndarray, alpha_u: float) -> float:
+def optapprox(it: Iterate, d: Vector, alpha_u: float) -> float:
     """ᾱ = α_u / ‖A‖ · dᵀg / dᵀd; at least the fixed length, since dᵀd ≤ dᵀg."""
     dg, dd = it.reduction.sums(float(np.dot(d, it.g)), float(np.dot(d, d)))
     return alpha_u / it.norm * dg / dd if dd > 0.0 else it.alpha
 
 
-def opt(it: Iterate, d: np.ndarray, alpha_u: float) -> float:
+def opt(it: Iterate, d: Vector, alpha_u: float) -> float:
     """ᾱ = α_u dᵀg / dᵀAd; one more product with the Hessian."""
     it.operator.apply(d, it.Ap)
     it.counts.hessian += 1
@@ -196,11 +199,13 @@ def expansion_by_name(name: str, alpha_u: float = 1.9) -> Expansion:
     return _REGISTRY[name](alpha_u)
 
 
-def _line_search(name: str, along: str, measure: str, length: Length):  # type: ignore[no-untyped-def]
+def _line_search(
+    name: str, along: str, measure: str, length: Length
+) -> Callable[[float], Expansion]:
     return lambda alpha_u: ProjectedLineSearch(name, along, measure, length, alpha_u)
 
 
-_REGISTRY = {
+_REGISTRY: dict[str, Callable[[float], Expansion]] = {
     "fixed": _line_search("fixed", "gf", "gf", fixed),
     **{
         f"{d}{m}-{kind}": _line_search(f"{d}{m}-{kind}", d, m, length)

@@ -30,6 +30,8 @@ def activity_edges(
     lower: Vector | None, upper: Vector | None
 ) -> tuple[Vector | None, Vector | None]:
     """Values at or beyond which a component is active at its lower, its upper bound."""
+    low_scale: Vector | None
+    high_scale: Vector | None
     if lower is not None and upper is not None:
         width = upper - lower
         one_sided = ~np.isfinite(width)

@@ -30,8 +30,10 @@ class Preconditioner(Protocol):
     """An approximate inverse of the Hessian, symmetric positive definite."""
 
     def apply(self, r: Vector, free_mask: Mask, out: Vector, /) -> None:
-        """Put the preconditioned free gradient r into out; what it puts on components that are
-        not free is cut away."""
+        """Put the preconditioned free gradient r into out.
+
+        What it puts on components that are not free is cut away.
+        """
 
 
 class Iterate:

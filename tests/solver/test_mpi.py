@@ -52,7 +52,7 @@ if first <= n - 1 < last:
 bad.assemble()
 for attempt, error, text in (
     (lambda: BoxQP(A, bad), NotFiniteError, f"component {n - 1}"),
-    (lambda: BoxQP(A, b, lower=np.where(i == n - 1, 1.0, 0.0), upper=0.5), QPError, f"component {n - 1}"),
+    (lambda: BoxQP(A, b, np.where(i == n - 1, 1.0, 0.0), 0.5), QPError, f"component {n - 1}"),
 ):
     try:
         attempt()
@@ -72,7 +72,8 @@ else:
     raise AssertionError("no error")
 if comm.rank == 0:
     np.set_printoptions(precision=12, threshold=10_000)
-    np.savez(sys.argv[1], x=[x for _, x in lines], counts=[list(vars(c).values()) for c, _ in lines])
+    counts = [list(vars(c).values()) for c, _ in lines]
+    np.savez(sys.argv[1], x=[x for _, x in lines], counts=counts)
 """
 
 ROOT = Path(__file__).resolve().parents[2]
