@@ -1,0 +1,186 @@
+"""What is left of a run to read: ``run.log``, ``summary.json``, and the table at its end."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import platform
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from contact_app.errors import ContactError
+
+log = logging.getLogger("contact_app")
+
+
+@contextmanager
+def run_log(path: Path | None) -> Iterator[logging.Logger]:
+    """Keep what is logged meanwhile, warnings of Python included, in a text file.
+
+    An exception that passes is logged, a `ContactError` without its traceback.
+
+    Parameters
+    ----------
+    path
+        ``run.log``; None on ranks that write none.
+    """
+    if path is None:
+        yield log
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handler = logging.FileHandler(path, mode="w", encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
+    handler.setLevel(logging.INFO)
+    loggers = [log, logging.getLogger("py.warnings")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
+    logging.captureWarnings(True)
+    try:
+        log.info("command: %s", " ".join(sys.argv))
+        log.info("python %s on %s", platform.python_version(), platform.platform())
+        yield log
+    except ContactError as error:
+        log.error("%s", error)
+        raise
+    except BaseException:
+        log.exception("the run ended before its end")
+        raise
+    finally:
+        logging.captureWarnings(False)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
+        handler.close()
+
+
+def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
+    """Write ``summary.json`` at once: it is never seen half-written.
+
+    JSON knows neither NaN nor infinity: they become null.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    text = json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    part.write_text(text + "\n", encoding="utf-8")
+    part.replace(path)
+
+
+def _plain(value: Any) -> Any:
+    """The same in types that JSON has."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+#: The certificate's numbers and what they are called in the table.
+CERTIFICATE = {
+    "max_penetration": "penetration / largest displacement",
+    "max_gluing_jump": "jump between subdomains / largest displacement",
+    "min_multiplier": "most negative contact force / load",
+    "complementarity": "complementarity / load times displacement",
+    "equilibrium": "equilibrium residual / load",
+    "duality_gap": "duality gap / energy",
+}
+
+
+def print_summary(
+    summary: Mapping[str, Any],
+    tolerance: float | None = None,
+    files: Iterable[Path | str] = (),
+    console: Console | None = None,
+) -> None:
+    """Print a summary as a short table.
+
+    Parameters
+    ----------
+    summary
+        What ``summary.json`` holds.
+    tolerance
+        ``solver.tolerance``: with it each line of the certificate says whether it is met.
+    files
+        What was written.
+    console
+        Where to; standard output when not given.
+    """
+    console = console or Console(highlight=False)
+    console.print(summary_table(summary, tolerance))
+    for warning in summary["certificate"]["warnings"]:
+        console.print(Text.assemble(("warning: ", "bold yellow"), str(warning)), soft_wrap=True)
+    for path in files:
+        console.print(Text(f"wrote {path}"), soft_wrap=True)
+
+
+def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) -> Table:
+    """Make the table of `print_summary`."""
+    mesh, pieces = summary["mesh"], summary["decomposition"]
+    solver, solution = summary["solver"], summary["solution"]
+    certificate, timings = summary["certificate"], summary["timings"]
+    environment = summary["environment"]
+    table = Table(
+        title=Text(str(summary["scene"]["title"])),
+        title_justify="left",
+        show_header=False,
+        box=None,
+        pad_edge=False,
+    )
+    table.add_column("quantity")
+    table.add_column("value")
+    table.add_column("verdict")
+
+    def row(name: str, value: str, verdict: Text | str = "") -> None:
+        table.add_row(name, Text(value), verdict)
+
+    row("nodes", f"{mesh['nodes']:,}")
+    row("degrees of freedom", f"{mesh['dofs']:,}")
+    row("subdomains", f"{pieces['subdomains']:,}")
+    row("Hessian multiplications", f"{solver['hessian_multiplications']:,}")
+    row("largest displacement", _number(solution["max_displacement"]))
+    if pieces["contact"]:
+        row("nodes in contact", f"{solution['active_contacts']:,} of {pieces['contact']:,}")
+        force = ", ".join(_number(component) for component in solution["contact_force"])
+        row("contact force", f"({force})")
+        row("largest contact pressure", _number(solution["max_contact_pressure"]))
+    if not solver["converged"]:
+        row("not converged", str(solver["reason"]), _verdict(False))
+    for key, name in CERTIFICATE.items():
+        value = certificate.get(key)
+        met = None
+        if certificate["passed"]:
+            met = True
+        elif tolerance is not None:
+            met = value is not None and abs(value) <= tolerance
+        row(name, _number(value), _verdict(met))
+    row("certificate", "", _verdict(bool(certificate["passed"])))
+    row("time", f"{timings['total']:.1f} s, {timings['solve']:.1f} s of it solving")
+    ranks = environment["ranks"]
+    row("memory", f"{environment['peak_rss_gb']:.2f} GB" + (" on a rank" if ranks > 1 else ""))
+    return table
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.4g}"
+
+
+def _verdict(met: bool | None) -> Text:
+    if met is None:
+        return Text("")
+    return Text("passed", style="green") if met else Text("failed", style="bold red")
