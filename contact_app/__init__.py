@@ -1,0 +1,1 @@
+"""Contact mechanics with error certificates: scenes, runs, studies and the command line."""

@@ -1,0 +1,104 @@
+"""The command line: ``contact-app``.
+
+Heavy imports stand inside the commands, so that help and errors in a file come at once.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+
+BAD_INPUT, NO_EQUILIBRIUM = 2, 3
+
+app = typer.Typer(
+    name="contact-app",
+    help="Where two solids touch, how hard, and how sure you may be of the answer.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Config = Annotated[Path, typer.Argument(help="The scene, a YAML file.", show_default=False)]
+Directory = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="Where results go; results/<config name> unless given."),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Change a key: path.to.key=value, e.g. bodies.0.mesh.box.cells=[10,10,10].",
+        show_default=False,
+    ),
+]
+
+
+@app.command()
+def run(config: Config, output: Directory = None, overrides: Overrides = None) -> None:
+    """Validate a scene, solve it, certify the answer and write it.
+
+    Exit code 0: converged and certified. 1: solved but not certified or not converged.
+    2: bad input. 3: the scene has no equilibrium.
+    """
+    from contact_app.configuration import load
+    from contact_app.scene import build_scene
+
+    scene = build_scene(load(config, overrides or ()))
+    from contact_app.run import run as run_scene
+
+    raise typer.Exit(run_scene(scene, output or Path("results") / config.stem))
+
+
+@app.command()
+def check(config: Config, overrides: Overrides = None) -> None:
+    """Validate a scene and say what will be modelled, what is left out, and what it costs."""
+    from contact_app.configuration import load
+    from contact_app.scene import build_scene
+
+    scene = build_scene(load(config, overrides or ()))
+    from contact_app.check import report
+
+    report(scene)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of the configuration, for editors."""
+    from contact_app.configuration import Configuration
+
+    typer.echo(json.dumps(Configuration.model_json_schema(by_alias=True), indent=2))
+
+
+if importlib.util.find_spec("contact_app.commands_studies"):
+    from contact_app.commands_studies import register
+
+    register(app)
+
+
+def main() -> None:
+    """Run the command line; errors a user can mend are one message, without a traceback."""
+    try:
+        app()
+    except NoEquilibriumError as error:
+        _tell(str(error))
+        sys.exit(NO_EQUILIBRIUM)
+    except ConfigurationError as error:
+        _tell(str(error))
+        sys.exit(BAD_INPUT)
+    except ContactError as error:
+        _tell(str(error))
+        sys.exit(1)
+
+
+def _tell(message: str) -> None:
+    """Print a message once, also under mpirun."""
+    if int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0"))) == 0:
+        print(message, file=sys.stderr)

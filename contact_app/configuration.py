@@ -1,0 +1,438 @@
+"""The configuration: the YAML file as typed, every key documented here.
+
+The models below are the schema (``contact-app schema``), and their descriptions the manual.
+They check types and ranges; what needs more than one key (names, dimensions) is checked when the
+scene is built.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from contact_app import yaml_reader
+from contact_app.errors import ConfigurationError
+from contact_app.yaml_reader import Key, key_text
+
+FIELDS = ("displacement", "stress", "von_mises", "contact_pressure", "gap")
+EXPANSIONS = (
+    "fixed",
+    "grgr-optapprox",
+    "gfgr-optapprox",
+    "gfgf-optapprox",
+    "grgr-opt",
+    "gfgr-opt",
+    "gfgf-opt",
+    "projcg",
+    "projcg-safe",
+)
+SPACES = {
+    "2": (2, "strain"),
+    "plane_strain": (2, "strain"),
+    "plane_stress": (2, "stress"),
+    "3": (3, None),
+}
+
+Numbers = Annotated[list[float], Field(min_length=1, max_length=3)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Model(BaseModel):
+    """Base of all sections: unknown keys are errors with the nearest right one."""
+
+    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            allowed = [f.alias or name for name, f in cls.model_fields.items()]
+            for key in data:
+                if key not in allowed:
+                    near = difflib.get_close_matches(str(key), allowed, 1, 0.5)
+                    hint = f"did you mean {near[0]}? " if near else ""
+                    raise PydanticCustomError(
+                        "unknown_key",
+                        "is an unknown key; {hint}allowed: {allowed}",
+                        {"key": key, "hint": hint, "allowed": ", ".join(allowed)},
+                    )
+        return data
+
+
+class Box(Model):
+    """A box of equal cells."""
+
+    lower: Numbers = Field(description="Corner with the smallest coordinates (length).")
+    upper: Numbers = Field(description="Corner with the largest coordinates (length).")
+    cells: list[Annotated[int, Field(ge=1)]] = Field(
+        description="Cells along each axis.", min_length=1, max_length=3
+    )
+    cell: Literal["hexahedron", "tetrahedron", "quadrilateral", "triangle"] | None = Field(
+        None, description="Cell type; hexahedron in 3D and quadrilateral in 2D unless given."
+    )
+
+
+class Mesh(Model):
+    """Where a body's mesh comes from."""
+
+    box: Box | None = Field(None, description="A box of equal cells.")
+    file: str | None = Field(None, description="A mesh file (not available yet).")
+
+
+class Material(Model):
+    """Isotropic linear elasticity."""
+
+    young: Positive = Field(description="Young's modulus (force per area), above 0.")
+    poisson: float = Field(description="Poisson's ratio, -1 < ν < 0.5.")
+
+
+class Boundary(Model):
+    """A named part of a body's surface."""
+
+    where: str = Field(
+        description="Condition in x, y, z that its nodes satisfy, e.g. `z < 1e-9`; arithmetic, "
+        "comparisons and functions, parsed and never executed."
+    )
+
+
+class Body(Model):
+    """An elastic body."""
+
+    name: str = Field(description="Name by which conditions and contacts refer to it.")
+    mesh: Mesh
+    degree: int = Field(1, description="Polynomial degree of the displacement; 1.")
+    material: Material | dict[str, Material] = Field(description="{young, poisson}.")
+    boundaries: dict[str, Boundary] = Field(
+        default_factory=dict,
+        description="Named parts of the surface; boxes also know x-, x+, y-, y+, z-, z+.",
+    )
+
+    @field_validator("material", mode="before")
+    @classmethod
+    def _material(cls, value: Any) -> Any:
+        by_tag = (
+            isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values())
+        )
+        if by_tag:
+            return {k: Material.model_validate(v) for k, v in value.items()}
+        return Material.model_validate(value)
+
+
+class Condition(Model):
+    """A displacement or a load."""
+
+    on: str | None = Field(None, description="Boundary, as body.boundary.")
+    inside: str | None = Field(None, alias="in", description="Body, for a force.")
+    displacement: Annotated[list[float | None], Field(min_length=1, max_length=3)] | None = Field(
+        None, description="Displacement by component (length); null leaves a component free."
+    )
+    traction: Numbers | None = Field(None, description="Force per area.")
+    pressure: float | None = Field(None, description="Pressure against the outward normal.")
+    force: Numbers | None = Field(None, description="Force per volume.")
+
+
+class Plane(Model):
+    """Half space; the normal points out of it."""
+
+    point: Numbers = Field(description="Any point of the plane (length).")
+    normal: Numbers = Field(description="Direction out of the obstacle.")
+
+
+class Sphere(Model):
+    """Ball (a circle in 2D)."""
+
+    center: Numbers = Field(description="Centre (length).")
+    radius: Positive = Field(description="Radius (length), above 0.")
+    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
+
+
+class Cylinder(Model):
+    """Infinite round bar (3D)."""
+
+    point: Numbers = Field(description="Any point of the axis (length).")
+    axis: Numbers = Field(description="Direction of the axis.")
+    radius: Positive = Field(description="Radius (length), above 0.")
+    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
+
+
+class Obstacle(Model):
+    """A rigid obstacle: exactly one shape."""
+
+    plane: Plane | None = None
+    sphere: Sphere | None = None
+    cylinder: Cylinder | None = None
+
+
+class Contact(Model):
+    """A boundary that may touch something."""
+
+    on: str = Field(description="Boundary, as body.boundary.")
+    obstacle: Obstacle | None = Field(None, description="A rigid obstacle.")
+    against: str | None = Field(None, description="Another body's boundary (not available yet).")
+
+
+class Split(Model):
+    """A decomposition asked for."""
+
+    subdomains: (
+        Annotated[int, Field(ge=1)]
+        | Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_length=3)]
+    ) = Field(
+        description="A number: that many by graph partitioning. A list: sub-boxes along each axis."
+    )
+
+
+class Solver(Model):
+    """How far and by what to solve."""
+
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = Field(
+        1e-6,
+        description="The run ends when penetration and gluing jumps (over the largest "
+        "displacement), complementarity and equality residuals (over the load) and the duality "
+        "gap (over the energy) are all below it.",
+    )
+    expansion: Literal[EXPANSIONS] = Field(  # type: ignore[valid-type]
+        "projcg",
+        description="Expansion step of MPRGP (Kružík et al. 2020, section 3); in gfgr the first "
+        "is the direction, the second the gradient that sets the length.",
+    )
+    alpha_u: Annotated[float, Field(gt=0, le=2)] = Field(
+        1.9, description="Step length of fixed, optapprox and opt expansions, 0 < α ≤ 2."
+    )
+    gamma: Positive = Field(1.0, description="Γ of the proportioning test, above 0.")
+    max_iterations: Annotated[int, Field(ge=1)] = Field(
+        10_000, description="Limit of inner iterations."
+    )
+
+
+class Output(Model):
+    """What is written."""
+
+    xdmf: bool = Field(True, description="Write solution.xdmf and solution.h5 for ParaView.")
+    fields: list[Literal[FIELDS]] = Field(  # type: ignore[valid-type]
+        default_factory=lambda: list(FIELDS), description="Fields to write."
+    )
+
+
+class Configuration(Model):
+    """A contact scene."""
+
+    title: str = Field("", description="One line for reports.")
+    dimension: int | str = Field(
+        description="3, or 2 (which means plane_strain), or plane_strain or plane_stress."
+    )
+    bodies: list[Body] = Field(min_length=1, description="Elastic bodies.")
+    conditions: list[Condition] = Field(
+        default_factory=list, description="Displacements and loads."
+    )
+    contacts: list[Contact] = Field(default_factory=list, description="What may touch what.")
+    decomposition: Literal["auto"] | Split = Field(
+        "auto", description="auto, or {subdomains: N | [nx, ny, nz]}."
+    )
+    solver: Solver = Field(default_factory=Solver)
+    output: Output = Field(default_factory=Output)
+
+    _lines: dict[Key, int] = PrivateAttr(default_factory=dict)
+    _overridden: dict[Key, str] = PrivateAttr(default_factory=dict)
+    _source: Path = PrivateAttr(default=Path("scene"))
+
+    @field_validator("dimension")
+    @classmethod
+    def _dimension(cls, value: int | str) -> int | str:
+        _space(value)
+        return value
+
+    @field_validator("decomposition", mode="before")
+    @classmethod
+    def _decomposition(cls, value: Any) -> Any:
+        if isinstance(value, dict):
+            return Split.model_validate(value)
+        if value != "auto" and not isinstance(value, Split):
+            raise PydanticCustomError(
+                "decomposition", "is {value}; allowed: auto or {{subdomains: N | [nx, ny, nz]}}",
+                {"value": repr(value)},
+            )  # fmt: skip
+        return value
+
+    @property
+    def space(self) -> tuple[int, str | None]:
+        """Dimension and, in 2D, `strain` or `stress`."""
+        return _space(self.dimension)
+
+    @property
+    def source(self) -> Path:
+        """The file it was read from."""
+        return self._source
+
+    def where(self, path: Sequence[str | int]) -> str:
+        """File, line and key of a place, to begin a message with."""
+        return _where(path, str(self._source), self._lines, self._overridden)
+
+
+def _space(value: int | str) -> tuple[int, str | None]:
+    words = re.sub(r"[^a-z0-9_]+", " ", str(value).lower()).split()
+    if len(words) == 2 and words[0] == "2":
+        words = words[1:]
+    if len(words) != 1 or words[0] not in SPACES:
+        raise PydanticCustomError(
+            "dimension", "is {value}; allowed: 3, 2, plane_strain, plane_stress",
+            {"value": repr(value)},
+        )  # fmt: skip
+    return SPACES[words[0]]
+
+
+def load(path: Path | str, overrides: Sequence[str] = ()) -> Configuration:
+    """Read and check a configuration.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+    overrides
+        Changes as ``path.to.key=value``: list items by number, values as YAML; missing mappings
+        are made, and a scalar on the way is replaced.
+
+    Raises
+    ------
+    ConfigurationError
+        With one line for each problem: file, line, key and what is allowed.
+    """
+    path = Path(path)
+    data, lines = yaml_reader.read(path)
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"{path}:1: holds no mapping; a scene is a mapping of keys")
+    overridden: dict[Key, str] = {}
+    for text in overrides:
+        _override(data, text, overridden)
+    try:
+        configuration = Configuration.model_validate(data)
+    except ValidationError as error:
+        messages = [
+            _message(details, data, str(path), lines, overridden) for details in error.errors()
+        ]
+        raise ConfigurationError("\n".join(dict.fromkeys(messages))) from None
+    configuration._lines = lines
+    configuration._overridden = overridden
+    configuration._source = path
+    return configuration
+
+
+def _override(data: Any, text: str, overridden: dict[Key, str]) -> None:
+    """Carry out one ``--set``."""
+    name = f"--set {text}"
+    key, equals, value_text = text.partition("=")
+    parts = [int(p) if p.isdigit() else p for p in key.strip().split(".")]
+    if not equals or not all(p != "" for p in parts):
+        raise ConfigurationError(f"{name}: has the form path.to.key=value")
+    value = yaml_reader.scalar(value_text, name)
+    for depth, (part, following) in enumerate(zip(parts, [*parts[1:], None], strict=True)):
+        here = key_text(parts[:depth]) or "the file"
+        if isinstance(data, list):
+            if not isinstance(part, int) or part > len(data):
+                raise ConfigurationError(
+                    f"{name}: {here} is a list of {len(data)}; an item is named by its number"
+                )
+            if part == len(data):
+                data.append(None)
+        else:
+            part = str(part)
+            data.setdefault(part, None)
+        if following is None:
+            data[part] = value
+        else:
+            if not isinstance(data[part], (dict, list)):
+                data[part] = [] if following == 0 else {}
+            data = data[part]
+    overridden[tuple(parts)] = name
+
+
+def _where(
+    path: Sequence[str | int], file: str, lines: dict[Key, int], overridden: dict[Key, str]
+) -> str:
+    key = tuple(path)
+    for length in range(len(key), 0, -1):
+        if key[:length] in overridden:
+            return f"{overridden[key[:length]]}: {key_text(path)}"
+    for length in range(len(key), -1, -1):
+        if key[:length] in lines:
+            return f"{file}:{lines[key[:length]]}: {key_text(path)}"
+    return f"{file}: {key_text(path)}"
+
+
+def _message(
+    details: ErrorDetails,
+    data: Any,
+    file: str,
+    lines: dict[Key, int],
+    overridden: dict[Key, str],
+) -> str:
+    """One readable line from one of pydantic's errors."""
+    path = _real_path(details["loc"], data)
+    kind, context = details["type"], details.get("ctx", {})
+    value = details["input"]
+    if kind == "unknown_key":
+        path = (*path, str(context["key"]))
+    if kind == "missing":
+        allowed = f"is missing in {key_text(path[:-1]) or 'the file'}"
+        at = _where(path[:-1], file, lines, overridden)
+        return f"{at.rsplit(': ', 1)[0]}: {key_text(path)} {allowed}"
+    at = _where(path, file, lines, overridden)
+    shown = _shown(value)
+    if kind in ("unknown_key", "dimension", "decomposition"):
+        return f"{at} {details['msg']}"
+    wanted = {
+        "finite_number": "a finite number is allowed",
+        "float_type": "a number is allowed",
+        "int_type": "a whole number is allowed",
+        "string_type": "text is allowed",
+        "bool_type": "true or false is allowed",
+        "list_type": "a list is allowed",
+        "model_type": "a mapping of keys is allowed",
+        "dict_type": "a mapping of keys is allowed",
+        "literal_error": f"allowed: {context.get('expected', '')}",
+        "greater_than": f"it must be above {context.get('gt')}",
+        "greater_than_equal": f"it must be at least {context.get('ge')}",
+        "less_than": f"it must be below {context.get('lt')}",
+        "less_than_equal": f"it must be at most {context.get('le')}",
+        "too_short": f"at least {context.get('min_length')} items are needed",
+        "too_long": f"at most {context.get('max_length')} items are allowed",
+    }.get(kind, details["msg"])
+    if kind == "literal_error" and isinstance(value, str):
+        near = difflib.get_close_matches(value, re.findall(r"'([^']+)'", wanted), 1)
+        wanted += f"; did you mean {near[0]}?" if near else ""
+    return f"{at} is {shown}; {wanted}"
+
+
+def _real_path(location: Sequence[str | int], data: Any) -> Key:
+    """The part of pydantic's location that exists in the data (unions add names of their own)."""
+    path: list[str | int] = []
+    for part in location:
+        if isinstance(data, dict) and isinstance(part, str):
+            if part in data:
+                data = data[part]
+            elif part != location[-1]:
+                continue
+            path.append(part)
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+            path.append(part)
+    return tuple(path)
+
+
+def _shown(value: Any) -> str:
+    text = "empty" if value is None else repr(value) if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,15 @@
+"""What can go wrong in ways a user can mend; each error's text is the whole message."""
+
+from __future__ import annotations
+
+
+class ContactError(Exception):
+    """Base of the errors that are told to the user without a traceback."""
+
+
+class ConfigurationError(ContactError):
+    """The input is wrong: exit code 2. The text names file, line, key and what is allowed."""
+
+
+class NoEquilibriumError(ContactError):
+    """The scene has no equilibrium, or conditions exclude each other: exit code 3."""

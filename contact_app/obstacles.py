@@ -1,0 +1,151 @@
+"""Rigid obstacles: the signed distance of points to them, and the normal there.
+
+The normal is a unit vector that points out of the obstacle; the gap is the signed distance along
+it, negative inside. A body does not penetrate where -nᵀ u ≤ gap, both taken at the undeformed
+point (small displacements). In the plane z is zero and a sphere is a circle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+
+Vector = tuple[float, float, float]
+
+
+class Obstacle(Protocol):
+    """A rigid body that is not meshed."""
+
+    @property
+    def curvature_radius(self) -> float | None:
+        """Smallest radius of curvature, None where it is flat."""
+
+    def gap_and_normal(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gap (n,) and outward unit normal (n, 3) at points (n, 3)."""
+
+    def describe(self) -> str:
+        """One sentence part for `check`."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Half space below a plane.
+
+    Attributes
+    ----------
+    point
+        Any point of the plane.
+    normal
+        Direction out of the obstacle, of any length but zero.
+    """
+
+    point: Vector
+    normal: Vector
+
+    @property
+    def curvature_radius(self) -> None:
+        """None: flat."""
+
+    def gap_and_normal(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gap (n,) and normal (n, 3)."""
+        normal = np.array(self.normal) / np.linalg.norm(self.normal)
+        return (points - np.array(self.point)) @ normal, np.tile(normal, (len(points), 1))
+
+    def describe(self) -> str:
+        """One sentence part."""
+        return f"plane through {_text(self.point)} with normal {_text(self.normal)}"
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Ball, or with `hollow` everything outside a spherical cavity; a circle in the plane."""
+
+    center: Vector
+    radius: float
+    hollow: bool = False
+
+    @property
+    def curvature_radius(self) -> float:
+        """The radius."""
+        return self.radius
+
+    def gap_and_normal(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gap (n,) and normal (n, 3).
+
+        Raises
+        ------
+        ConfigurationError
+            A point is at the centre, where no direction is normal.
+        """
+        return _round(points - np.array(self.center), self, "centre of the sphere")
+
+    def describe(self) -> str:
+        """One sentence part."""
+        kind = "spherical cavity" if self.hollow else "sphere"
+        return f"{kind} about {_text(self.center)} of radius {self.radius:g}"
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Infinite round bar along an axis, or with `hollow` everything outside a bore."""
+
+    point: Vector
+    axis: Vector
+    radius: float
+    hollow: bool = False
+
+    @property
+    def curvature_radius(self) -> float:
+        """The radius."""
+        return self.radius
+
+    def gap_and_normal(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gap (n,) and normal (n, 3).
+
+        Raises
+        ------
+        ConfigurationError
+            A point is on the axis, where no direction is normal.
+        """
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        away = points - np.array(self.point)
+        return _round(away - np.outer(away @ axis, axis), self, "axis of the cylinder")
+
+    def describe(self) -> str:
+        """One sentence part."""
+        kind = "bore" if self.hollow else "cylinder"
+        return (
+            f"{kind} along {_text(self.axis)} through {_text(self.point)} of radius "
+            f"{self.radius:g}"
+        )
+
+
+def _round(
+    away: NDArray[np.float64], shape: Sphere | Cylinder, middle: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gap and normal from vectors away from the middle of a round obstacle."""
+    distance = np.linalg.norm(away, axis=1)
+    if (distance <= 1e-12 * shape.radius).any():
+        raise ConfigurationError(
+            f"a contact node lies on the {middle}, where the obstacle has no normal; "
+            "move the obstacle or make the contact boundary smaller"
+        )
+    sign = -1.0 if shape.hollow else 1.0
+    return sign * (distance - shape.radius), sign * away / distance[:, None]
+
+
+def _text(vector: Vector) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in vector) + ")"

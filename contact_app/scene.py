@@ -1,0 +1,441 @@
+"""The scene: a configuration with every name resolved and every number checked.
+
+All that comes later reads the scene and nothing else of the input.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from contact_app import configuration as c
+from contact_app.errors import ConfigurationError
+from contact_app.expressions import Expression, ExpressionError
+from contact_app.memory import available_bytes, needed_bytes
+from contact_app.obstacles import Cylinder, Obstacle, Plane, Sphere
+
+FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
+CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic linear elasticity: Young's modulus (force per area) and Poisson's ratio."""
+
+    young: float
+    poisson: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of equal cells between two corners."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    cells: tuple[int, ...]
+    cell: str
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of the mesh."""
+        result = 1
+        for n in self.cells:
+            result *= n + 1
+        return result
+
+
+@dataclass(frozen=True)
+class Body:
+    """An elastic body; `boundaries` holds those defined by an expression."""
+
+    name: str
+    mesh: Box
+    degree: int
+    material: Material
+    boundaries: dict[str, Expression]
+
+
+@dataclass(frozen=True)
+class DisplacementCondition:
+    """Displacement of a boundary by component, None where free."""
+
+    body: int
+    boundary: str
+    values: tuple[float | None, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Force per area on a boundary."""
+
+    body: int
+    boundary: str
+    vector: tuple[float, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """Pressure against the outward normal of a boundary."""
+
+    body: int
+    boundary: str
+    value: float
+    source: str
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """Force per volume in a body."""
+
+    body: int
+    vector: tuple[float, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A boundary that may touch an obstacle."""
+
+    body: int
+    boundary: str
+    obstacle: Obstacle
+    source: str
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """None: chosen automatically; a number: graph partition; a tuple: sub-boxes along each axis."""
+
+    subdomains: None | int | tuple[int, ...] = None
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """Options of the solver, as the configuration documents them."""
+
+    tolerance: float = 1e-6
+    expansion: str = "projcg"
+    alpha_u: float = 1.9
+    gamma: float = 1.0
+    max_iterations: int = 10_000
+
+
+@dataclass(frozen=True)
+class OutputOptions:
+    """What is written."""
+
+    xdmf: bool = True
+    fields: tuple[str, ...] = c.FIELDS
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a run needs; `plane` is None in space."""
+
+    title: str
+    dimension: int
+    plane: str | None
+    bodies: tuple[Body, ...]
+    displacements: tuple[DisplacementCondition, ...]
+    tractions: tuple[Traction, ...]
+    pressures: tuple[Pressure, ...]
+    forces: tuple[BodyForce, ...]
+    contacts: tuple[Contact, ...]
+    decomposition: Decomposition
+    solver: SolverOptions
+    output: OutputOptions
+    source: Path
+
+
+def build_scene(configuration: c.Configuration) -> Scene:
+    """Resolve a configuration.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, line, key and what is allowed.
+    """
+    return _Builder(configuration).scene()
+
+
+class _Builder:
+    """Resolves one configuration, knowing where each key stands in the file."""
+
+    def __init__(self, configuration: c.Configuration) -> None:
+        self.c = configuration
+        self.dimension, self.plane = configuration.space
+
+    def scene(self) -> Scene:
+        bodies = tuple(self._body(i, b) for i, b in enumerate(self.c.bodies))
+        self._memory(bodies)
+        self.names = [b.name for b in bodies]
+        for i, name in enumerate(self.names):
+            if name in self.names[:i]:
+                self._fail(("bodies", i, "name"), f"is {name!r}, the name of an earlier body")
+        self.bodies = bodies
+        kinds: dict[str, list[Any]] = {k: [] for k in ("displacement", "traction", "pressure",
+                                                       "force")}  # fmt: skip
+        for i, condition in enumerate(self.c.conditions):
+            kind, made = self._condition(i, condition)
+            kinds[kind].append(made)
+        contacts = tuple(self._contact(i, k) for i, k in enumerate(self.c.contacts))
+        self._some_load(kinds, contacts)
+        return Scene(
+            title=self.c.title,
+            dimension=self.dimension,
+            plane=self.plane,
+            bodies=bodies,
+            displacements=tuple(kinds["displacement"]),
+            tractions=tuple(kinds["traction"]),
+            pressures=tuple(kinds["pressure"]),
+            forces=tuple(kinds["force"]),
+            contacts=contacts,
+            decomposition=self._decomposition(),
+            solver=SolverOptions(**self.c.solver.model_dump()),
+            output=OutputOptions(self.c.output.xdmf, tuple(self.c.output.fields)),
+            source=self.c.source,
+        )
+
+    def _fail(self, path: tuple[str | int, ...], message: str) -> NoReturn:
+        raise ConfigurationError(self.c.where(path) + " " + message)
+
+    def _vector(
+        self, values: Sequence[float], path: tuple[str | int, ...], what: str
+    ) -> tuple[float, ...]:
+        if len(values) != self.dimension:
+            self._fail(
+                path,
+                f"has {len(values)} components; {what} in {self.dimension}D has {self.dimension}",
+            )
+        return tuple(values)
+
+    def _space(self, values: Sequence[float], path: tuple[str | int, ...], what: str) -> Any:
+        vector = self._vector(values, path, what)
+        return (*vector, *(0.0,) * (3 - len(vector)))
+
+    def _body(self, i: int, body: c.Body) -> Body:
+        path: tuple[str | int, ...] = ("bodies", i)
+        if not re.fullmatch(r"[A-Za-z_][\w-]*", body.name):
+            self._fail((*path, "name"), f"is {body.name!r}; letters, digits, _ and - are allowed")
+        if body.degree != 1:
+            self._fail(
+                (*path, "degree"), f"is {body.degree}; only 1 is available so far"
+            )
+        if body.mesh.file is not None:
+            self._fail((*path, "mesh", "file"), "is not available yet; use `box`")
+        if body.mesh.box is None:
+            self._fail((*path, "mesh"), "needs `box: {lower, upper, cells, cell}`")
+        if not isinstance(body.material, c.Material):
+            self._fail(
+                (*path, "material"), "by tag needs a mesh from a file; a box takes {young, poisson}"
+            )
+        boundaries = {}
+        for name, boundary in body.boundaries.items():
+            at = (*path, "boundaries", name)
+            if name in FACES:
+                self._fail(at, f"redefines {name}, a face every box knows; choose another name")
+            if not re.fullmatch(r"[A-Za-z_][\w+-]*", name):
+                self._fail(at, "is no name; letters, digits, _, + and - are allowed")
+            variables = ("x", "y", "z")[: self.dimension]
+            try:
+                boundaries[name] = Expression.parse(boundary.where, variables)
+            except ExpressionError as error:
+                self._fail((*at, "where"), str(error))
+        poisson = body.material.poisson
+        if not -1.0 < poisson < 0.5:
+            self._fail(
+                (*path, "material", "poisson"),
+                f"is {poisson:g}; an isotropic solid needs -1 < ν < 0.5 "
+                "(nearly incompressible: ν ≤ 0.4999, and mind the certificate's warning)",
+            )
+        return Body(
+            name=body.name,
+            mesh=self._box(body.mesh.box, (*path, "mesh", "box")),
+            degree=body.degree,
+            material=Material(body.material.young, poisson),
+            boundaries=boundaries,
+        )
+
+    def _box(self, box: c.Box, path: tuple[str | int, ...]) -> Box:
+        lower = self._vector(box.lower, (*path, "lower"), "a corner")
+        upper = self._vector(box.upper, (*path, "upper"), "a corner")
+        if len(box.cells) != self.dimension:
+            self._fail(
+                (*path, "cells"),
+                f"has {len(box.cells)} numbers; a box in {self.dimension}D has {self.dimension}",
+            )
+        for axis, (a, b) in enumerate(zip(lower, upper, strict=True)):
+            if not b > a:
+                self._fail(
+                    (*path, "upper"),
+                    f"is {b:g} along {'xyz'[axis]}, not above lower ({a:g}): the box has no volume",
+                )
+            if (b - a) / box.cells[axis] <= 1e-12 * max(abs(a), abs(b)):
+                self._fail(
+                    (*path, "cells"),
+                    f"are too small along {'xyz'[axis]} to tell their nodes apart",
+                )
+        cell = box.cell or CELLS[self.dimension][0]
+        if cell not in CELLS[self.dimension]:
+            self._fail(
+                (*path, "cell"),
+                f"is {cell}; in {self.dimension}D {' or '.join(CELLS[self.dimension])} is allowed",
+            )
+        return Box(lower, upper, tuple(box.cells), cell)
+
+    def _memory(self, bodies: tuple[Body, ...]) -> None:
+        dofs = sum(b.mesh.nodes for b in bodies) * self.dimension
+        needed, available = needed_bytes(dofs), available_bytes()
+        if needed > available:
+            largest = int(np.argmax([float(b.mesh.nodes) for b in bodies]))
+            self._fail(
+                ("bodies", largest, "mesh", "box", "cells"),
+                f"make {dofs:.3g} degrees of freedom in all, which need about "
+                f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available",
+            )
+
+    def _name(self, text: str, path: tuple[str | int, ...]) -> int:
+        if text not in self.names:
+            near = difflib.get_close_matches(text, self.names, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            self._fail(path, f"names the body {text!r}{hint} (known: {', '.join(self.names)})")
+        return self.names.index(text)
+
+    def _boundary(self, text: str, path: tuple[str | int, ...]) -> tuple[int, str]:
+        name, dot, boundary = text.partition(".")
+        if not dot or not boundary:
+            self._fail(path, f"is {text!r}; it has the form body.boundary, e.g. {self.names[0]}.x-")
+        body = self._name(name, path)
+        known = [*FACES[: 2 * self.dimension], *self.bodies[body].boundaries]
+        if boundary not in known:
+            near = difflib.get_close_matches(boundary, known, 1)
+            hint = f"; did you mean {name}.{near[0]}?" if near else ""
+            self._fail(
+                path, f"names the boundary {boundary!r} of {name}{hint} (known: {', '.join(known)})"
+            )
+        return body, boundary
+
+    def _condition(self, i: int, condition: c.Condition) -> tuple[str, Any]:
+        path: tuple[str | int, ...] = ("conditions", i)
+        source = f"conditions[{i}]"
+        given = [k for k in ("displacement", "traction", "pressure", "force")
+                 if getattr(condition, k) is not None]  # fmt: skip
+        if len(given) != 1:
+            self._fail(
+                path,
+                f"has {' and '.join(given) or 'no kind'}; exactly one of displacement, traction, "
+                "pressure, force is allowed",
+            )
+        kind = given[0]
+        if kind == "force":
+            if condition.inside is None or condition.on is not None:
+                self._fail(path, "a force acts `in` a body, e.g. {in: cube, force: [0, 0, -1]}")
+            body = self._name(condition.inside, (*path, "in"))
+            vector = self._vector(condition.force or [], (*path, "force"), "a force")
+            return kind, BodyForce(body, vector, source)
+        if condition.on is None or condition.inside is not None:
+            self._fail(path, f"a {kind} acts `on` a boundary, e.g. {{on: cube.z+, {kind}: …}}")
+        body, boundary = self._boundary(condition.on, (*path, "on"))
+        if kind == "pressure":
+            return kind, Pressure(body, boundary, condition.pressure or 0.0, source)
+        if kind == "traction":
+            vector = self._vector(condition.traction or [], (*path, kind), "a traction")
+            return kind, Traction(body, boundary, vector, source)
+        values = condition.displacement or []
+        if len(values) != self.dimension:
+            self._fail(
+                (*path, kind),
+                f"has {len(values)} components; in {self.dimension}D it has {self.dimension} "
+                "(null leaves one free)",
+            )
+        if all(v is None for v in values):
+            self._fail((*path, kind), "leaves every component free; give a number for one")
+        return kind, DisplacementCondition(body, boundary, tuple(values), source)
+
+    def _contact(self, i: int, contact: c.Contact) -> Contact:
+        path: tuple[str | int, ...] = ("contacts", i)
+        if contact.against is not None:
+            self._fail((*path, "against"), "another body is not available yet; use `obstacle`")
+        if contact.obstacle is None:
+            self._fail(path, "needs an `obstacle`: {plane: …}, {sphere: …} or {cylinder: …}")
+        body, boundary = self._boundary(contact.on, (*path, "on"))
+        obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
+        return Contact(body, boundary, obstacle, f"contacts[{i}]")
+
+    def _obstacle(self, given: c.Obstacle, path: tuple[str | int, ...]) -> Obstacle:
+        kinds = [k for k in ("plane", "sphere", "cylinder") if getattr(given, k) is not None]
+        if len(kinds) != 1:
+            self._fail(path, f"has {' and '.join(kinds) or 'no shape'}; exactly one of plane, "
+                             "sphere, cylinder is allowed")  # fmt: skip
+        at = (*path, kinds[0])
+        if given.plane is not None:
+            plane = given.plane
+            return Plane(
+                self._space(plane.point, (*at, "point"), "a point"),
+                self._direction(plane.normal, (*at, "normal")),
+            )
+        if given.sphere is not None:
+            sphere = given.sphere
+            center = self._space(sphere.center, (*at, "center"), "a point")
+            return Sphere(center, sphere.radius, sphere.hollow)
+        assert given.cylinder is not None
+        if self.dimension == 2:
+            self._fail(at, "has an axis, which needs 3D; in 2D use sphere, which is a circle there")
+        cylinder = given.cylinder
+        return Cylinder(
+            self._space(cylinder.point, (*at, "point"), "a point"),
+            self._direction(cylinder.axis, (*at, "axis")),
+            cylinder.radius,
+            cylinder.hollow,
+        )
+
+    def _direction(self, values: Sequence[float], path: tuple[str | int, ...]) -> Any:
+        vector = self._space(values, path, "a direction")
+        if not any(vector):
+            self._fail(path, "is zero, which is no direction")
+        scale = max(abs(v) for v in vector)
+        return tuple(v / scale for v in vector)
+
+    def _decomposition(self) -> Decomposition:
+        given = self.c.decomposition
+        if isinstance(given, str):
+            return Decomposition(None)
+        parts = given.subdomains
+        if isinstance(parts, int):
+            return Decomposition(parts)
+        if len(parts) != self.dimension:
+            self._fail(
+                ("decomposition", "subdomains"),
+                f"has {len(parts)} numbers; along the axes of {self.dimension}D there are "
+                f"{self.dimension}",
+            )
+        return Decomposition(tuple(parts))
+
+    def _some_load(self, kinds: dict[str, list[Any]], contacts: tuple[Contact, ...]) -> None:
+        loaded = any(any(t.vector) for t in (*kinds["traction"], *kinds["force"]))
+        loaded |= any(p.value for p in kinds["pressure"])
+        loaded |= any(v for d in kinds["displacement"] for v in d.values)
+        for contact in contacts:
+            if loaded:
+                break
+            box = self.bodies[contact.body].mesh
+            corners = np.array(np.meshgrid(*zip(box.lower, box.upper, strict=True)))
+            corners = corners.reshape(self.dimension, -1).T
+            points = np.zeros((len(corners), 3))
+            points[:, : self.dimension] = corners
+            gap, _ = contact.obstacle.gap_and_normal(points)
+            loaded |= bool((gap < 0).any())
+        if not loaded:
+            self._fail(
+                ("conditions",),
+                "load nothing: give a traction, pressure, force or non-zero displacement, or an "
+                "obstacle that overlaps a body",
+            )
