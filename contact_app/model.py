@@ -7,7 +7,8 @@ and its conditions are rows of B.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -132,7 +133,9 @@ def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = Non
     with timings.measure("setup"):
         partition = partition_scene(scene, comm)
     surface = _Surface(partition)
-    conditions = _conditions(scene, partition)
+    with _agreed(comm):
+        conditions = _conditions(scene, partition)
+    _refuse_empty(scene, partition, conditions)
     length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
     exchange = NodeExchange(comm, surface.nodes, partition.nodes)
     try:
@@ -239,7 +242,6 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
     d = scene.dimension
     held: list[tuple] = []
     touching: list[tuple] = []
-    found = np.zeros(len(scene.displacements) + len(scene.contacts), bool)
     for s in partition.subdomains:
         body = scene.bodies[s.body]
         points = s.points()
@@ -247,7 +249,6 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
             if condition.body != s.body:
                 continue
             nodes = boundary_nodes(s, body, condition.boundary)
-            found[i] |= len(nodes) > 0
             mask = np.array([v is not None for v in condition.values])
             values = np.array([v or 0.0 for v in condition.values])
             shape = (len(nodes), d)
@@ -261,14 +262,12 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
             if contact.body != s.body:
                 continue
             nodes = boundary_nodes(s, body, contact.boundary)
-            found[len(scene.displacements) + i] |= len(nodes) > 0
             if len(nodes) == 0:
                 continue
             gap, normal = contact.obstacle.gap_and_normal(points[nodes])
             touching.append(
                 (s.nodes[nodes], points[nodes], -normal[:, :d], gap, np.full(len(nodes), i))
             )
-    _refuse_empty(scene, partition.comm.allreduce(found.astype(int)) > 0)
     none = np.zeros(0, np.int64)
     held.append((none, np.zeros((0, 3)), np.zeros((0, d), bool), np.zeros((0, d)), none))
     touching.append((none, np.zeros((0, 3)), np.zeros((0, d)), np.zeros(0), none))
@@ -276,14 +275,33 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
     return NodeConditions(*joined[0], *joined[1])
 
 
-def _refuse_empty(scene: Scene, found: NDArray[np.bool_]) -> None:
-    for thing, some in zip((*scene.displacements, *scene.contacts), found, strict=True):
-        if not some:
-            raise ConfigurationError(
-                f"{scene.source}: {thing.source}.on: no node of the surface of "
-                f"{scene.bodies[thing.body].name} lies on {thing.boundary}; change the boundary's "
-                "`where` or the mesh"
-            )
+@contextmanager
+def _agreed(comm: MPI.Intracomm) -> Iterator[None]:
+    """Raise a `ConfigurationError` of any rank on all ranks."""
+    message = None
+    try:
+        yield
+    except ConfigurationError as error:
+        message = str(error)
+    messages = [m for m in comm.allgather(message) if m]
+    if messages:
+        raise ConfigurationError(messages[0])
+
+
+def _refuse_empty(scene: Scene, partition: Partition, conditions: NodeConditions) -> None:
+    """Refuse conditions and contacts whose boundary has no node."""
+    for things, sources in (
+        (scene.displacements, conditions.held_source),
+        (scene.contacts, conditions.contact_source),
+    ):
+        count = partition.comm.allreduce(np.bincount(sources, minlength=len(things)))
+        for thing, nodes in zip(things, count, strict=False):
+            if nodes == 0:
+                raise ConfigurationError(
+                    f"{scene.source}: {thing.source}.on: no node of the surface of "
+                    f"{scene.bodies[thing.body].name} lies on {thing.boundary}; change the "
+                    "boundary's `where` or the mesh"
+                )
 
 
 def _loads(

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +14,25 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.environment import environment, slow_blas_warning
+from contact_app.errors import ContactError
 from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
+from contact_app.history import History
 from contact_app.limits import model_warnings
 from contact_app.model import Model, build_model
+from contact_app.output import write_xdmf
+from contact_app.progress import Interruption, Progress, together
+from contact_app.report import log, print_summary, run_log, write_summary
 from contact_app.scene import Scene
 from contact_app.solve import Solution, solve
 from contact_app.timings import Timings
-from solver.result import Monitor
+from solver.result import Monitor, Step
 from solver.tfeti.constraints import RowKind
+
+
+CERTIFIED, NOT_CERTIFIED = 0, 1
+"""Exit codes of a run that solved something."""
+
+CONVERGED = "Every number of the certificate is below the tolerance."
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +58,58 @@ class SolvedScene:
             return None
         points, displacements = zip(*(arrays for _, arrays in parts), strict=True)
         return np.concatenate(points), np.concatenate(displacements)
+
+
+def run(scene: Scene, directory: Path, comm: MPI.Intracomm = MPI.COMM_WORLD) -> int:
+    """Solve a scene, show progress, write everything to a directory; the exit code (collective).
+
+    Interrupted (Ctrl-C or SIGTERM) the solve stops at its next step and what it has is recovered,
+    certified and written.
+    """
+    first = comm.rank == 0
+    with (
+        _ending_together(comm),
+        run_log(directory / "run.log" if first else None),
+        Progress(first) as progress,
+        History(directory / "history.csv" if first else None) as history,
+        Interruption() as interruption,
+    ):
+
+        def interrupted(event: Step) -> bool:
+            return bool(comm.allreduce(int(interruption(event)), op=MPI.MAX))
+
+        progress.stage(f"modelling {scene.title or scene.source.name}")
+        solved = solve_scene(scene, comm, together(progress, history, interrupted))
+        for note in solved.model.notes:
+            log.info("%s", note)
+        files = [directory / "summary.json", directory / "history.csv", directory / "run.log"]
+        if scene.output.xdmf:
+            progress.stage("writing")
+            with solved.timings.measure("output"):
+                write_xdmf(solved, directory / "solution.xdmf")
+            files.insert(0, directory / "solution.xdmf")
+        summary = {**solved.summary, "timings": solved.timings.as_dict()}
+        if first:
+            for warning in summary["certificate"]["warnings"]:
+                log.warning("%s", warning)
+            write_summary(directory / "summary.json", summary)
+    if first:
+        print_summary(summary, scene.solver.tolerance, files)
+    return CERTIFIED if solved.solution.converged else NOT_CERTIFIED
+
+
+@contextmanager
+def _ending_together(comm: MPI.Intracomm) -> Iterator[None]:
+    """Let a fault on one rank end all of them, instead of leaving the others waiting."""
+    try:
+        yield
+    except ContactError:
+        raise
+    except BaseException:
+        if comm.size == 1:
+            raise
+        traceback.print_exc()
+        comm.Abort(NOT_CERTIFIED)
 
 
 def solve_scene(
@@ -98,7 +165,7 @@ def summarise(solved: SolvedScene) -> dict[str, Any]:
         },
         "solver": {
             "converged": solution.converged,
-            "reason": str(solution.reason.value),
+            "reason": CONVERGED if solution.converged else str(solution.reason.value),
             "outer_iterations": counts.outer,
             "hessian_multiplications": counts.hessian,
             "cg_steps": counts.cg,
