@@ -41,10 +41,11 @@ def run_log(path: Path | None) -> Iterator[logging.Logger]:
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
     handler.setLevel(logging.INFO)
     loggers = [log, logging.getLogger("py.warnings")]
-    levels = [logger.level for logger in loggers]
+    before = [(logger.level, logger.propagate) for logger in loggers]
     for logger in loggers:
         logger.addHandler(handler)
         logger.setLevel(logging.INFO)
+        logger.propagate = False  # some libraries let the root logger print everything
     logging.captureWarnings(True)
     try:
         log.info("command: %s", " ".join(sys.argv))
@@ -58,9 +59,10 @@ def run_log(path: Path | None) -> Iterator[logging.Logger]:
         raise
     finally:
         logging.captureWarnings(False)
-        for logger, level in zip(loggers, levels, strict=True):
+        for logger, (level, propagate) in zip(loggers, before, strict=True):
             logger.removeHandler(handler)
             logger.setLevel(level)
+            logger.propagate = propagate
         handler.close()
 
 
@@ -94,9 +96,9 @@ def _plain(value: Any) -> Any:
 #: The certificate's numbers and what they are called in the table.
 CERTIFICATE = {
     "max_penetration": "penetration / largest displacement",
-    "max_gluing_jump": "jump between subdomains / largest displacement",
+    "max_gluing_jump": "gluing jump / largest displacement",
     "min_multiplier": "most negative contact force / load",
-    "complementarity": "complementarity / load times displacement",
+    "complementarity": "complementarity / (load × displacement)",
     "equilibrium": "equilibrium residual / load",
     "duality_gap": "duality gap / energy",
 }
