@@ -56,7 +56,8 @@ class Progress:
         self._waiting = False
 
     def __enter__(self) -> Progress:
-        if self._show and self._console.is_terminal:
+        console = self._console
+        if self._show and console.is_terminal and not console.is_dumb_terminal:
             self._live = Live(console=self._console, transient=True, auto_refresh=False)
             self._live.start()
         return self

@@ -18,9 +18,11 @@ def step(outer: int, iteration: int, kind: str = "cg") -> Step:
     return Step(outer, iteration, kind, 10.0**-iteration, 2e-3, 5, 0.1 * iteration)
 
 
-def shown(events: list[Step], **options: bool) -> str:
+def shown(events: list[Step], term: str | None = None) -> str:
     text = io.StringIO()
-    with Progress(console=Console(file=text, width=70, **options)) as monitor:
+    environment = {} if term is None else {"TERM": term}
+    console = Console(file=text, width=70, force_terminal=bool(term), _environ=environment)
+    with Progress(console=console) as monitor:
         for event in events:
             monitor(event)
     return text.getvalue()
@@ -47,9 +49,15 @@ def test_a_pipe_gets_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_terminal_gets_one_line_that_is_taken_away_again() -> None:
-    text = shown([step(1, i) for i in range(3)], force_terminal=True)
+    text = shown([step(1, i) for i in range(3)], term="xterm")
     assert "outer 1" in text
     assert text.endswith("\x1b[2K")
+
+
+def test_a_terminal_that_cannot_rewrite_gets_plain_lines() -> None:
+    text = shown([step(1, i) for i in range(3)], term="dumb")
+    assert len(text.splitlines()) == 2
+    assert "\x1b" not in text
 
 
 def test_without_outer_iterations_and_equalities_none_are_named() -> None:
