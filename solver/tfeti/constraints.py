@@ -129,6 +129,10 @@ class ContactRows:
     force_scale: NDArray[np.float64]
     copies: NDArray[np.int64]
 
+    def none(self) -> ContactRows:
+        """No rows."""
+        return ContactRows(**{name: values[:0] for name, values in self.__dict__.items()})
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:

@@ -14,7 +14,7 @@ for each member.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -197,6 +197,32 @@ class DualProblem:
             full[cls.interface] = interface[part].reshape(len(cls.members), -1).T
             forces.append(full)
         return forces
+
+    def without_contact(self) -> DualProblem:
+        """The same problem with its contact rows emptied: gluing and held rows alone.
+
+        Raises
+        ------
+        ArithmeticError
+            Some subdomain is kept by contact only.
+        """
+        keep = np.where(self.inequality, 0.0, 1.0)
+        weights = petsc_vec(keep, self.comm)
+        B = self.B.copy()
+        B.diagonalScale(L=weights)
+        coarse = self.coarse
+        if coarse is not None:
+            Gt = coarse.Gt.copy()
+            Gt.diagonalScale(L=weights)
+            coarse = CoarseProblem(Gt)
+        return replace(
+            self,
+            B=B,
+            c=self.c * keep,
+            kinds=np.where(self.inequality, np.int8(RowKind.SUPPORT), self.kinds),
+            contact=self.contact.none(),
+            coarse=coarse,
+        )
 
     def kernel_slices(self) -> list[slice]:
         """Where the kernels of each class live in a coarse vector."""
