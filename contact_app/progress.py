@@ -68,8 +68,7 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._waiting and self._last is not None and self._live is None:
-            self._line(_sentence(self._last))
+        self._say_last()
         if self._live is not None:
             self._live.stop()
             self._live = None
@@ -79,6 +78,7 @@ class Progress:
         if not self._show:
             return
         log.info("%s", name)
+        self._say_last()
         self._line(f"{name} ...")
 
     def __call__(self, event: Step) -> None:
@@ -99,6 +99,12 @@ class Progress:
         if due:
             self._shown = now
             self._line(_sentence(event))
+
+    def _say_last(self) -> None:
+        """In a pipe, the step that a stage ended with, if it came too soon after another."""
+        if self._waiting and self._last is not None and self._live is None:
+            self._line(_sentence(self._last))
+        self._waiting = False
 
     def _line(self, text: str) -> None:
         if self._live is not None:

@@ -75,6 +75,20 @@ def test_stages_are_named_and_other_ranks_are_silent() -> None:
         assert text.getvalue() == expected
 
 
+def test_the_last_step_is_shown_before_the_next_stage() -> None:
+    text = io.StringIO()
+    with Progress(console=Console(file=text, width=70, _environ={})) as monitor:
+        monitor(step(1, 1))
+        monitor(step(1, 2))
+        monitor.stage("writing")
+    beginnings = [line.split(", residual")[0] for line in text.getvalue().splitlines()]
+    assert beginnings == [
+        "solving: outer 1, iteration 1",
+        "solving: outer 1, iteration 2",
+        "writing ...",
+    ]
+
+
 def test_together_every_monitor_sees_every_step_and_one_can_stop() -> None:
     seen: list[int] = []
     both = together(lambda event: event.iteration == 2, None, lambda e: seen.append(e.iteration))
