@@ -125,6 +125,10 @@ def print_summary(
     """
     console = console or Console(highlight=False)
     console.print(summary_table(summary, tolerance))
+    solver = summary["solver"]
+    if not solver["converged"]:
+        text = Text.assemble(("not converged: ", "bold red"), str(solver["reason"]))
+        console.print(text, soft_wrap=True)
     for warning in summary["certificate"]["warnings"]:
         console.print(Text.assemble(("warning: ", "bold yellow"), str(warning)), soft_wrap=True)
     for path in files:
@@ -161,8 +165,6 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
         force = ", ".join(_number(component) for component in solution["contact_force"])
         row("contact force", f"({force})")
         row("largest contact pressure", _number(solution["max_contact_pressure"]))
-    if not solver["converged"]:
-        row("not converged", str(solver["reason"]), _verdict(False))
     for key, name in CERTIFICATE.items():
         value = certificate.get(key)
         met = None
