@@ -162,7 +162,7 @@ def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = Non
 
     problem, place, keys = _dual_problem(
         scene, partition, surface, exchange, rows, contact, supports, loads, lifting, elements,
-        timings,
+        all(b.held for b in balances), timings,
     )  # fmt: skip
     notes = []
     for body, found in zip(scene.bodies, balances, strict=True):
@@ -499,6 +499,7 @@ def _dual_problem(
     loads: list[NDArray[np.float64] | None],
     lifting: list[tuple[NDArray[np.int64], NDArray[np.float64]] | None],
     elements: dict[int, Element],
+    held_without_contact: bool,
     timings: Timings,
 ) -> tuple[DualProblem, NDArray[np.int64], list[tuple]]:
     """Group subdomains into classes, number the interface, build B, G and the factors."""
@@ -576,6 +577,7 @@ def _dual_problem(
         lifting=tuple(class_lifts),
         coarse=coarse,
         e=e,
+        held_without_contact=held_without_contact,
     )
     return problem, place, list(groups)
 

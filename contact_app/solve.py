@@ -72,6 +72,7 @@ def solve(problem: DualProblem, options: SolverOptions, monitor: Monitor | None)
         alpha_u=options.alpha_u,
         gamma=options.gamma,
         rtol=0.1 * options.tolerance,
+        atol=problem.round_off,
         max_iterations=options.max_iterations,
     )
     if problem.coarse is None or problem.lower is None:
@@ -106,17 +107,16 @@ def _without_contact(
     as a start; where they cross none it goes on to the tolerance and is the answer. None where a
     body is kept by contact alone.
     """
-    assert problem.coarse is not None
-    try:
-        glued = problem.without_contact()
-    except ArithmeticError:
+    if not problem.held_without_contact:
         return None
+    glued = problem.without_contact()
+    assert problem.coarse is not None
     assert glued.coarse is not None
     qp = BoxQP(glued.projected, glued.rhs)
     x, counts = None, Counts()
     force, kernel_part = np.empty(problem.size), np.empty(problem.size)
     for rtol in (*LOOKS, inner.rtol):
-        result = replace(inner, rtol=rtol).solve(qp, x0=x, monitor=monitor)
+        result = replace(inner, rtol=rtol, atol=glued.round_off).solve(qp, x0=x, monitor=monitor)
         x = result.x
         counts = _sum(counts, result.counts)
         multiplier = glued.offset + x

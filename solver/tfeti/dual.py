@@ -88,6 +88,8 @@ class DualProblem:
         None where no subdomain floats.
     e : (kernels,)
         Work of the loads on the kernels.
+    held_without_contact
+        Whether gluing and held rows alone stop every rigid motion.
     """
 
     comm: MPI.Intracomm
@@ -101,6 +103,7 @@ class DualProblem:
     lifting: tuple[NDArray[np.float64], ...]
     coarse: CoarseProblem | None
     e: NDArray[np.float64]
+    held_without_contact: bool
 
     @cached_property
     def F(self) -> DualOperator:
@@ -163,11 +166,28 @@ class DualProblem:
         """P (d - F λ̃), the right-hand side of the homogenised problem."""
         if self.coarse is None:
             return self.d
+        result = self._displacements_of_offset.copy()
+        self.coarse.project(result, result)
+        return result
+
+    @cached_property
+    def _displacements_of_offset(self) -> NDArray[np.float64]:
+        """d - F λ̃, before projection."""
         result = np.empty(self.size)
         self.F.apply(self.offset, result)
         np.subtract(self.d, result, out=result)
-        self.coarse.project(result, result)
         return result
+
+    @cached_property
+    def round_off(self) -> float:
+        """Norm of the right-hand side below which it is round-off.
+
+        Where rigid motions alone meet the conditions, the projected right-hand side vanishes and
+        what is left of it has no digits.
+        """
+        full = self.d if self.coarse is None else self._displacements_of_offset
+        square = self.comm.allreduce(float(full @ full) + float(self.d @ self.d))
+        return 1e-14 * float(np.sqrt(square))
 
     @cached_property
     def lower(self) -> NDArray[np.float64] | None:
@@ -199,13 +219,7 @@ class DualProblem:
         return forces
 
     def without_contact(self) -> DualProblem:
-        """The same problem with its contact rows emptied: gluing and held rows alone.
-
-        Raises
-        ------
-        ArithmeticError
-            Some subdomain is kept by contact only.
-        """
+        """The same problem with its contact rows emptied, where it is `held_without_contact`."""
         keep = np.where(self.inequality, 0.0, 1.0)
         weights = petsc_vec(keep, self.comm)
         B = self.B.copy()
