@@ -26,26 +26,25 @@ log = logging.getLogger("contact_app")
 def run_log(path: Path | None) -> Iterator[logging.Logger]:
     """Keep what is logged meanwhile, warnings of Python included, in a text file.
 
-    An exception that passes is logged, a `ContactError` without its traceback.
+    Other packages' messages are kept from the terminal, their warnings in the file: compiling a
+    form tells the root logger every command it runs. An exception that passes is logged, a
+    `ContactError` without its traceback.
 
     Parameters
     ----------
     path
         ``run.log``; None on ranks that write none.
     """
-    if path is None:
-        yield log
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handler = logging.FileHandler(path, mode="w", encoding="utf-8")
+    handler: logging.Handler = logging.NullHandler()
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handler = logging.FileHandler(path, mode="w", encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
-    handler.setLevel(logging.INFO)
-    loggers = [log, logging.getLogger("py.warnings")]
-    before = [(logger.level, logger.propagate) for logger in loggers]
-    for logger in loggers:
-        logger.addHandler(handler)
-        logger.setLevel(logging.INFO)
-        logger.propagate = False  # some libraries let the root logger print everything
+    handler.addFilter(_is_told)
+    root = logging.getLogger()
+    handlers, level = root.handlers, log.level
+    root.handlers = [handler]
+    log.setLevel(logging.INFO)
     logging.captureWarnings(True)
     try:
         log.info("command: %s", " ".join(sys.argv))
@@ -59,11 +58,14 @@ def run_log(path: Path | None) -> Iterator[logging.Logger]:
         raise
     finally:
         logging.captureWarnings(False)
-        for logger, (level, propagate) in zip(loggers, before, strict=True):
-            logger.removeHandler(handler)
-            logger.setLevel(level)
-            logger.propagate = propagate
+        root.handlers = handlers
+        log.setLevel(level)
         handler.close()
+
+
+def _is_told(record: logging.LogRecord) -> bool:
+    """This package's messages, and what others warn of."""
+    return record.name == log.name or record.levelno >= logging.WARNING
 
 
 def write_summary(path: Path, summary: Mapping[str, Any]) -> None:

@@ -129,7 +129,12 @@ def test_a_summary_that_cannot_be_written_leaves_the_older_one(tmp_path: Path) -
     assert json.loads(path.read_text()) == {"run": 1}
 
 
-def test_the_log_keeps_messages_and_warnings(tmp_path: Path) -> None:
+def test_the_log_keeps_messages_and_warnings(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    monkeypatch.setattr(root, "level", root.level)
     path = tmp_path / "new" / "run.log"
     with run_log(path) as log:
         log.info("assembling %d subdomains", 8)
@@ -138,12 +143,18 @@ def test_the_log_keeps_messages_and_warnings(tmp_path: Path) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("always")
             warnings.warn("from a library", UserWarning, stacklevel=1)
+        logging.getLogger().setLevel(logging.INFO)
+        logging.info("running build_ext")
+        logging.getLogger("library").warning("of a library")
     log.info("after the end")
+    assert capfd.readouterr().err == ""
     text = path.read_text(encoding="utf-8")
     assert "INFO    assembling 8 subdomains" in text
     assert "WARNING slow BLAS" in text
     assert "from a library" in text
+    assert "of a library" in text
     assert "not this" not in text
+    assert "build_ext" not in text
     assert "after the end" not in text
 
 
@@ -164,4 +175,3 @@ def test_other_ranks_write_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with run_log(None) as log:
         log.warning("nowhere")
     assert list(tmp_path.iterdir()) == []
-    assert logging.getLogger("contact_app").handlers == []
