@@ -35,6 +35,7 @@ def register(app: typer.Typer) -> None:
     reproduce = typer.Typer(help="The paper's tables and figures, ours beside theirs.")
     reproduce.command("svm")(reproduce_svm)
     reproduce.command("cube")(reproduce_cube)
+    reproduce.command("figure1")(reproduce_figure1)
     app.add_typer(reproduce, name="reproduce")
 
 
@@ -92,3 +93,10 @@ def reproduce_cube(
 
     for line in run(output or Path("results/reproduce-cube"), scale.value, expansion):
         typer.echo(line)
+
+
+def reproduce_figure1(output: OutputOption = None) -> None:
+    """Draw the paper's Figure 1: the projected CG step that raises the cost, and the safeguard."""
+    from contact_app.studies.safeguard import draw_figure_1
+
+    typer.echo(f"wrote {draw_figure_1(output or Path('results/reproduce-figure1'))}")

@@ -60,9 +60,8 @@ class Block:
         for name, vector in vectors.items():
             setattr(self, name, None if vector is None else vector[rows])
         size = rows.stop - rows.start
-        self.t, self.s, self.trial = scratch.t[:size], scratch.s[:size], scratch.trial[:size]
-        self.at_lower, self.at_upper = scratch.at_lower[:size], scratch.at_upper[:size]
-        self.mask = scratch.mask[:size]
+        for name in Scratch.NAMES:
+            setattr(self, name, getattr(scratch, name)[:size])
 
     x: Vector
     g: Vector
@@ -77,32 +76,44 @@ class Block:
     lower_edge: Vector | None
     upper_edge: Vector | None
     is_free: Mask
+    t: Vector
+    s: Vector
+    u: Vector
+    trial: Vector
+    at_lower: Mask
+    at_upper: Mask
+    mask: Mask
+    side: Mask
+    sign: Mask
 
     def split(self) -> None:
         """Free and chopped gradient of g at x, and the mask of free components."""
-        np.copyto(self.free, self.g)
         if self.lower_edge is None and self.upper_edge is None:
+            np.copyto(self.free, self.g)
             self.chopped.fill(0.0)
             return
-        low, high, outward = self.at_lower, self.at_upper, self.mask
-        projected = self.chopped
-        np.copyto(projected, self.g)
-        self.is_free.fill(True)
+        # products with masks: several times faster than masked copies
+        active, outward, kept = self.at_lower, self.mask, self.at_upper
+        active.fill(False)
+        outward.fill(False)
+        side, sign = self.side, self.sign
         if self.lower_edge is not None:
-            np.less_equal(self.x, self.lower_edge, out=low)
-            np.copyto(self.is_free, False, where=low)
-            np.greater(self.g, 0.0, out=outward)
-            np.logical_and(outward, low, out=outward)
-            np.copyto(projected, 0.0, where=outward)
+            np.less_equal(self.x, self.lower_edge, out=side)
+            np.logical_or(active, side, out=active)
+            np.greater(self.g, 0.0, out=sign)
+            np.logical_and(side, sign, out=side)
+            np.logical_or(outward, side, out=outward)
         if self.upper_edge is not None:
-            np.greater_equal(self.x, self.upper_edge, out=high)
-            np.copyto(self.is_free, False, where=high)
-            np.less(self.g, 0.0, out=outward)
-            np.logical_and(outward, high, out=outward)
-            np.copyto(projected, 0.0, where=outward)
-        np.logical_not(self.is_free, out=self.mask)
-        np.copyto(self.free, 0.0, where=self.mask)
-        np.subtract(projected, self.free, out=self.chopped)
+            np.greater_equal(self.x, self.upper_edge, out=side)
+            np.logical_or(active, side, out=active)
+            np.less(self.g, 0.0, out=sign)
+            np.logical_and(side, sign, out=side)
+            np.logical_or(outward, side, out=outward)
+        np.logical_not(active, out=self.is_free)
+        np.multiply(self.g, self.is_free, out=self.free)
+        np.logical_not(outward, out=kept)
+        np.multiply(self.g, kept, out=self.chopped)  # the projected gradient
+        np.subtract(self.chopped, self.free, out=self.chopped)
 
     def project(self) -> None:
         """Move x to the nearest point of the box."""
@@ -120,28 +131,32 @@ class Block:
         if self.upper is not None:
             np.minimum(out, self.upper, out=out)
 
-    def step_to_bound(self, alpha: float) -> None:
-        """x - αp, with components that come within rounding of their bound put on it."""
-        for bound, towards in ((self.lower, np.greater), (self.upper, np.less)):
-            if bound is None:
-                continue
-            # the gap left, |x - αp - bound|, against the gap there was, where p leads to the bound
-            np.subtract(self.x, bound, out=self.s)
-            np.multiply(self.p, alpha, out=self.t)
-            np.subtract(self.s, self.t, out=self.t)
-            np.abs(self.t, out=self.t)
-            np.abs(self.s, out=self.s)
-            np.multiply(self.s, ACTIVITY, out=self.s)
-            np.less_equal(self.t, self.s, out=self.at_lower)
-            towards(self.p, 0.0, out=self.mask)
-            np.logical_and(self.at_lower, self.mask, out=self.at_lower)
-            np.isfinite(bound, out=self.mask)
-            np.logical_and(self.at_lower, self.mask, out=self.at_lower)
-            # what reaches the bound is moved beyond it, and projected onto it exactly
-            np.copyto(self.x, bound, where=self.at_lower)
+    def step(self, alpha: float) -> None:
+        """P(x - αp)."""
         np.multiply(self.p, alpha, out=self.t)
         np.subtract(self.x, self.t, out=self.x)
         self.project()
+
+    @np.errstate(invalid="ignore")  # ∞ - ∞ where there is no bound
+    def step_to_bound(self, alpha: float) -> None:
+        """P(x - αp), with components that come within rounding of a bound put on it.
+
+        What is left of the distance to the bound is compared with what there was, for a bound
+        at zero has no scale of its own.
+        """
+        if self.lower is not None:
+            _towards(self.lower, self.x, out=self.s)
+        if self.upper is not None:
+            _towards(self.upper, self.x, out=self.u)
+        self.step(alpha)
+        if self.lower is not None:
+            np.less_equal(self.x, self.s, out=self.mask)
+            if self.mask.any():
+                np.copyto(self.x, self.lower, where=self.mask)
+        if self.upper is not None:
+            np.greater_equal(self.x, self.u, out=self.mask)
+            if self.mask.any():
+                np.copyto(self.x, self.upper, where=self.mask)
 
     def reduced(self, alpha: float, out: Vector) -> None:
         """Reduced free gradient for the step length alpha, into out."""
@@ -155,27 +170,40 @@ class Block:
             np.divide(self.t, alpha, out=self.t)
             np.maximum(out, self.t, out=out)
 
-    def longest_step(self) -> float:
-        """Largest length that keeps x - length * p in the box."""
-        longest = np.inf
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")
+    def inverse_longest_step(self) -> float:
+        """Inverse of the largest length that keeps x - length * p in the box; 0 if it is free.
+
+        At a bound 0/0 is passed over, and a step away from it is -∞: never the longest.
+        """
+        inverse = 0.0
         if self.lower is not None:
             np.subtract(self.x, self.lower, out=self.t)
-            longest = min(longest, self._least_ratio(np.greater))
+            np.divide(self.p, self.t, out=self.t)
+            inverse = max(inverse, float(np.fmax.reduce(self.t, initial=0.0)))
         if self.upper is not None:
-            np.subtract(self.x, self.upper, out=self.t)
-            longest = min(longest, self._least_ratio(np.less))
-        return longest
+            np.subtract(self.upper, self.x, out=self.t)
+            np.divide(self.p, self.t, out=self.t)
+            inverse = max(inverse, -float(np.fmin.reduce(self.t, initial=0.0)))
+        return inverse
 
-    def _least_ratio(self, towards: np.ufunc) -> float:
-        towards(self.p, 0.0, out=self.at_lower)
-        self.s.fill(np.inf)
-        np.divide(self.t, self.p, out=self.s, where=self.at_lower)
-        return float(np.min(self.s, initial=np.inf))
+
+def _towards(bound: Vector, x: Vector, out: Vector) -> None:
+    """Put the point ten rounding errors of x - bound away from the bound into out."""
+    np.subtract(x, bound, out=out)
+    np.multiply(out, ACTIVITY, out=out)
+    np.add(out, bound, out=out)
 
 
 class Scratch:
     """Work space that the blocks share."""
 
+    FLOATS = ("t", "s", "u", "trial")
+    MASKS = ("at_lower", "at_upper", "mask", "side", "sign")
+    NAMES = FLOATS + MASKS
+
     def __init__(self, size: int) -> None:
-        self.t, self.s, self.trial = (np.empty(size) for _ in range(3))
-        self.at_lower, self.at_upper, self.mask = (np.empty(size, dtype=bool) for _ in range(3))
+        for name in self.FLOATS:
+            setattr(self, name, np.empty(size))
+        for name in self.MASKS:
+            setattr(self, name, np.empty(size, dtype=bool))

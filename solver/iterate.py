@@ -146,16 +146,17 @@ class Iterate:
         self.operator.apply(self.p, self.Ap)
         self.counts.hessian += 1
         slope = curvature = pp = ApAp = 0.0
-        longest = math.inf
+        steepest = 0.0
         for block in self.blocks:
             slope += float(np.dot(block.g, block.p))
             curvature += float(np.dot(block.p, block.Ap))
             pp += float(np.dot(block.p, block.p))
             ApAp += float(np.dot(block.Ap, block.Ap))
-            longest = min(longest, block.longest_step())
-        (slope, curvature, pp, ApAp), longest = self.reduction.sums_and_minimum(
-            (slope, curvature, pp, ApAp), longest
+            steepest = max(steepest, block.inverse_longest_step())
+        (slope, curvature, pp, ApAp), least = self.reduction.sums_and_minimum(
+            (slope, curvature, pp, ApAp), -steepest
         )
+        longest = -1.0 / least if least < 0.0 else math.inf
         if not math.isfinite(slope + curvature + ApAp):
             self._raise_not_finite(self.Ap)
         self.slope, self.curvature = slope, curvature
@@ -168,7 +169,6 @@ class Iterate:
                 "the Hessian is indefinite: the curvature p'Ap/(|A| p'p) is "
                 f"{relative:.3g} along a direction p that is largest in component {component}"
             )
-        longest = max(longest, 0.0)
         if relative <= ZERO_CURVATURE:
             return math.inf, longest
         return slope / curvature, longest
@@ -186,9 +186,7 @@ class Iterate:
             if snap:
                 block.step_to_bound(alpha)
             else:
-                np.multiply(block.p, alpha, out=block.t)
-                np.subtract(block.x, block.t, out=block.x)
-                block.project()
+                block.step(alpha)
             np.multiply(block.Ap, alpha, out=block.t)
             np.subtract(block.g, block.t, out=block.g)
             block.split()

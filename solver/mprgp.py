@@ -28,7 +28,8 @@ class MPRGP:
     Attributes
     ----------
     expansion : str or Expansion
-        Name (see ``expansion_names()``) or object; paper, section 3.
+        Name (see ``expansion_names()``) or object; paper, section 3. The default is the
+        projected CG step with a guaranteed descent; the paper's own is ``projcg``.
     alpha_u : float
         Multiple of the expansion's step length, 0 < α_u ≤ 2 (``projcg`` has none).
     gamma : float
@@ -46,7 +47,7 @@ class MPRGP:
         Applied to the free gradient in the face.
     """
 
-    expansion: str | Expansion = "projcg"
+    expansion: str | Expansion = "projcg-safe"
     alpha_u: float = 1.9
     gamma: float = 1.0
     rtol: float = 1e-6

@@ -35,6 +35,9 @@ from solver.qp import BoxQP
 from solver.result import Monitor, Reason, Result
 from solver.vectors import Vector
 
+LAGRANGIAN_DIGITS = 1e-12
+"""Relative accuracy to which two values of the Lagrangian can be compared."""
+
 
 @runtime_checkable
 class Equalities(Protocol):
@@ -106,7 +109,8 @@ class SMALBE:
         Inner solver; its ``rtol`` and ``atol`` are the tolerance of the whole: the solve ends
         when ‖g^P‖ and the scaled ‖Cx - c‖ are below max(rtol ‖b‖, atol).
     rho : float
-        Penalty ρ in units of ‖A‖/‖C‖².
+        Penalty ρ in units of ‖A‖/‖C‖². With 1, CᵀC adds no eigenvalue outside A's; larger ones
+        save outer iterations, which cost no product here, at the price of more inner ones.
     M : float
         First M in units of ‖A‖/‖C‖.
     shrink : float
@@ -132,17 +136,17 @@ class SMALBE:
 
     @classmethod
     def paper(cls, inner: MPRGP | None = None) -> SMALBE:
-        """The paper's rule (section 5.1): ρ = 1.1‖A‖, M = 100‖A‖, divided by 10."""
-        return cls(
-            inner or MPRGP(), 1.1, 100.0, 10.0, recompute_gradient=True, scaled_residual=False
-        )
+        """The paper's rule (section 5.1): ρ = 1.1‖A‖, M = 100‖A‖, divided by 10.
+
+        Its "η = 1.1‖A‖" is ρ. The residual stays scaled: the paper's plain comparison of ‖Cx‖
+        with ‖b‖ depends on the units (``scaled_residual=False`` has it).
+        """
+        return cls(inner or MPRGP(), 1.1, 100.0, 10.0, recompute_gradient=True)
 
     @classmethod
     def permon(cls, inner: MPRGP | None = None) -> SMALBE:
         """PERMON's defaults: as the paper, with M divided by 2."""
-        return cls(
-            inner or MPRGP(), 1.1, 100.0, 2.0, recompute_gradient=True, scaled_residual=False
-        )
+        return cls(inner or MPRGP(), 1.1, 100.0, 2.0, recompute_gradient=True)
 
     def solve(
         self,
@@ -253,7 +257,9 @@ class SMALBE:
                 reason = Reason.ROUND_OFF
                 break
             lagrangian = self._lagrangian(it, multiplier, right, rho, right_square)
-            if lagrangian < previous + 0.5 * rho * size**2:
+            gain = 0.5 * rho * size**2
+            # below round-off of L the test would be a coin toss, and counts depend on the units
+            if gain > LAGRANGIAN_DIGITS * abs(lagrangian) and lagrangian < previous + gain:
                 M /= self.shrink
             previous = lagrangian
             if it.projected_gradient_norm <= target and size * to_gradient <= target:
