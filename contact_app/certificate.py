@@ -19,7 +19,7 @@ the magnitudes of loads, of reactions and of contact forces), the gap to the ene
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,16 @@ from solver.tfeti.constraints import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_displacements
 
-FORCE_FLOOR = 1e-9
+NUMBERS = (
+    "max_penetration",
+    "max_gluing_jump",
+    "min_multiplier",
+    "complementarity",
+    "equilibrium",
+    "duality_gap",
+)
+
+EQUILIBRIUM_FLOOR = 1e-9
 """Residual of equilibrium that round-off may leave, relative to the load."""
 
 
@@ -128,22 +137,19 @@ def certify(
     )
     energy += work + gap
 
-    values = {
-        "max_penetration": _max(comm, np.maximum(slack[contact], 0.0)) / unit,
-        "max_gluing_jump": _max(comm, np.abs(slack[glued])) / unit,
-        "min_multiplier": -_max(comm, -np.minimum(contact_forces, 0.0)) / (load or 1.0),
-        "complementarity": complementarity / ((load or 1.0) * unit),
-        "equilibrium": imbalance / (load or 1.0),
-        "duality_gap": gap / (abs(energy) or 1.0),
-    }
-    values = {name: value + 0.0 for name, value in values.items()}
-    passed = all(
-        np.isfinite(value) and abs(value) <= max(tolerance, floor)
-        for value, floor in zip(
-            values.values(), (0.0, 0.0, 0.0, 0.0, FORCE_FLOOR, 0.0), strict=True
-        )
+    numbers = Certificate(
+        max_penetration=_max(comm, np.maximum(slack[contact], 0.0)) / unit,
+        max_gluing_jump=_max(comm, np.abs(slack[glued])) / unit,
+        min_multiplier=0.0 - _max(comm, -np.minimum(contact_forces, 0.0)) / (load or 1.0),
+        complementarity=complementarity / ((load or 1.0) * unit),
+        equilibrium=imbalance / (load or 1.0),
+        duality_gap=gap / (abs(energy) or 1.0),
+        passed=False,
     )
-    return Certificate(**values, passed=bool(passed)), Measures(largest, load, energy)
+    limits = dict.fromkeys(NUMBERS, tolerance)
+    limits["equilibrium"] = max(tolerance, EQUILIBRIUM_FLOOR)
+    passed = all(abs(getattr(numbers, name)) <= limit for name, limit in limits.items())
+    return replace(numbers, passed=passed), Measures(largest, load, energy)
 
 
 def _equilibrium(
@@ -167,9 +173,7 @@ def _equilibrium(
     return float(np.sqrt(square)), float(energy)
 
 
-def _largest_displacement(
-    problem: DualProblem, displacements: list[NDArray[np.float64]]
-) -> float:
+def _largest_displacement(problem: DualProblem, displacements: list[NDArray[np.float64]]) -> float:
     squares = [
         (u.reshape(-1, problem.dimension, u.shape[1]) ** 2).sum(axis=1) for u in displacements
     ]
@@ -190,7 +194,7 @@ def _load(
     )
     for cls, lift in zip(problem.classes, problem.lifting, strict=True):
         if lift.any():
-            sums[1] += float(np.abs((cls.stiffness @ lift)).sum())
+            sums[1] += float(np.abs(cls.stiffness @ lift).sum())
     return float(problem.comm.allreduce(sums).max())
 
 

@@ -49,9 +49,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     """Average copies and evaluate contact at the owned nodes."""
     problem, d = model.problem, model.scene.dimension
     exchange = model.node_exchange
-    copies = [
-        solution.displacements[cls][:, column].reshape(-1, d) for cls, column in model.place
-    ]
+    copies = [solution.displacements[cls][:, column].reshape(-1, d) for cls, column in model.place]
     displacement = exchange.to_owners(np.concatenate(copies))
     points = exchange.to_owners(np.concatenate([s.points() for s in model.partition.subdomains]))
     size = exchange.last - exchange.first

@@ -7,7 +7,7 @@ and its conditions are rows of B.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +20,15 @@ from scipy import sparse
 
 from contact_app.assembly import Element
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from contact_app.scene import Body, Material, Scene
+from contact_app.scene import (
+    Body,
+    Contact,
+    DisplacementCondition,
+    Material,
+    Pressure,
+    Scene,
+    Traction,
+)
 from contact_app.timings import Timings
 from meshes import BoxShape, Partition, Subdomain, decompose
 from solver.tfeti.classes import SubdomainClass, dense_block_pays
@@ -227,9 +235,7 @@ class _Surface:
                 cache[key] = np.unique(s.reference.facets).astype(np.int64)
             self.local.append(cache[key])
         self.starts = np.cumsum([0, *(len(n) for n in self.local)])
-        parts = [
-            s.nodes[local] for s, local in zip(partition.subdomains, self.local, strict=True)
-        ]
+        parts = [s.nodes[local] for s, local in zip(partition.subdomains, self.local, strict=True)]
         self.nodes: NDArray[np.int64] = np.concatenate(parts)
 
     def copies(self, subdomain: int) -> slice:
@@ -290,10 +296,11 @@ def _agreed(comm: MPI.Intracomm) -> Iterator[None]:
 
 def _refuse_empty(scene: Scene, partition: Partition, conditions: NodeConditions) -> None:
     """Refuse conditions and contacts whose boundary has no node."""
-    for things, sources in (
+    groups: tuple[tuple[Sequence[DisplacementCondition | Contact], NDArray[np.int64]], ...] = (
         (scene.displacements, conditions.held_source),
         (scene.contacts, conditions.contact_source),
-    ):
+    )
+    for things, sources in groups:
         count = partition.comm.allreduce(np.bincount(sources, minlength=len(things)))
         for thing, nodes in zip(things, count, strict=False):
             if nodes == 0:
@@ -308,9 +315,9 @@ def _loads(
     scene: Scene, partition: Partition, elements: dict[int, Element]
 ) -> list[NDArray[np.float64] | None]:
     """Load vector of each subdomain of this rank, None where nothing acts."""
-    facet_loads = (*scene.tractions, *scene.pressures)
+    facet_loads: tuple[Traction | Pressure, ...] = (*scene.tractions, *scene.pressures)
     found = np.zeros(len(facet_loads), bool)
-    cache: dict[tuple, NDArray[np.float64]] = {}
+    cache: dict[Hashable, NDArray[np.float64]] = {}
     loads: list[NDArray[np.float64] | None] = []
     for s in partition.subdomains:
         element = elements[id(s.reference)]
@@ -322,7 +329,7 @@ def _loads(
             if len(rows) == 0:
                 continue
             found[i] = True
-            key = (id(s.reference), i, rows.tobytes())
+            key: Hashable = (id(s.reference), i, rows.tobytes())
             if key not in cache:
                 if i < len(scene.tractions):
                     cache[key] = element.traction(rows, np.array(scene.tractions[i].vector))
@@ -643,11 +650,7 @@ def _kernel_matrix(
     comm: MPI.Intracomm, classes: list[SubdomainClass], size: int, kernels: int
 ) -> PETSc.Mat:
     """R restricted to interface unknowns, (interface, kernels), one dense block a subdomain."""
-    blocks = [
-        cls.kernel[cls.interface]
-        for cls in classes
-        for _ in range(len(cls.members))
-    ]
+    blocks = [cls.kernel[cls.interface] for cls in classes for _ in range(len(cls.members))]
     diagonal = sparse.block_diag(blocks, format="coo") if blocks else sparse.coo_matrix((0, 0))
     first, total = comm.exscan(kernels) or 0, comm.allreduce(kernels)
     local = sparse.csr_matrix(

@@ -28,7 +28,6 @@ from contact_app.timings import Timings
 from solver.result import Monitor, Step
 from solver.tfeti.constraints import RowKind
 
-
 CERTIFIED, NOT_CERTIFIED = 0, 1
 """Exit codes of a run that solved something."""
 

@@ -158,9 +158,7 @@ def _solve_smalbe(
 
     def near(state: OuterState) -> bool:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
-        gap = np.where(
-            problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient)
-        )
+        gap = np.where(problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient))
         worst = float((gap / spread).max(initial=0.0))
         worst = problem.comm.allreduce(worst, op=MPI.MAX)
         if not displacement[0]:

@@ -94,10 +94,11 @@ def choose_split(box: BoxShape, at_least: int = 1) -> tuple[int, ...]:
 
 def _near_even(cells: int, wish: float) -> int:
     """Number of parts near a wish, one that divides the cells evenly if there is one."""
-    near = range(max(1, math.floor(0.7 * wish)), min(cells, math.ceil(1.4 * wish)) + 1)
-    even = [parts for parts in near if cells % parts == 0]
+    even = [parts for parts in range(1, math.ceil(2 * wish)) if cells % parts == 0]
     if even:
-        return min(even, key=lambda parts: abs(math.log(parts / wish)))
+        nearest = min(even, key=lambda parts: abs(math.log(parts / wish)))
+        if 2 / 3 < nearest / wish < 3 / 2:
+            return nearest
     return min(cells, max(1, round(wish)))
 
 

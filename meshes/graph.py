@@ -74,9 +74,7 @@ def split_by_graph(box: BoxShape, parts: int) -> list[Piece]:
     ]
 
 
-def facet_connected_parts(
-    pairs: NDArray[np.int64], cells: int, parts: int
-) -> NDArray[np.int64]:
+def facet_connected_parts(pairs: NDArray[np.int64], cells: int, parts: int) -> NDArray[np.int64]:
     """Label each cell with its subdomain; every subdomain hangs together through facets.
 
     Parameters
@@ -178,6 +176,7 @@ def _piece(
     local = local.reshape(cells.shape).astype(np.int64)
     place = np.full(len(points), -1, dtype=np.int64)
     place[used] = np.arange(len(used))
+
     def mine(rows: NDArray[np.int32]) -> NDArray[np.int64]:
         return np.sort(place[facets[rows[own[rows]]]], axis=1)
 

@@ -269,9 +269,7 @@ def write_rows(
     """
     dimension = contact.directions.shape[1]
     order = np.argsort(exchange.nodes, kind="stable")
-    nodes, start, copies = np.unique(
-        exchange.nodes[order], return_index=True, return_counts=True
-    )
+    nodes, start, copies = np.unique(exchange.nodes[order], return_index=True, return_counts=True)
     is_held = np.zeros((len(nodes), dimension), bool)
     value = np.zeros((len(nodes), dimension))
     at = np.searchsorted(nodes, held.nodes)
