@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
-from contact_app.solve import Solution
+from contact_app.solve import Solution, reason_text
 
 SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1
@@ -60,7 +60,7 @@ def model_warnings(
             "counts, their pressure is not shown"
         )
     if not solution.certificate.passed:
-        warnings.append(f"not certified: {solution.reason.value}")
+        warnings.append(f"not certified: {reason_text(solution)}")
     for note in model.notes:
         if "can move freely" in note:
             warnings.append(note)

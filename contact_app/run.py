@@ -23,15 +23,14 @@ from contact_app.output import write_xdmf
 from contact_app.progress import Interruption, Progress, together
 from contact_app.report import log, print_summary, run_log, write_summary
 from contact_app.scene import Scene
-from contact_app.solve import Solution, solve
+from contact_app.solve import Solution, reason_text, solve
 from contact_app.timings import Timings
+from solver.errors import QPError
 from solver.result import Monitor, Step
 from solver.tfeti.constraints import RowKind
 
 CERTIFIED, NOT_CERTIFIED = 0, 1
 """Exit codes of a run that solved something."""
-
-CONVERGED = "Every number of the certificate is below the tolerance."
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +122,11 @@ def solve_scene(
     """
     timings = Timings()
     model = build_model(scene, comm, timings)
-    with timings.measure("solve"):
-        solution = solve(model.problem, scene.solver, monitor)
+    try:
+        with timings.measure("solve"):
+            solution = solve(model.problem, scene.solver, monitor)
+    except QPError as error:
+        raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
     with timings.measure("output"):
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)
@@ -164,7 +166,7 @@ def summarise(solved: SolvedScene) -> dict[str, Any]:
         },
         "solver": {
             "converged": solution.converged,
-            "reason": CONVERGED if solution.converged else str(solution.reason.value),
+            "reason": reason_text(solution),
             "outer_iterations": counts.outer,
             "hessian_multiplications": counts.hessian,
             "cg_steps": counts.cg,

@@ -63,6 +63,17 @@ class Solution:
         return self.certificate.passed
 
 
+def reason_text(solution: Solution) -> str:
+    """Why the solve ended, in a sentence for the user."""
+    if solution.converged:
+        return "Every number of the certificate is below the tolerance."
+    if solution.reason is Reason.STOPPED:
+        return "The run was interrupted; what it had reached is written."
+    if solution.reason.converged:
+        return "The certificate could not be brought below the tolerance: round-off is in the way."
+    return str(solution.reason.value)
+
+
 def solve(problem: DualProblem, options: SolverOptions, monitor: Monitor | None) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it."""
     if problem.comm.allreduce(problem.size) == 0:
