@@ -12,6 +12,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--slow"):
         config.option.markexpr = config.option.markexpr.replace("not slow", "")
+    # Ranks that wait let others run: tests start more of them than there are cores.
+    os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     # Open MPI refuses to start as root, as in a container, unless told.
     if os.geteuid() == 0:
         os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT", "1")
