@@ -7,10 +7,11 @@ import logging
 import math
 import platform
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from rich.console import Console
@@ -45,11 +46,12 @@ def run_log(path: Path | None) -> Iterator[logging.Logger]:
     handlers, level = root.handlers, log.level
     root.handlers = [handler]
     log.setLevel(logging.INFO)
-    logging.captureWarnings(True)
     try:
         log.info("command: %s", " ".join(sys.argv))
         log.info("python %s on %s", platform.python_version(), platform.platform())
-        yield log
+        with warnings.catch_warnings():
+            warnings.showwarning = _log_warning
+            yield log
     except ContactError as error:
         log.error("%s", error)
         raise
@@ -57,10 +59,21 @@ def run_log(path: Path | None) -> Iterator[logging.Logger]:
         log.exception("the run ended before its end")
         raise
     finally:
-        logging.captureWarnings(False)
         root.handlers = handlers
         log.setLevel(level)
         handler.close()
+
+
+def _log_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Python's warnings as lines of the log; the signature is `warnings.showwarning`'s."""
+    log.warning("%s: %s (%s:%d)", category.__name__, message, filename, lineno)
 
 
 def _is_told(record: logging.LogRecord) -> bool:

@@ -151,7 +151,7 @@ def test_the_log_keeps_messages_and_warnings(
     text = path.read_text(encoding="utf-8")
     assert "INFO    assembling 8 subdomains" in text
     assert "WARNING slow BLAS" in text
-    assert "from a library" in text
+    assert "UserWarning: from a library" in text
     assert "of a library" in text
     assert "not this" not in text
     assert "build_ext" not in text
