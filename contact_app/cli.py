@@ -9,6 +9,7 @@ import importlib.util
 import json
 import os
 import sys
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -52,9 +53,11 @@ def run(config: Config, output: Directory = None, overrides: Overrides = None) -
     from contact_app.scene import build_scene
 
     scene = build_scene(load(config, overrides or ()))
+    directory = output or Path("results") / config.stem
+    _refuse_unwritable(directory)
     from contact_app.run import run as run_scene
 
-    raise typer.Exit(run_scene(scene, output or Path("results") / config.stem))
+    raise typer.Exit(run_scene(scene, directory))
 
 
 @app.command()
@@ -98,7 +101,23 @@ def main() -> None:
         sys.exit(1)
 
 
+def _refuse_unwritable(directory: Path) -> None:
+    """Find out that results cannot be written before anything is computed."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        raise ConfigurationError(
+            f"--output {directory}: results cannot be written there: {error.strerror}"
+        ) from None
+
+
 def _tell(message: str) -> None:
-    """Print a message once, also under mpirun."""
+    """Print a message once, also under mpirun; what a terminal would obey is shown as its code."""
     if int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0"))) == 0:
-        print(message, file=sys.stderr)
+        shown = (
+            c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode()
+            for c in message
+        )
+        print("".join(shown), file=sys.stderr)

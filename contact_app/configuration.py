@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -47,8 +47,14 @@ SPACES = {
     "3": (3, None),
 }
 
-Numbers = Annotated[list[float], Field(min_length=1, max_length=3)]
-Positive = Annotated[float, Field(gt=0)]
+# Beyond these no unit of measurement leads, and products of a few such numbers stay finite.
+LARGEST, SMALLEST = 1e50, 1e-50
+MOST_ITERATIONS = 1_000_000_000
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+Numbers = Annotated[list[Number], Field(min_length=1, max_length=3)]
+Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_length=3)]
 
 
 class Model(BaseModel):
@@ -60,7 +66,7 @@ class Model(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if isinstance(data, dict):
-            allowed = [f.alias or name for name, f in cls.model_fields.items()]
+            allowed = cls.keys()
             for key in data:
                 if key not in allowed:
                     near = difflib.get_close_matches(str(key), allowed, 1, 0.5)
@@ -72,14 +78,20 @@ class Model(BaseModel):
                     )
         return data
 
+    @classmethod
+    def keys(cls) -> list[str]:
+        """The keys of this section, as they are typed."""
+        return [f.alias or name for name, f in cls.model_fields.items()]
+
 
 class Box(Model):
     """A box of equal cells."""
 
     lower: Numbers = Field(description="Corner with the smallest coordinates (length).")
     upper: Numbers = Field(description="Corner with the largest coordinates (length).")
-    cells: list[Annotated[int, Field(ge=1)]] = Field(
-        description="Cells along each axis.", min_length=1, max_length=3
+    cells: Counts = Field(
+        description="Cells along each axis; a tetrahedron mesh has six and a triangle mesh two "
+        "cells in each."
     )
     cell: Literal["hexahedron", "tetrahedron", "quadrilateral", "triangle"] | None = Field(
         None, description="Cell type; hexahedron in 3D and quadrilateral in 2D unless given."
@@ -97,7 +109,7 @@ class Material(Model):
     """Isotropic linear elasticity."""
 
     young: Positive = Field(description="Young's modulus (force per area), above 0.")
-    poisson: float = Field(description="Poisson's ratio, -1 < ν < 0.5.")
+    poisson: Number = Field(description="Poisson's ratio, -1 < ν < 0.5.")
 
 
 class Boundary(Model):
@@ -113,9 +125,9 @@ class Body(Model):
     """An elastic body."""
 
     name: str = Field(description="Name by which conditions and contacts refer to it.")
-    mesh: Mesh
+    mesh: Mesh = Field(description="Where the mesh comes from: {box: …}.")
     degree: int = Field(1, description="Polynomial degree of the displacement; 1.")
-    material: Material | dict[str, Material] = Field(description="{young, poisson}.")
+    material: Material = Field(description="{young, poisson}.")
     boundaries: dict[str, Boundary] = Field(
         default_factory=dict,
         description="Named parts of the surface; boxes also know x-, x+, y-, y+, z-, z+.",
@@ -124,12 +136,12 @@ class Body(Model):
     @field_validator("material", mode="before")
     @classmethod
     def _material(cls, value: Any) -> Any:
-        by_tag = (
-            isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values())
-        )
-        if by_tag:
-            return {k: Material.model_validate(v) for k, v in value.items()}
-        return Material.model_validate(value)
+        if isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values()):
+            raise PydanticCustomError(
+                "told", "by tag needs a mesh from a file, which is not available yet; a box takes "
+                "{form}", {"form": "{young, poisson}"},
+            )  # fmt: skip
+        return value
 
 
 class Condition(Model):
@@ -137,11 +149,11 @@ class Condition(Model):
 
     on: str | None = Field(None, description="Boundary, as body.boundary.")
     inside: str | None = Field(None, alias="in", description="Body, for a force.")
-    displacement: Annotated[list[float | None], Field(min_length=1, max_length=3)] | None = Field(
+    displacement: Annotated[list[Number | None], Field(min_length=1, max_length=3)] | None = Field(
         None, description="Displacement by component (length); null leaves a component free."
     )
     traction: Numbers | None = Field(None, description="Force per area.")
-    pressure: float | None = Field(None, description="Pressure against the outward normal.")
+    pressure: Number | None = Field(None, description="Pressure against the outward normal.")
     force: Numbers | None = Field(None, description="Force per volume.")
 
 
@@ -172,9 +184,13 @@ class Cylinder(Model):
 class Obstacle(Model):
     """A rigid obstacle: exactly one shape."""
 
-    plane: Plane | None = None
-    sphere: Sphere | None = None
-    cylinder: Cylinder | None = None
+    plane: Plane | None = Field(None, description="Half space: {point, normal}.")
+    sphere: Sphere | None = Field(
+        None, description="Ball, a circle in 2D: {center, radius, hollow}."
+    )
+    cylinder: Cylinder | None = Field(
+        None, description="Infinite round bar, 3D only: {point, axis, radius, hollow}."
+    )
 
 
 class Contact(Model):
@@ -188,22 +204,30 @@ class Contact(Model):
 class Split(Model):
     """A decomposition asked for."""
 
-    subdomains: (
-        Annotated[int, Field(ge=1)]
-        | Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_length=3)]
-    ) = Field(
+    subdomains: Annotated[int, Field(ge=1)] | Counts = Field(
         description="A number: that many by graph partitioning. A list: sub-boxes along each axis."
     )
+
+    @field_validator("subdomains", mode="wrap")
+    @classmethod
+    def _subdomains(cls, value: Any, check: Callable[[Any], Any]) -> Any:
+        try:
+            return check(value)
+        except ValidationError:
+            raise PydanticCustomError(
+                "told", "is {value}; allowed: a whole number from 1 on, or a list of them, one "
+                "an axis", {"value": _shown(value)},
+            ) from None  # fmt: skip
 
 
 class Solver(Model):
     """How far and by what to solve."""
 
-    tolerance: Annotated[float, Field(gt=0, lt=1)] = Field(
+    tolerance: Annotated[float, Field(ge=1e-14, lt=1)] = Field(
         1e-6,
         description="The run ends when penetration and gluing jumps (over the largest "
         "displacement), complementarity and equality residuals (over the load) and the duality "
-        "gap (over the energy) are all below it.",
+        "gap (over the energy) are all below it; 1e-14 to 1.",
     )
     expansion: Literal[EXPANSIONS] = Field(  # type: ignore[valid-type]
         "projcg",
@@ -214,7 +238,7 @@ class Solver(Model):
         1.9, description="Step length of fixed, optapprox and opt expansions, 0 < α ≤ 2."
     )
     gamma: Positive = Field(1.0, description="Γ of the proportioning test, above 0.")
-    max_iterations: Annotated[int, Field(ge=1)] = Field(
+    max_iterations: Annotated[int, Field(ge=1, le=MOST_ITERATIONS)] = Field(
         10_000, description="Limit of inner iterations."
     )
 
@@ -231,7 +255,7 @@ class Output(Model):
 class Configuration(Model):
     """A contact scene."""
 
-    title: str = Field("", description="One line for reports.")
+    title: str = Field("", max_length=200, description="One line for reports.")
     dimension: int | str = Field(
         description="3, or 2 (which means plane_strain), or plane_strain or plane_stress."
     )
@@ -243,16 +267,25 @@ class Configuration(Model):
     decomposition: Literal["auto"] | Split = Field(
         "auto", description="auto, or {subdomains: N | [nx, ny, nz]}."
     )
-    solver: Solver = Field(default_factory=Solver)
-    output: Output = Field(default_factory=Output)
+    solver: Solver = Field(Solver.model_validate({}), description="How far and by what to solve.")
+    output: Output = Field(Output.model_validate({}), description="What is written.")
 
     _lines: dict[Key, int] = PrivateAttr(default_factory=dict)
     _overridden: dict[Key, str] = PrivateAttr(default_factory=dict)
     _source: Path = PrivateAttr(default=Path("scene"))
 
-    @field_validator("dimension")
+    @field_validator("title")
     @classmethod
-    def _dimension(cls, value: int | str) -> int | str:
+    def _title(cls, value: str) -> str:
+        if not value.isprintable():
+            raise PydanticCustomError(
+                "told", "is {value}; one line of printable text is allowed", {"value": repr(value)}
+            )
+        return value
+
+    @field_validator("dimension", mode="before")
+    @classmethod
+    def _dimension(cls, value: Any) -> Any:
         _space(value)
         return value
 
@@ -263,8 +296,8 @@ class Configuration(Model):
             return Split.model_validate(value)
         if value != "auto" and not isinstance(value, Split):
             raise PydanticCustomError(
-                "decomposition", "is {value}; allowed: auto or {{subdomains: N | [nx, ny, nz]}}",
-                {"value": repr(value)},
+                "told", "is {value}; allowed: auto or {form}",
+                {"value": _shown(value), "form": "{subdomains: N | [nx, ny, nz]}"},
             )  # fmt: skip
         return value
 
@@ -283,14 +316,15 @@ class Configuration(Model):
         return _where(path, str(self._source), self._lines, self._overridden)
 
 
-def _space(value: int | str) -> tuple[int, str | None]:
-    words = re.sub(r"[^a-z0-9_]+", " ", str(value).lower()).split()
+def _space(value: Any) -> tuple[int, str | None]:
+    text = str(value).lower() if isinstance(value, str) or type(value) is int else ""
+    words = re.sub(r"[^a-z0-9_]+", " ", text).split()
     if len(words) == 2 and words[0] == "2":
         words = words[1:]
     if len(words) != 1 or words[0] not in SPACES:
         raise PydanticCustomError(
-            "dimension", "is {value}; allowed: 3, 2, plane_strain, plane_stress",
-            {"value": repr(value)},
+            "told", "is {value}; allowed: 3, 2, plane_strain, plane_stress",
+            {"value": _shown(value)},
         )  # fmt: skip
     return SPACES[words[0]]
 
@@ -333,11 +367,13 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> Configuration:
 
 def _override(data: Any, text: str, overridden: dict[Key, str]) -> None:
     """Carry out one ``--set``."""
-    name = f"--set {text}"
+    name = "--set " + (text if len(text) <= 80 else text[:77] + "...")
     key, equals, value_text = text.partition("=")
-    parts = [int(p) if p.isdigit() else p for p in key.strip().split(".")]
+    parts = [int(p) if re.fullmatch("[0-9]{1,9}", p) else p for p in key.strip().split(".")]
     if not equals or not all(p != "" for p in parts):
         raise ConfigurationError(f"{name}: has the form path.to.key=value")
+    if len(parts) > yaml_reader.DEEPEST:
+        raise ConfigurationError(f"{name}: is nested deeper than {yaml_reader.DEEPEST} levels")
     value = yaml_reader.scalar(value_text, name)
     for depth, (part, following) in enumerate(zip(parts, [*parts[1:], None], strict=True)):
         here = key_text(parts[:depth]) or "the file"
@@ -392,8 +428,15 @@ def _message(
         return f"{at.rsplit(': ', 1)[0]}: {key_text(path)} {allowed}"
     at = _where(path, file, lines, overridden)
     shown = _shown(value)
-    if kind in ("unknown_key", "dimension", "decomposition"):
+    if kind in ("unknown_key", "told"):
         return f"{at} {details['msg']}"
+    section = globals().get(str(context.get("class_name")))
+    keys = ""
+    if isinstance(section, type) and issubclass(section, Model):
+        keys = f", with the keys {', '.join(section.keys())}"
+    limit = next((f"{context[k]:g}" for k in ("gt", "ge", "lt", "le") if k in context), "")
+    if context.get("ge") == SMALLEST:
+        limit = f"{SMALLEST:g}, that is above 0"
     wanted = {
         "finite_number": "a finite number is allowed",
         "float_type": "a number is allowed",
@@ -401,15 +444,16 @@ def _message(
         "string_type": "text is allowed",
         "bool_type": "true or false is allowed",
         "list_type": "a list is allowed",
-        "model_type": "a mapping of keys is allowed",
+        "model_type": f"a mapping is allowed{keys}",
         "dict_type": "a mapping of keys is allowed",
         "literal_error": f"allowed: {context.get('expected', '')}",
-        "greater_than": f"it must be above {context.get('gt')}",
-        "greater_than_equal": f"it must be at least {context.get('ge')}",
-        "less_than": f"it must be below {context.get('lt')}",
-        "less_than_equal": f"it must be at most {context.get('le')}",
-        "too_short": f"at least {context.get('min_length')} items are needed",
+        "greater_than": f"it must be above {limit}",
+        "greater_than_equal": f"it must be at least {limit}",
+        "less_than": f"it must be below {limit}",
+        "less_than_equal": f"it must be at most {limit}",
+        "too_short": "it must not be empty",
         "too_long": f"at most {context.get('max_length')} items are allowed",
+        "string_too_long": f"at most {context.get('max_length')} characters are allowed",
     }.get(kind, details["msg"])
     if kind == "literal_error" and isinstance(value, str):
         near = difflib.get_close_matches(value, re.findall(r"'([^']+)'", wanted), 1)

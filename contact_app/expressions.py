@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -91,10 +92,14 @@ class Expression:
         if len(text) > LONGEST:
             raise ExpressionError(f"is longer than {LONGEST} characters")
         try:
-            tree = ast.parse(text.strip(), mode="eval").body
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of Python's own taste, as in `1or x`
+                tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             raise ExpressionError(f"is no expression ({text!r}); allowed: {ALLOWED}") from None
-        kind = _check(tree, variables, 0)
+        if _depth(tree) > DEEPEST:
+            raise ExpressionError(f"is nested deeper than {DEEPEST} levels")
+        kind = _check(tree, variables)
         if kind != "condition":
             raise ExpressionError("is a number, not a condition; compare it, as in `z < 0.1`")
         return cls(text, tree)
@@ -106,25 +111,37 @@ class Expression:
         return np.broadcast_to(np.asarray(result, dtype=bool), len(points)).copy()
 
 
-def _check(node: ast.expr, variables: tuple[str, ...], depth: int) -> str:
+def _depth(tree: ast.AST) -> int:
+    """Levels of a tree, counted without recursion."""
+    level: list[ast.AST] = [tree]
+    depth = 0
+    while level:
+        level = [child for node in level for child in ast.iter_child_nodes(node)]
+        depth += 1
+    return depth
+
+
+def _check(node: ast.expr, variables: tuple[str, ...]) -> str:
     """Whether a node is a `number` or a `condition`; raises where it is neither."""
-    if depth > DEEPEST:
-        raise ExpressionError(f"is nested deeper than {DEEPEST} levels")
 
     def check(child: ast.expr, wanted: str) -> str:
-        found = _check(child, variables, depth + 1)
+        found = _check(child, variables)
         if found != wanted:
+            logic = isinstance(node, ast.BinOp) and type(node.op) in _LOGIC
             raise ExpressionError(
                 f"uses `{_source(child)}`, a {found}, where a {wanted} belongs"
-                + ("; put comparisons in parentheses around & and |" if wanted == "condition"
-                   else "")
-            )  # fmt: skip
+                + ("; put comparisons in parentheses around & and |" if logic else "")
+            )
         return found
 
     match node:
         case ast.Constant(value=bool()):
             return "condition"
-        case ast.Constant(value=int() | float()):
+        case ast.Constant(value=int() | float() as constant):
+            try:
+                float(constant)
+            except OverflowError:
+                raise ExpressionError("has a number that is too large") from None
             return "number"
         case ast.Name(id=name) if name in variables or name in CONSTANTS:
             return "number"
@@ -152,7 +169,9 @@ def _check(node: ast.expr, variables: tuple[str, ...], depth: int) -> str:
             return "condition"
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
             if len(args) != ARGUMENTS.get(name, 1):
-                raise ExpressionError(f"calls {name} with {len(args)} arguments")
+                raise ExpressionError(
+                    f"calls {name} with {len(args)} arguments; it takes {ARGUMENTS.get(name, 1)}"
+                )
             for value in args:
                 check(value, "number")
             return "number"
@@ -160,6 +179,7 @@ def _check(node: ast.expr, variables: tuple[str, ...], depth: int) -> str:
 
 
 def _evaluate(node: ast.expr, values: dict[str, Any]) -> Any:
+    result: Any
     match node:
         case ast.Constant(value=bool(value)):
             return value
@@ -182,10 +202,10 @@ def _evaluate(node: ast.expr, values: dict[str, Any]) -> Any:
                 result = function(result, _evaluate(operand, values))
             return result
         case ast.Compare(left=left, ops=ops, comparators=right):
-            result: Any = True
+            result = True
             first = _evaluate(left, values)
-            for op, second in zip(ops, (_evaluate(v, values) for v in right), strict=True):
-                result = np.logical_and(result, _COMPARISON[type(op)](first, second))
+            for comparison, second in zip(ops, (_evaluate(v, values) for v in right), strict=True):
+                result = np.logical_and(result, _COMPARISON[type(comparison)](first, second))
                 first = second
             return result
         case ast.Call(func=ast.Name(id=name), args=args):

@@ -119,7 +119,7 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     try:
         return decompose(box_shapes(scene), scene.decomposition.subdomains, comm)
     except ValueError as error:
-        raise ConfigurationError(f"{scene.source}: decomposition: {error}") from error
+        raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
 
 
 def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Model:
@@ -270,7 +270,10 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
             nodes = boundary_nodes(s, body, contact.boundary)
             if len(nodes) == 0:
                 continue
-            gap, normal = contact.obstacle.gap_and_normal(points[nodes])
+            try:
+                gap, normal = contact.obstacle.gap_and_normal(points[nodes])
+            except ConfigurationError as error:
+                raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
             touching.append(
                 (s.nodes[nodes], points[nodes], -normal[:, :d], gap, np.full(len(nodes), i))
             )
@@ -305,7 +308,7 @@ def _refuse_empty(scene: Scene, partition: Partition, conditions: NodeConditions
         for thing, nodes in zip(things, count, strict=False):
             if nodes == 0:
                 raise ConfigurationError(
-                    f"{scene.source}: {thing.source}.on: no node of the surface of "
+                    f"{scene.at(thing.source)}.on: no node of the surface of "
                     f"{scene.bodies[thing.body].name} lies on {thing.boundary}; change the "
                     "boundary's `where` or the mesh"
                 )
@@ -348,7 +351,7 @@ def _loads(
     for load, some in zip(facet_loads, found, strict=True):
         if not some:
             raise ConfigurationError(
-                f"{scene.source}: {load.source}.on: no whole facet of the surface of "
+                f"{scene.at(load.source)}.on: no whole facet of the surface of "
                 f"{scene.bodies[load.body].name} lies on {load.boundary}; a load needs facets all "
                 "of whose nodes are on it"
             )
@@ -424,7 +427,7 @@ def _contradiction(scene: Scene, error: ContradictionError) -> str:
     if error.kind == "held twice":
         first, second = scene.displacements[error.first], scene.displacements[error.second]
         return (
-            f"{scene.source}: {first.source} and {second.source} hold one node of "
+            f"{scene.at(first.source)} and {second.source} hold one node of "
             f"{scene.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
         )
     contact = scene.contacts[error.first]

@@ -128,8 +128,7 @@ class Cylinder:
         """One sentence part."""
         kind = "bore" if self.hollow else "cylinder"
         return (
-            f"{kind} along {_text(self.axis)} through {_text(self.point)} of radius "
-            f"{self.radius:g}"
+            f"{kind} along {_text(self.axis)} through {_text(self.point)} of radius {self.radius:g}"
         )
 
 

@@ -6,9 +6,10 @@ All that comes later reads the scene and nothing else of the input.
 from __future__ import annotations
 
 import difflib
+import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,6 +23,13 @@ from contact_app.obstacles import Cylinder, Obstacle, Plane, Sphere
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
+CELLS_PER_CUBE = {"tetrahedron": 6, "triangle": 2}
+
+LONGEST_CELL = 1e4
+"""Longest over shortest edge of a cell; beyond, round-off hides the short edge's stiffness."""
+
+NEAREST_HALF = 1e-6
+"""Distance of Poisson's ratio from 0.5 and -1, where the stiffness grows beyond all bounds."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +52,12 @@ class Box:
     @property
     def nodes(self) -> int:
         """Nodes of the mesh."""
-        result = 1
-        for n in self.cells:
-            result *= n + 1
-        return result
+        return math.prod(n + 1 for n in self.cells)
+
+    @property
+    def total_cells(self) -> int:
+        """Cells of the mesh."""
+        return math.prod(self.cells) * CELLS_PER_CUBE.get(self.cell, 1)
 
 
 @dataclass(frozen=True)
@@ -153,6 +163,11 @@ class Scene:
     solver: SolverOptions
     output: OutputOptions
     source: Path
+    places: Mapping[str, str] = field(default_factory=dict, compare=False)
+
+    def at(self, source: str) -> str:
+        """File, line and key of a condition or contact, to begin a message with."""
+        return self.places.get(source, f"{self.source}: {source}")
 
 
 def build_scene(configuration: c.Configuration) -> Scene:
@@ -200,9 +215,18 @@ class _Builder:
             contacts=contacts,
             decomposition=self._decomposition(),
             solver=SolverOptions(**self.c.solver.model_dump()),
-            output=OutputOptions(self.c.output.xdmf, tuple(self.c.output.fields)),
+            output=OutputOptions(self.c.output.xdmf, tuple(dict.fromkeys(self.c.output.fields))),
             source=self.c.source,
+            places=self._places(),
         )
+
+    def _places(self) -> dict[str, str]:
+        """Where conditions, contacts and the decomposition stand in the file."""
+        keys = [("conditions", i) for i in range(len(self.c.conditions))]
+        keys += [("contacts", i) for i in range(len(self.c.contacts))]
+        places = {f"{name}[{i}]": self.c.where((name, i)) for name, i in keys}
+        places["decomposition"] = self.c.where(("decomposition",))
+        return places
 
     def _fail(self, path: tuple[str | int, ...], message: str) -> NoReturn:
         raise ConfigurationError(self.c.where(path) + " " + message)
@@ -223,27 +247,28 @@ class _Builder:
 
     def _body(self, i: int, body: c.Body) -> Body:
         path: tuple[str | int, ...] = ("bodies", i)
-        if not re.fullmatch(r"[A-Za-z_][\w-]*", body.name):
-            self._fail((*path, "name"), f"is {body.name!r}; letters, digits, _ and - are allowed")
-        if body.degree != 1:
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]{0,99}", body.name):
             self._fail(
-                (*path, "degree"), f"is {body.degree}; only 1 is available so far"
+                (*path, "name"),
+                f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
             )
+        if body.degree != 1:
+            self._fail((*path, "degree"), f"is {body.degree}; only 1 is available so far")
         if body.mesh.file is not None:
             self._fail((*path, "mesh", "file"), "is not available yet; use `box`")
         if body.mesh.box is None:
             self._fail((*path, "mesh"), "needs `box: {lower, upper, cells, cell}`")
-        if not isinstance(body.material, c.Material):
-            self._fail(
-                (*path, "material"), "by tag needs a mesh from a file; a box takes {young, poisson}"
-            )
         boundaries = {}
         for name, boundary in body.boundaries.items():
             at = (*path, "boundaries", name)
             if name in FACES:
                 self._fail(at, f"redefines {name}, a face every box knows; choose another name")
-            if not re.fullmatch(r"[A-Za-z_][\w+-]*", name):
-                self._fail(at, "is no name; letters, digits, _, + and - are allowed")
+            if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_+-]{0,99}", name):
+                self._fail(
+                    at,
+                    "is no name for a boundary; a letter or _ first, then letters, digits, _, + "
+                    "and - are allowed",
+                )
             variables = ("x", "y", "z")[: self.dimension]
             try:
                 boundaries[name] = Expression.parse(boundary.where, variables)
@@ -255,6 +280,12 @@ class _Builder:
                 (*path, "material", "poisson"),
                 f"is {poisson:g}; an isotropic solid needs -1 < ν < 0.5 "
                 "(nearly incompressible: ν ≤ 0.4999, and mind the certificate's warning)",
+            )
+        if min(0.5 - poisson, 1.0 + poisson) < NEAREST_HALF:
+            self._fail(
+                (*path, "material", "poisson"),
+                f"is within {NEAREST_HALF:g} of {0.5 if poisson > 0 else -1}, where round-off "
+                "would decide the answer; at most 0.4999 is recommended",
             )
         return Body(
             name=body.name,
@@ -283,6 +314,13 @@ class _Builder:
                     (*path, "cells"),
                     f"are too small along {'xyz'[axis]} to tell their nodes apart",
                 )
+        edges = [(b - a) / n for a, b, n in zip(lower, upper, box.cells, strict=True)]
+        if max(edges) > LONGEST_CELL * min(edges):
+            self._fail(
+                (*path, "cells"),
+                f"make cells {max(edges) / min(edges):.3g} times as long as wide; up to "
+                f"{LONGEST_CELL:g} is allowed",
+            )
         cell = box.cell or CELLS[self.dimension][0]
         if cell not in CELLS[self.dimension]:
             self._fail(
@@ -410,6 +448,12 @@ class _Builder:
             return Decomposition(None)
         parts = given.subdomains
         if isinstance(parts, int):
+            cells = sum(b.mesh.total_cells for b in self.bodies)
+            if parts > cells:
+                self._fail(
+                    ("decomposition", "subdomains"),
+                    f"is {parts}; at most one a cell is allowed, {cells} here",
+                )
             return Decomposition(parts)
         if len(parts) != self.dimension:
             self._fail(
@@ -417,25 +461,44 @@ class _Builder:
                 f"has {len(parts)} numbers; along the axes of {self.dimension}D there are "
                 f"{self.dimension}",
             )
+        for body in self.bodies:
+            for axis, (part, cells) in enumerate(zip(parts, body.mesh.cells, strict=True)):
+                if part > cells:
+                    self._fail(
+                        ("decomposition", "subdomains"),
+                        f"asks for {part} sub-boxes along {'xyz'[axis]}, where {body.name} has "
+                        f"{cells} cells",
+                    )
         return Decomposition(tuple(parts))
 
     def _some_load(self, kinds: dict[str, list[Any]], contacts: tuple[Contact, ...]) -> None:
         loaded = any(any(t.vector) for t in (*kinds["traction"], *kinds["force"]))
         loaded |= any(p.value for p in kinds["pressure"])
         loaded |= any(v for d in kinds["displacement"] for v in d.values)
-        for contact in contacts:
-            if loaded:
-                break
-            box = self.bodies[contact.body].mesh
-            corners = np.array(np.meshgrid(*zip(box.lower, box.upper, strict=True)))
-            corners = corners.reshape(self.dimension, -1).T
-            points = np.zeros((len(corners), 3))
-            points[:, : self.dimension] = corners
-            gap, _ = contact.obstacle.gap_and_normal(points)
-            loaded |= bool((gap < 0).any())
-        if not loaded:
+        if not loaded and not any(self._overlaps(contact) for contact in contacts):
             self._fail(
                 ("conditions",),
                 "load nothing: give a traction, pressure, force or non-zero displacement, or an "
                 "obstacle that overlaps a body",
             )
+
+    def _overlaps(self, contact: Contact) -> bool:
+        """Whether an obstacle may reach into a body; False only where it surely does not.
+
+        The gap to a plane or to a cavity is smallest at a corner of the box, that to a ball at
+        the point of the box nearest to its centre. A bar is not looked into.
+        """
+        obstacle, box = contact.obstacle, self.bodies[contact.body].mesh
+        lower, upper = (np.array([*v, *(0.0,) * (3 - len(v))]) for v in (box.lower, box.upper))
+        if isinstance(obstacle, Cylinder) and not obstacle.hollow:
+            return True
+        if isinstance(obstacle, Sphere) and not obstacle.hollow:
+            center = np.array(obstacle.center)
+            nearest = np.clip(center, lower, upper)
+            return bool(np.linalg.norm(nearest - center) < obstacle.radius)
+        corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
+        try:
+            gap, _ = obstacle.gap_and_normal(corners)
+        except ConfigurationError:  # a corner in the middle of a cavity: the run will tell
+            return True
+        return bool((gap < 0.0).any())

@@ -2,7 +2,8 @@
 
 PyYAML reads YAML 1.1, where `on` is a boolean and `1e-3` a string. Here only `true` and `false`
 are booleans, and `1e-3`, `2E5`, `.5` and `1.0e-3` are numbers. Anchors, aliases and tags are
-refused: scenes do not need them, and a few lines of aliases can expand to gigabytes.
+refused: scenes do not need them, and a few lines of aliases can expand to gigabytes. Size, depth
+and number of values are limited while reading, so that no file keeps the reader busy.
 """
 
 from __future__ import annotations
@@ -16,16 +17,50 @@ import yaml
 
 from contact_app.errors import ConfigurationError
 
-LARGEST_FILE = 2_000_000
-DEEPEST = 50
+LARGEST_FILE = 500_000
+MOST_VALUES = 20_000
+DEEPEST = 30
+LONGEST_NUMBER = 30
 
 Key = tuple[str | int, ...]
 
 
+class _Refused(Exception):
+    """Something in the text that scenes do not need, and its line."""
+
+    def __init__(self, line: int, message: str) -> None:
+        super().__init__(message)
+        self.line = line
+
+
 class _Loader(yaml.SafeLoader):
-    """Resolves plain scalars by YAML 1.2's core schema."""
+    """Resolves plain scalars by YAML 1.2's core schema; refuses what scenes do not need."""
 
     yaml_implicit_resolvers: dict[str, Any] = {}
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = self._values = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Build the next node, unless a limit is passed."""
+        event = self.peek_event()
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+            raise _Refused(
+                line, "anchors and aliases (& and *) are not allowed; write the value out"
+            )
+        if getattr(event, "tag", None):
+            raise _Refused(line, f"the tag {event.tag} is not allowed; write the plain value")
+        self._values += 1
+        if self._values > MOST_VALUES:
+            raise _Refused(line, f"more than {MOST_VALUES} values are not allowed")
+        if self._depth > DEEPEST:
+            raise _Refused(line, f"is nested deeper than {DEEPEST} levels")
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 for _tag, _pattern, _first in (
@@ -66,19 +101,21 @@ def read(path: Path) -> tuple[Any, dict[Key, int]]:
 def parse(text: str, name: str) -> tuple[Any, dict[Key, int]]:
     """Content of a YAML text; `name` stands for the file in messages."""
     try:
-        for event in yaml.parse(text, _Loader):
-            if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-                raise ConfigurationError(
-                    f"{name}:{event.start_mark.line + 1}: anchors and aliases (& and *) are not "
-                    "allowed; write the value out"
-                )
-        node = yaml.compose(text, _Loader)
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+        finally:
+            loader.dispose()
+    except _Refused as error:
+        raise ConfigurationError(f"{name}:{error.line}: {error}") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         at = f":{mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         if "\\t" in problem:
             problem += "; indent with spaces, not tabs"
+        if "another document" in problem:
+            problem = "a second document begins (---); one file holds one scene"
         raise ConfigurationError(f"{name}{at}: this is not YAML: {problem}") from None
     except (RecursionError, ValueError) as error:
         raise ConfigurationError(f"{name}: this is not YAML: {error}") from None
@@ -90,7 +127,13 @@ def parse(text: str, name: str) -> tuple[Any, dict[Key, int]]:
 
 def scalar(text: str, name: str) -> Any:
     """Value of a short YAML text, as given to ``--set``."""
-    return parse(text, name)[0] if text.strip() else None
+    if not text.strip():
+        return None
+    try:
+        return parse(text, "")[0]
+    except ConfigurationError as error:
+        problem = re.sub(r"^:([0-9]+:)? ", "", str(error))
+        raise ConfigurationError(f"{name}: {problem}") from None
 
 
 def key_text(path: Sequence[str | int]) -> str:
@@ -105,8 +148,6 @@ def _value(node: yaml.Node, path: Key, lines: dict[Key, int], name: str) -> Any:
     line = node.start_mark.line + 1
     lines.setdefault(path, line)
     at = f"{name}:{line}: {key_text(path)}".rstrip(": ")
-    if len(path) > DEEPEST:
-        raise ConfigurationError(f"{name}:{line}: is nested deeper than {DEEPEST} levels")
     if isinstance(node, yaml.SequenceNode):
         return [_value(n, (*path, i), lines, name) for i, n in enumerate(node.value)]
     if isinstance(node, yaml.MappingNode):
@@ -134,7 +175,7 @@ def _value(node: yaml.Node, path: Key, lines: dict[Key, int], name: str) -> Any:
         return text.lower() == "true"
     if tag == "int":
         base = {"0o": 8, "0x": 16}.get(text[:2], 10)
-        if len(text) > 30:
+        if len(text) > LONGEST_NUMBER:
             raise ConfigurationError(f"{at}: a whole number of {len(text)} digits is too long")
         return int(text, base)
     if tag == "float":
