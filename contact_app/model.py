@@ -122,8 +122,40 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
 
 
-def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Model:
-    """Mesh, assemble, write the constraints, factor.
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What is known of a model before anything is assembled into matrices or factored.
+
+    Attributes
+    ----------
+    held, contact
+        Held nodes and contact rows this rank owns.
+    elements
+        Finite-element forms by the identity of their reference.
+    loads
+        Load vector of each subdomain of this rank, None where nothing acts.
+    balances
+        What holds each body.
+    """
+
+    partition: Partition
+    surface: _Surface
+    exchange: NodeExchange
+    held: HeldRows
+    contact: ContactRows
+    elements: dict[int, Element]
+    loads: list[NDArray[np.float64] | None]
+    balances: list[BodyBalance]
+
+    @property
+    def eliminated(self) -> NDArray[np.bool_]:
+        """Bodies that are one held subdomain: no gluing, no coarse problem, (bodies,)."""
+        whole = np.array([n == 1 for n in self.partition.subdomains_of_body])
+        return whole & np.array([b.held for b in self.balances])
+
+
+def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Outline:
+    """Cut into subdomains, find conditions, loads and what balances them (collective).
 
     Parameters
     ----------
@@ -159,10 +191,17 @@ def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = Non
             elements[id(reference)] = Element(reference, scene.dimension)
     with timings.measure("assembly"):
         loads = _loads(scene, partition, elements)
-
     balances = _balances(scene, partition, held, contact, loads)
-    whole = np.array([n == 1 for n in partition.subdomains_of_body])
-    eliminated = whole & np.array([b.held for b in balances])
+    return Outline(partition, surface, exchange, held, contact, elements, loads, balances)
+
+
+def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Model:
+    """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`."""
+    timings = timings or Timings()
+    known = outline(scene, comm, timings)
+    partition, surface, exchange = known.partition, known.surface, known.exchange
+    held, contact, elements, loads = known.held, known.contact, known.elements, known.loads
+    balances, eliminated = known.balances, known.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
     rows, contact = write_rows(exchange, held, contact, eliminated[body_of_held])
     supports = _supports(scene, partition, surface, balances)
