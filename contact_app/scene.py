@@ -190,12 +190,13 @@ class _Builder:
 
     def scene(self) -> Scene:
         bodies = tuple(self._body(i, b) for i, b in enumerate(self.c.bodies))
-        self._memory(bodies)
         self.names = [b.name for b in bodies]
         for i, name in enumerate(self.names):
             if name in self.names[:i]:
                 self._fail(("bodies", i, "name"), f"is {name!r}, the name of an earlier body")
         self.bodies = bodies
+        decomposition = self._decomposition()
+        self._memory(decomposition)
         kinds: dict[str, list[Any]] = {k: [] for k in ("displacement", "traction", "pressure",
                                                        "force")}  # fmt: skip
         for i, condition in enumerate(self.c.conditions):
@@ -213,7 +214,7 @@ class _Builder:
             pressures=tuple(kinds["pressure"]),
             forces=tuple(kinds["force"]),
             contacts=contacts,
-            decomposition=self._decomposition(),
+            decomposition=decomposition,
             solver=SolverOptions(**self.c.solver.model_dump()),
             output=OutputOptions(self.c.output.xdmf, tuple(dict.fromkeys(self.c.output.fields))),
             source=self.c.source,
@@ -329,14 +330,23 @@ class _Builder:
             )
         return Box(lower, upper, tuple(box.cells), cell)
 
-    def _memory(self, bodies: tuple[Body, ...]) -> None:
+    def _memory(self, decomposition: Decomposition) -> None:
+        """Refuse what cannot fit: the mesh, and factors of subdomains that are too large."""
+        bodies = self.bodies
         dofs = sum(b.mesh.nodes for b in bodies) * self.dimension
-        needed, available = needed_bytes(dofs), available_bytes()
+        parts = decomposition.subdomains
+        factors: tuple[tuple[float, int], ...] = ()
+        if isinstance(parts, tuple):  # congruent: one factor for each body
+            each = math.prod(parts)
+            factors = tuple((b.mesh.nodes * self.dimension / each, self.dimension) for b in bodies)
+        elif parts is not None:
+            factors = ((dofs / parts, self.dimension),) * min(parts, 1000)
+        needed, available = needed_bytes(dofs, factors=factors), available_bytes()
         if needed > available:
             largest = int(np.argmax([float(b.mesh.nodes) for b in bodies]))
             self._fail(
                 ("bodies", largest, "mesh", "box", "cells"),
-                f"make {dofs:.3g} degrees of freedom in all, which need about "
+                f"make {float(dofs):.3g} degrees of freedom in all, which need about "
                 f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available",
             )
 

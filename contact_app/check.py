@@ -1,0 +1,305 @@
+"""What a scene will be modelled as, what is left out, and what it costs, without solving it.
+
+The outline of the model (subdomains, conditions, loads, what balances them) is the one a run
+begins with, so whatever a run would refuse before it assembles a matrix, `check` refuses too.
+
+Time is estimated from the sizes of the subdomains, with rates measured on runs of the cube with
+10³ to 60³ hexahedra on two cores: for each distinct subdomain of n unknowns a factorisation, 0.4 µs
+· n^1.5; for each of the Hessian multiplications (about 30 without and 80 with gluing at tolerance
+1e-6; a badly conditioned scene needs several times as many) one product with a dense interface
+block or one sparse solve for each subdomain, and 0.3 µs for each row of B.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from rich.console import Console
+
+from contact_app.memory import available_bytes, needed_bytes
+from contact_app.model import Outline, boundary_facets, boundary_nodes, outline
+from contact_app.scene import Contact, DisplacementCondition, Pressure, Scene, Traction
+from solver.tfeti.classes import dense_block_pays
+
+FACTOR_RATE = 4e-7
+PRODUCT_RATE = 3e10
+SOLVE_RATE = 1.5e9
+ROW_RATE = 3e-7
+CELL_RATE = 3e-6
+
+LEFT_OUT = (
+    "friction: contact forces are normal to the obstacle",
+    "large strains and rotations: strains are linear in the displacement",
+    "motion of the contact point: the gap is the signed distance of the undeformed node along the "
+    "obstacle's normal there",
+    "contact between bodies, and of a body with itself",
+    "time: the answer is the static equilibrium",
+)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Estimated peak memory (bytes) and time (seconds) of a run on one process."""
+
+    memory: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """Subdomains of one shape and material: unknowns, interface unknowns, members."""
+
+    unknowns: int
+    interface: int
+    members: int
+
+
+def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
+    """Print what a run would model and what it would cost (collective).
+
+    Raises
+    ------
+    ConfigurationError, NoEquilibriumError
+        What a run would refuse, too.
+    """
+    known = outline(scene, comm)
+    lines = describe(scene, known)
+    if comm.rank == 0:
+        console = Console(highlight=False, markup=False, soft_wrap=True)
+        for line in lines:
+            console.print(line)
+
+
+def describe(scene: Scene, known: Outline) -> list[str]:
+    """Lines of the report (collective)."""
+    return [
+        *_modelled(scene, known),
+        "",
+        *_decomposed(scene, known),
+        "",
+        *_left_out(scene, known),
+        "",
+        *_cost_lines(scene, known),
+    ]
+
+
+def estimate(scene: Scene, known: Outline) -> Cost:
+    """What a run costs, by the formulas of this module and of `memory` (collective)."""
+    partition, d = known.partition, scene.dimension
+    gluing, groups = _gluing_rows(scene, known), _groups(scene, known)
+    contact = partition.comm.allreduce(len(known.contact.gaps))
+    held = partition.comm.allreduce(int(known.held.held.sum()))
+    rows = gluing + contact + (0 if known.eliminated.all() else held)
+    dofs = partition.nodes * d
+    memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
+    products = (80.0 if gluing else 30.0) * max(-math.log10(scene.solver.tolerance) / 6.0, 0.5)
+    seconds = CELL_RATE * partition.cells
+    application = ROW_RATE * rows
+    for g in groups:
+        sparse_solve = 60.0 * g.unknowns**1.33 / SOLVE_RATE
+        dense = 2.0 * g.interface**2 / PRODUCT_RATE
+        seconds += FACTOR_RATE * g.unknowns**1.5
+        if g.interface and dense_block_pays(g.unknowns, g.interface, g.members):
+            seconds += 0.2 * g.interface * sparse_solve
+            application += g.members * dense
+        else:
+            application += g.members * sparse_solve
+    return Cost(memory, 0.1 + seconds + products * application)
+
+
+def _modelled(scene: Scene, known: Outline) -> list[str]:
+    kind = {"strain": "2D, plane strain", "stress": "2D, plane stress", None: "3D"}[scene.plane]
+    partition = known.partition
+    dofs = partition.nodes * scene.dimension
+    lines = [
+        f"{scene.title or scene.source.name} ({kind})",
+        f"  {partition.cells:,} cells, {partition.nodes:,} nodes, {dofs:,} degrees of freedom",
+    ]
+    for i, body in enumerate(scene.bodies):
+        mesh = body.mesh
+        cells = " x ".join(map(str, mesh.cells))
+        lines.append(
+            f"body {body.name}: box {_vector(mesh.lower)} to {_vector(mesh.upper)} of {cells} "
+            f"{'cubes' if mesh.cell == 'tetrahedron' else 'cells'} ({mesh.cell}), "
+            f"Young's modulus {body.material.young:g}, Poisson's ratio {body.material.poisson:g}"
+        )
+        lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
+    for condition in scene.displacements:
+        held = ", ".join(
+            f"{axis} = {value:g}"
+            for axis, value in zip("xyz", condition.values, strict=False)
+            if value is not None
+        )
+        lines.append(
+            f"{condition.source}: {_on(scene, condition)} displaced by {held} "
+            f"({_count_nodes(scene, known, condition):,} nodes)"
+        )
+    for traction in scene.tractions:
+        lines.append(
+            f"{traction.source}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
+            f"area ({_count_facets(scene, known, traction):,} facets)"
+        )
+    for pressure in scene.pressures:
+        lines.append(
+            f"{pressure.source}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
+            f"({_count_facets(scene, known, pressure):,} facets)"
+        )
+    for force in scene.forces:
+        lines.append(
+            f"{force.source}: {scene.bodies[force.body].name} loaded by {_vector(force.vector)} "
+            "per volume"
+        )
+    for i, contact in enumerate(scene.contacts):
+        lines.append(
+            f"{contact.source}: {_on(scene, contact)} may touch the {contact.obstacle.describe()} "
+            f"({_candidates(known, i)})"
+        )
+    return lines
+
+
+def _decomposed(scene: Scene, known: Outline) -> list[str]:
+    partition = known.partition
+    groups = _groups(scene, known)
+    many = partition.count > 1
+    lines = [
+        f"decomposition: {partition.count} subdomain{'s' * many} of about "
+        f"{partition.nodes * scene.dimension / partition.count:,.0f} unknowns, {len(groups)} of "
+        f"them different on this process: one factor each; {_gluing_rows(scene, known):,} rows "
+        "glue them"
+    ]
+    for body, found, eliminated in zip(scene.bodies, known.balances, known.eliminated, strict=True):
+        if eliminated:
+            how = "one held subdomain: no gluing and no coarse problem"
+        elif found.held:
+            how = "held by its conditions; its subdomains float (Total FETI)"
+        elif found.free_motions.shape[1]:
+            how = (
+                f"free along {found.free_motions.shape[1]} rigid motions no load works on: it is "
+                "held where it is"
+            )
+        else:
+            how = "kept by its obstacles alone, or by them and its conditions"
+        lines.append(f"  {body.name}: {how}")
+    if not scene.contacts:
+        lines.append("  no contacts: plain conjugate gradients")
+    return lines
+
+
+def _left_out(scene: Scene, known: Outline) -> list[str]:
+    lines = ["left out:", *(f"  {sentence}" for sentence in LEFT_OUT)]
+    if scene.plane:
+        lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")
+    if any(contact.obstacle.curvature_radius for contact in scene.contacts):
+        lines.append(
+            "  curvature of the obstacles under sliding nodes: the run warns where it matters"
+        )
+    return lines
+
+
+def _cost_lines(scene: Scene, known: Outline) -> list[str]:
+    cost = estimate(scene, known)
+    lines = [
+        f"memory: about {cost.memory / 1e9:.2g} GB of {available_bytes() / 1e9:.3g} GB available",
+        f"time: about {_duration(cost.seconds)} on one process of two cores, within a factor of "
+        "two or three on other machines; several times longer where the scene is badly "
+        "conditioned (thin cells, Poisson's ratio near 0.5, bodies of unlike stiffness)",
+        "checked: names, sizes, boundaries, contradictions and equilibrium; nothing was solved",
+    ]
+    if cost.memory > available_bytes():
+        lines.insert(1, "  which is more than there is: use a coarser mesh or more subdomains")
+    return lines
+
+
+def _groups(scene: Scene, known: Outline) -> list[Group]:
+    """Subdomains of this rank by shape and material."""
+    members: dict[tuple, list[int]] = {}
+    for local, s in enumerate(known.partition.subdomains):
+        key: tuple = (id(s.reference), scene.bodies[s.body].material)
+        if known.eliminated[s.body]:
+            key = (*key, s.body)
+        members.setdefault(key, []).append(local)
+    groups = []
+    for numbers in members.values():
+        s = known.partition.subdomains[numbers[0]]
+        interface = len(known.surface.local[numbers[0]])
+        if known.eliminated[s.body]:
+            first, last = known.partition.first_node[s.body : s.body + 2]
+            inside = (known.contact.nodes >= first) & (known.contact.nodes < last)
+            interface = len(np.unique(known.contact.nodes[inside]))
+        d = scene.dimension
+        groups.append(Group(len(s.reference.points) * d, interface * d, len(numbers)))
+    return groups
+
+
+def _gluing_rows(scene: Scene, known: Outline) -> int:
+    """Rows of B that glue: one less than the copies of each shared unknown."""
+    comm = known.partition.comm
+    distinct = comm.allreduce(len(_unique(known, [known.surface.nodes])))
+    return int((comm.allreduce(len(known.surface.nodes)) - distinct) * scene.dimension)
+
+
+def _unique(known: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Distinct node numbers of all ranks on rank 0, none elsewhere."""
+    here = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
+    parts = known.partition.comm.gather(here)
+    return here[:0] if parts is None else np.unique(np.concatenate(parts))
+
+
+def _count_nodes(scene: Scene, known: Outline, condition: DisplacementCondition) -> int:
+    body = scene.bodies[condition.body]
+    nodes = [
+        s.nodes[boundary_nodes(s, body, condition.boundary)]
+        for s in known.partition.subdomains
+        if s.body == condition.body
+    ]
+    return int(known.partition.comm.allreduce(len(_unique(known, nodes))))
+
+
+def _count_facets(scene: Scene, known: Outline, load: Traction | Pressure) -> int:
+    body = scene.bodies[load.body]
+    here = sum(
+        len(boundary_facets(s, body, load.boundary))
+        for s in known.partition.subdomains
+        if s.body == load.body
+    )
+    return int(known.partition.comm.allreduce(here))
+
+
+def _candidates(known: Outline, contact: int) -> str:
+    """How many nodes may touch, and how near they are."""
+    comm = known.partition.comm
+    gaps = known.contact.gaps[known.contact.sources == contact]
+    count = comm.allreduce(len(gaps))
+    if count == 0:
+        return "no candidate nodes left: other conditions decide on all of them"
+    smallest = comm.allreduce(float(gaps.min(initial=np.inf)), op=MPI.MIN)
+    return f"{count:,} candidate nodes, smallest gap {smallest:.4g}"
+
+
+def _resultant(known: Outline, body: int, dimension: int) -> tuple[float, ...]:
+    """Sum of the loads on a body."""
+    total = np.zeros(dimension)
+    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+        if s.body == body and load is not None:
+            total += load.reshape(-1, dimension).sum(axis=0)
+    total = known.partition.comm.allreduce(total)
+    total[np.abs(total) < 1e-12 * np.abs(total).max(initial=0.0)] = 0.0
+    return tuple(total)
+
+
+def _on(scene: Scene, item: DisplacementCondition | Traction | Pressure | Contact) -> str:
+    return f"{scene.bodies[item.body].name}.{item.boundary}"
+
+
+def _vector(vector: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in vector) + ")"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.1g} s" if seconds < 10.0 else f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
