@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from contact_app.assembly import Element
-from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.scene import (
     Body,
     Contact,
@@ -182,7 +182,7 @@ def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -
         held = merge_held(exchange, conditions)
         contact = merge_contact(exchange, conditions, held, length)
     except ContradictionError as error:
-        raise NoEquilibriumError(_contradiction(scene, error)) from error
+        raise _contradiction(scene, error) from error
 
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
@@ -462,15 +462,16 @@ def _directions(motions: NDArray[np.float64]) -> str:
     return "; ".join(words)
 
 
-def _contradiction(scene: Scene, error: ContradictionError) -> str:
+def _contradiction(scene: Scene, error: ContradictionError) -> ContactError:
+    """Tell the user which conditions exclude each other."""
     if error.kind == "held twice":
         first, second = scene.displacements[error.first], scene.displacements[error.second]
-        return (
+        return ConfigurationError(
             f"{scene.at(first.source)} and {second.source} hold one node of "
             f"{scene.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
         )
     contact = scene.contacts[error.first]
-    return (
+    return NoEquilibriumError(
         f"{scene.source}: the displacement conditions on {scene.bodies[contact.body].name} push "
         f"held nodes into the obstacle of {contact.source}, by up to {error.amount:.6g}: no "
         "displacement satisfies both"

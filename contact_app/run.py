@@ -179,9 +179,7 @@ def summarise(solved: SolvedScene) -> dict[str, Any]:
             "max_displacement": comm.allreduce(float(magnitude.max(initial=0.0)), op=MPI.MAX),
             "mean_displacement": comm.allreduce(float(magnitude.sum())) / model.partition.nodes,
             "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
-            "contact_force": [float(f) for f in comm.allreduce(nodes.contact_force)][
-                : scene.dimension
-            ],
+            "contact_force": [float(f) for f in comm.allreduce(nodes.contact_force)],
             "max_contact_pressure": comm.allreduce(
                 float(nodes.contact_pressure.max(initial=0.0)), op=MPI.MAX
             ),

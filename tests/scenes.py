@@ -17,7 +17,6 @@ import yaml
 Config = dict[str, Any]
 
 CELLS_3D, CELLS_2D = ("hexahedron", "tetrahedron"), ("quadrilateral", "triangle")
-PLANE_KEY = "plane"
 
 
 def dimension(cell: str) -> int:
@@ -403,7 +402,7 @@ def patch(cell: str, n: int, assumption: str = "strain") -> Config:
     made["conditions"] = [c for c in made["conditions"] if "pressure" not in c]
     made["conditions"].append({"on": f"block.{up(cell)}", "pressure": 100})
     if dimension(cell) == 2:
-        made["dimension"], made[PLANE_KEY] = 2, f"plane_{assumption}"
+        made["dimension"] = f"plane_{assumption}"
     return made
 
 

@@ -104,7 +104,7 @@ def test_plane_stress(name: str, cell: str) -> None:
     from tests import reference
 
     made = scenes.ALL[name](cell, 4)
-    made[scenes.PLANE_KEY] = "plane_stress"
+    made["dimension"] = "plane_stress"
     known = reference.solve(scenes.build(made))
     solution = solve(made, [2, 2])
     assert solution.summary["solution"]["energy"] == pytest.approx(known.energy, rel=ENERGY)
