@@ -15,7 +15,8 @@ import numpy as np
 
 from solver.errors import IndefiniteError, NotFiniteError, UnboundedError
 from solver.gradients import Block, Scratch, activity_edges
-from solver.operators import estimate_norm
+from solver.memory import CurvatureMemory
+from solver.operators import Operator, estimate_norm
 from solver.qp import BoxQP
 from solver.result import Counts, Monitor, Step
 from solver.vectors import BLOCK, Mask, Vector, blocks
@@ -58,17 +59,21 @@ class Iterate:
         *,
         norm: float | None = None,
         preconditioner: Preconditioner | None = None,
+        memory: int = 0,
     ) -> None:
         self.qp = qp
         self.operator = qp.operator
         self.reduction = qp.reduction
-        self.preconditioner = preconditioner
         n = qp.size
+        self.memory = (
+            CurvatureMemory(n, memory, qp.reduction, preconditioner) if memory > 0 else None
+        )
+        self.preconditioner: Preconditioner | None = self.memory or preconditioner
         self.x = qp.start(x0)
         self.g, self.p, self.Ap = np.zeros(n), np.zeros(n), np.zeros(n)
         self.free, self.chopped = np.zeros(n), np.zeros(n)
         self.is_free: Mask = np.ones(n, dtype=bool)
-        self.z = self.free if preconditioner is None else np.zeros(n)
+        self.z = self.free if self.preconditioner is None else np.zeros(n)
         lower_edge, upper_edge = activity_edges(qp.lower, qp.upper)
         vectors = {
             "x": self.x, "g": self.g, "p": self.p, "Ap": self.Ap, "b": qp.b,
@@ -93,6 +98,7 @@ class Iterate:
         self.alpha = 0.0
         self.b_norm = 0.0
         self._norm = norm
+        self._fresh = False  # p is the preconditioned free gradient itself
         self._marked: tuple[Vector, Vector] | None = None
         self._began = perf_counter()
 
@@ -114,6 +120,11 @@ class Iterate:
         return self._norm or 1.0  # a zero Hessian: the half step alone moves to the bounds
 
     # ------------------------------------------------------------------ passes
+
+    def replace_operator(self, operator: Operator, norm: float | None) -> None:
+        """Go on with another Hessian, of another norm; the caller adapts the gradient."""
+        self.operator = operator
+        self._norm = norm
 
     def evaluate(self) -> None:
         """g = Ax - b by a product; split it and restart the directions at the free gradient."""
@@ -171,6 +182,8 @@ class Iterate:
             )
         if relative <= ZERO_CURVATURE:
             return math.inf, longest
+        if self.memory is not None:
+            self.memory.observe(self.p, self.Ap)
         return slope / curvature, longest
 
     def advance(self, alpha: float, *, restart: bool = False, snap: bool = False) -> None:
@@ -200,6 +213,7 @@ class Iterate:
 
     def conjugate(self) -> None:
         """p = z - βp with β = zᵀAp / pᵀAp, A-orthogonal to the last p; z = g^f if plain."""
+        self._fresh = False
         beta = self.free_product / self.curvature
         for block in self.blocks:
             np.multiply(block.p, beta, out=block.p)
@@ -244,6 +258,33 @@ class Iterate:
             self._add_squares(sums, block)
         slope, square, standard = self._take(sums, slope, square, standard)
         return slope, square, standard
+
+    def anticipate(self) -> bool:
+        """Whether a step of length 1 along the remembered curvature would leave the box."""
+        if self.memory is None or not self.memory.ready or not self._fresh:
+            return False
+        steepest = 0.0
+        for block in self.blocks:
+            steepest = max(steepest, block.inverse_longest_step())
+        _, least = self.reduction.sums_and_minimum((), -steepest)
+        return -least > 1.0
+
+    def aim_projected(self) -> tuple[float, float, float]:
+        """p = x - P(x - p); returns gᵀp, ‖p‖² and g^rᵀg^f, g^r for the length 1/``largest``."""
+        slope = square = standard = 0.0
+        for block in self.blocks:
+            block.project_into(1.0, out=block.trial)
+            np.subtract(block.x, block.trial, out=block.p)
+            slope += float(np.dot(block.g, block.p))
+            square += float(np.dot(block.p, block.p))
+            block.reduced(1.0 / self.largest, out=block.s)
+            standard += float(np.dot(block.s, block.free))
+        slope, square, standard = self.reduction.sums(slope, square, standard)
+        return slope, square, standard
+
+    def aim_preconditioned(self) -> None:
+        """p = z, the preconditioned free gradient."""
+        np.copyto(self.p, self.z)
 
     def aim_reduced(self, alpha: float) -> None:
         """p = α g^r: the standard expansion as a direction that may be followed to its end."""
@@ -347,6 +388,9 @@ class Iterate:
     def _precondition(self, restart: bool) -> None:
         if self.preconditioner is None:
             return
+        if restart and self.memory is not None:
+            self.memory.restart(self.is_free)
+            self._fresh = True
         self.preconditioner.apply(self.free, self.is_free, self.z)
         product = 0.0
         for block in self.blocks:

@@ -45,6 +45,10 @@ class MPRGP:
         ‖A‖ if known; else the power method finds it where the expansion needs it.
     preconditioner : Preconditioner or None
         Applied to the free gradient in the face.
+    memory : int
+        Pairs (p, Ap) kept over changes of the active set, as a preconditioner (``memory.py``).
+        Each costs four vectors, and four passes an iteration; 5 to 10 halve the products on
+        positive definite problems, and gain nothing on semidefinite ones.
     """
 
     expansion: str | Expansion = "projcg-safe"
@@ -55,6 +59,7 @@ class MPRGP:
     max_iterations: int = 10_000
     norm: float | None = None
     preconditioner: Preconditioner | None = None
+    memory: int = 0
 
     def solve(self, qp: BoxQP, x0: object = None, monitor: Monitor | None = None) -> Result:
         """Minimise from x0 (projected into the box; zeros if None).
@@ -64,7 +69,7 @@ class MPRGP:
         UnboundedError, IndefiniteError, NotFiniteError
             Naming the component.
         """
-        it = Iterate(qp, x0, norm=self.norm, preconditioner=self.preconditioner)
+        it = Iterate(qp, x0, norm=self.norm, preconditioner=self.preconditioner, memory=self.memory)
         it.measure_b()
         self.strategy.prepare(it)
         it.evaluate()
@@ -110,7 +115,11 @@ class MPRGP:
                 it.mark()
             if it.at_round_off():
                 return Reason.ROUND_OFF
-            if it.chopped_square <= self.gamma**2 * it.reduced_free:
+            if it.chopped_square > self.gamma**2 * it.reduced_free:
+                step = proportioning_step(it)
+            elif anticipated_expansion(it):
+                step = "expansion"
+            else:
                 alpha_cg, alpha_f = it.probe()
                 if math.isinf(alpha_cg) and math.isinf(alpha_f):
                     it.raise_unbounded()
@@ -118,8 +127,6 @@ class MPRGP:
                     step = conjugate_gradient_step(it, alpha_cg)
                 else:
                     step = expansion_step(it, expansion, alpha_cg, alpha_f)
-            else:
-                step = proportioning_step(it)
             it.iterations += 1
             if it.record(step, monitor):
                 return Reason.STOPPED
@@ -139,6 +146,25 @@ def expansion_step(it: Iterate, expansion: Expansion, alpha_cg: float, alpha_f: 
     expansion.expand(it, alpha_cg, alpha_f)
     it.counts.expansion += 1
     return "expansion"
+
+
+def anticipated_expansion(it: Iterate, kappa: float = 1e-3) -> bool:
+    """With a memory: the projected quasi-Newton step, one product instead of an expansion's two.
+
+    Where the step of length 1 along p = H g^f would leave the box, CG would spend a product to
+    learn that. The way to its projection is followed at once, to its minimum or its end, if it
+    descends enough (the tests of ``SafeguardedCG``, with the same guarantee).
+    """
+    if not it.anticipate():
+        return False
+    slope, square, decrease = it.aim_projected()
+    if slope <= kappa * decrease / it.largest or slope**2 <= kappa * decrease * square:
+        it.aim_preconditioned()
+        return False
+    length, _ = it.probe()
+    it.advance(min(length, 1.0), restart=True, snap=True)
+    it.counts.expansion += 1
+    return True
 
 
 def proportioning_step(it: Iterate) -> str:

@@ -35,6 +35,9 @@ from solver.qp import BoxQP
 from solver.result import Monitor, Reason, Result
 from solver.vectors import Vector
 
+WINDOW = 10
+"""Outer iterations in which ‖Cx - c‖ should fall tenfold, once the first few are over."""
+
 LAGRANGIAN_DIGITS = 1e-12
 """Relative accuracy to which two values of the Lagrangian can be compared."""
 
@@ -118,6 +121,9 @@ class SMALBE:
     eta : float
         η in units of ‖b‖.
     max_outer : int
+    growth : float
+        Factor of ρ whenever ‖Cx - c‖ has not fallen tenfold in ten outer iterations, which
+        happens where few rows carry the load (a body on the edge of its support); 1 keeps ρ.
     recompute_gradient : bool
         Spend one product on the gradient at each outer iteration, as the paper counts.
     scaled_residual : bool
@@ -130,7 +136,8 @@ class SMALBE:
     M: float = 3.0
     shrink: float = 2.0
     eta: float = 0.1
-    max_outer: int = 200
+    max_outer: int = 500
+    growth: float = 4.0
     recompute_gradient: bool = False
     scaled_residual: bool = True
 
@@ -141,12 +148,12 @@ class SMALBE:
         Its "η = 1.1‖A‖" is ρ. The residual stays scaled: the paper's plain comparison of ‖Cx‖
         with ‖b‖ depends on the units (``scaled_residual=False`` has it).
         """
-        return cls(inner or MPRGP(), 1.1, 100.0, 10.0, recompute_gradient=True)
+        return cls(inner or MPRGP(), 1.1, 100.0, 10.0, growth=1.0, recompute_gradient=True)
 
     @classmethod
     def permon(cls, inner: MPRGP | None = None) -> SMALBE:
         """PERMON's defaults: as the paper, with M divided by 2."""
-        return cls(inner or MPRGP(), 1.1, 100.0, 2.0, recompute_gradient=True)
+        return cls(inner or MPRGP(), 1.1, 100.0, 2.0, growth=1.0, recompute_gradient=True)
 
     def solve(
         self,
@@ -188,7 +195,13 @@ class SMALBE:
             equalities.penalised(qp.operator, rho), qp.b - transposed + change, qp.lower, qp.upper
         )
         inner_norm = None if self.inner.norm is None else norm * (1.0 + self.rho)
-        it = Iterate(augmented, x0, norm=inner_norm, preconditioner=self.inner.preconditioner)
+        it = Iterate(
+            augmented,
+            x0,
+            norm=inner_norm,
+            preconditioner=self.inner.preconditioner,
+            memory=self.inner.memory,
+        )
         it.counts.norm_estimation += products
         it.measure_b()
         self.inner.strategy.prepare(it)
@@ -220,6 +233,7 @@ class SMALBE:
             return Reason.CONVERGED if done or small else None
 
         reason = Reason.MAX_OUTER_ITERATIONS
+        sizes: list[float] = []  # ‖Cx - c‖ by outer iteration since ρ was set
         next_multiplier = multiplier.copy()
         for outer in range(1, self.max_outer + 1):
             it.outer = it.counts.outer = outer
@@ -267,6 +281,21 @@ class SMALBE:
             np.copyto(multiplier, next_multiplier)
             np.add(it.g, change, out=it.g)
             np.subtract(augmented.b, change, out=augmented.b)
+            sizes.append(size)
+            if self.growth > 1.0 and len(sizes) > WINDOW + 5 and size > 0.1 * sizes[-1 - WINDOW]:
+                # A + ρ CᵀC has a larger ρ from here on: the gradient follows without a product
+                added = (self.growth - 1.0) * rho
+                equalities.apply_transpose(added * residual, change)
+                np.add(it.g, change, out=it.g)
+                equalities.apply_transpose(added * right, change)
+                np.add(augmented.b, change, out=augmented.b)
+                rho += added
+                it.replace_operator(
+                    equalities.penalised(qp.operator, rho),
+                    None if self.inner.norm is None else norm + rho * C_norm**2,
+                )
+                sizes.clear()
+                previous = -math.inf
             it.measure_b()
             if not self.recompute_gradient:
                 it.restart()

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from solver import MPRGP, SMALBE, BoxQP, QPError, Reason, UnboundedError
+from solver.iterate import Iterate
 from tests.solver.problems import ALL, kkt_residual, random_hessian
 
 SETTINGS = settings(
@@ -70,10 +71,14 @@ def nearly_singular(A):
 
 @pytest.mark.parametrize("expansion", ALL)
 @SETTINGS
-@given(problem=problems(), alpha_u=st.sampled_from([0.5, 1.0, 1.9, 2.0]))
-def test_a_kkt_point_or_a_reason(expansion, problem, alpha_u):
+@given(
+    problem=problems(),
+    alpha_u=st.sampled_from([0.5, 1.0, 1.9, 2.0]),
+    memory=st.sampled_from([0, 0, 5]),
+)
+def test_a_kkt_point_or_a_reason(expansion, problem, alpha_u, memory):
     A, b, lower, upper = problem
-    solver = MPRGP(expansion, alpha_u, max_iterations=LIMIT)
+    solver = MPRGP(expansion, alpha_u, max_iterations=LIMIT, memory=memory)
     try:
         result = solver.solve(BoxQP(A, b, lower, upper))
     except UnboundedError:
@@ -94,18 +99,13 @@ def test_a_kkt_point_or_a_reason(expansion, problem, alpha_u):
 
 
 @SETTINGS
-@given(problem=problems())
-def test_the_default_never_raises_the_cost(problem):
+@given(problem=problems(), memory=st.sampled_from([0, 4]))
+def test_the_default_never_raises_the_cost(problem, memory):
     A, b, lower, upper = problem
     costs: list[float] = []
     qp = BoxQP(A, b, lower, upper)
 
-    class Watched:
-        comm, size = qp.comm, qp.size
-
-    from solver.iterate import Iterate
-
-    it = Iterate(qp)
+    it = Iterate(qp, memory=memory)
     it.measure_b()
     solver = MPRGP("projcg-safe", max_iterations=500)
     it.evaluate()

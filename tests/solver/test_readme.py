@@ -14,7 +14,7 @@ def test_the_example_runs(capsys):
     (code,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.S)
     assert len([line for line in code.splitlines() if line.strip()]) <= 11
     names: dict = {}
-    exec(compile(code, str(README), "exec"), names)  # noqa: S102
+    exec(compile(code, str(README), "exec"), names)
     first, second = capsys.readouterr().out.splitlines()
     assert "below the tolerance" in first
     assert second.startswith("True -100.0")
