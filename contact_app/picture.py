@@ -20,6 +20,9 @@ VISIBLE = 0.08
 #: Cells beyond which edges would blacken the picture.
 EDGES_UP_TO = 60_000
 
+#: Relative spread below which a field counts as the same everywhere.
+UNIFORM = 1e-4
+
 #: What each field is called below its colours.
 LABELS = {
     "displacement": "displacement, magnitude",
@@ -96,7 +99,7 @@ def render(
         _panel(plotter, grid, deformed, name)
         plotter.view_vector(direction, viewup=up)
         plotter.enable_parallel_projection()
-        plotter.camera.zoom(0.95 if _flat(grid) else 1.05)
+        plotter.camera.zoom(0.95)
         # Room for the colours below the bodies.
         plotter.camera.focal_point = np.array(plotter.camera.focal_point) - lowered
         plotter.camera.position = np.array(plotter.camera.position) - lowered
@@ -135,23 +138,33 @@ def _panel(plotter: Any, grid: Any, deformed: Any, name: str) -> None:
         line_width=2,
     )
     centre = "point" if name in deformed.point_data else "cell"
+    edges = {"show_edges": deformed.n_cells <= EDGES_UP_TO, "edge_opacity": 0.25}
+    thickness: dict[str, Any] = {}
     if name == "contact_pressure":
-        deformed = deformed.copy(deep=False)
+        deformed = deformed.copy()
         away = ~_touchable(grid)
         deformed.point_data[name] = np.where(away, np.nan, grid.point_data[name])
+        if _flat(grid):
+            # Pressure lives on the boundary: in the plane a line, drawn beside the body.
+            plotter.add_mesh(deformed, color="lightgrey", lighting=False, **edges)
+            deformed = deformed.extract_feature_edges(
+                boundary_edges=True, feature_edges=False, manifold_edges=False
+            )
+            edges, thickness = {}, {"line_width": 10, "nan_opacity": 0.0}
     plotter.add_mesh(
         deformed,
         scalars=name,
         preference=centre,
+        clim=_limits(deformed[name]),
         cmap="viridis" if centre == "cell" else "magma_r",
         nan_color="lightgrey",
-        show_edges=deformed.n_cells <= EDGES_UP_TO,
-        edge_opacity=0.25,
         lighting=not _flat(grid),
         # Little shadow: the colours are to be read.
         ambient=0.55,
         diffuse=0.5,
         specular=0.0,
+        **edges,
+        **thickness,
         scalar_bar_args={
             "title": LABELS.get(name, name),
             "color": "black",
@@ -167,6 +180,18 @@ def _panel(plotter: Any, grid: Any, deformed: Any, name: str) -> None:
     )
 
 
+def _limits(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Range of the colours; of a field that is the same everywhere, from 0, not its round-off."""
+    size = np.linalg.norm(values, axis=1) if values.ndim == 2 else values
+    known = size[np.isfinite(size)]
+    if not known.size:
+        return 0.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    if high - low > UNIFORM * max(abs(low), abs(high)):
+        return low, high
+    return min(low, 0.0), max(high, 0.0) or 1.0
+
+
 def _view(grid: Any) -> tuple[NDArray[np.float64], tuple[float, float, float]]:
     """Direction from which the bodies and what touches is seen, and what is up."""
     if _flat(grid):
@@ -175,9 +200,10 @@ def _view(grid: Any) -> tuple[NDArray[np.float64], tuple[float, float, float]]:
     centre = np.array(grid.center)
     touched = _touchable(grid)
     if touched.any():
-        side = grid.points[touched].mean(axis=0) - centre
-        side /= np.abs(side).max() or 1.0
-        beside = np.abs(side) > 0.5
+        half = np.maximum(0.5 * np.ptp(grid.points, axis=0), 1e-12)
+        side = (grid.points[touched].mean(axis=0) - centre) / half
+        # Where a whole face may touch its mean is at ±1; several faces share what is left.
+        beside = np.abs(side) > 0.5 * np.abs(side).max()
         direction = np.where(beside, 1.4 * np.sign(side) * np.abs(direction), direction)
     return direction, (0.0, 0.0, 1.0)
 

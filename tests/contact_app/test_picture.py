@@ -75,3 +75,12 @@ def test_a_result_without_the_fields_is_said(tmp_path: Path) -> None:
     square(tmp_path, fields=False)
     with pytest.raises(picture.PictureError, match="none of the fields von_mises"):
         picture.render(tmp_path)
+
+
+def test_a_uniform_field_is_not_coloured_by_its_round_off() -> None:
+    limits = picture._limits
+    assert limits(np.array([1.0, 3.0, np.nan])) == (1.0, 3.0)
+    assert limits(np.array([5.0, 5.0 + 1e-9])) == (0.0, 5.0 + 1e-9)
+    assert limits(np.array([-5.0, -5.0])) == (-5.0, 1.0)
+    assert limits(np.full(3, np.nan)) == (0.0, 1.0)
+    assert limits(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 1.0]])) == (1.0, 5.0)
