@@ -267,8 +267,10 @@ class Configuration(Model):
     decomposition: Literal["auto"] | Split = Field(
         "auto", description="auto, or {subdomains: N | [nx, ny, nz]}."
     )
-    solver: Solver = Field(Solver.model_validate({}), description="How far and by what to solve.")
-    output: Output = Field(Output.model_validate({}), description="What is written.")
+    solver: Solver = Field(
+        Solver.model_validate({}), description="Tolerance and method of the solver."
+    )
+    output: Output = Field(Output.model_validate({}), description="Files and fields to write.")
 
     _lines: dict[Key, int] = PrivateAttr(default_factory=dict)
     _overridden: dict[Key, str] = PrivateAttr(default_factory=dict)
@@ -442,6 +444,7 @@ def _message(
         "float_type": "a number is allowed",
         "int_type": "a whole number is allowed",
         "string_type": "text is allowed",
+        "string_unicode": "one line of printable text is allowed",
         "bool_type": "true or false is allowed",
         "list_type": "a list is allowed",
         "model_type": f"a mapping is allowed{keys}",

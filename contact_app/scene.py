@@ -259,6 +259,7 @@ class _Builder:
             self._fail((*path, "mesh", "file"), "is not available yet; use `box`")
         if body.mesh.box is None:
             self._fail((*path, "mesh"), "needs `box: {lower, upper, cells, cell}`")
+        mesh = self._box(body.mesh.box, (*path, "mesh", "box"))
         boundaries = {}
         for name, boundary in body.boundaries.items():
             at = (*path, "boundaries", name)
@@ -290,7 +291,7 @@ class _Builder:
             )
         return Body(
             name=body.name,
-            mesh=self._box(body.mesh.box, (*path, "mesh", "box")),
+            mesh=mesh,
             degree=body.degree,
             material=Material(body.material.young, poisson),
             boundaries=boundaries,

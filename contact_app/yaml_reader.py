@@ -95,6 +95,8 @@ def read(path: Path) -> tuple[Any, dict[Key, int]]:
         raise ConfigurationError(f"{path}: is not text in UTF-8") from None
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError:  # a zero byte or half a character
+        raise ConfigurationError(f"{path}: is no name of a file") from None
     return parse(text, str(path))
 
 
