@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 COLUMNS = (
     "benchmark",
@@ -83,13 +84,22 @@ def write_csv(path: Path, comparisons: Iterable[Comparison]) -> None:
             writer.writerow([*ours, *(getattr(pair.paper, name) for name in COLUMNS[3:])])
 
 
+def plotting() -> Any:
+    """Matplotlib's pyplot, drawing to files; without its complaint about a second installation."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from matplotlib import pyplot
+    return pyplot
+
+
 def draw(path: Path, title: str, comparisons: Sequence[Comparison]) -> None:
     """Hessian multiplications over α_u: ours drawn, theirs dashed (paper, Figures 3 to 6)."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
+    pyplot = plotting()
     figure, axes = pyplot.subplots(figsize=(8.0, 5.5), layout="constrained")
     names = list(dict.fromkeys(pair.paper.expansion for pair in comparisons))
     highest = 0.0

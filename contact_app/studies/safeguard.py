@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from contact_app.studies.paper import plotting
 from solver import MPRGP, BoxQP
 from solver.examples import cycling_problem, figure_1
 
@@ -20,11 +21,7 @@ SHOWN = ("fixed", "gfgf-opt", "projcg", "projcg-safe")
 
 def draw_figure_1(output_dir: Path | str) -> Path:
     """Write ``figure1_safeguard.png``."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
+    pyplot = plotting()
     output = Path(output_dir)
     output.mkdir(parents=True, exist_ok=True)
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(12.0, 5.0), layout="constrained")

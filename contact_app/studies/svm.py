@@ -4,7 +4,8 @@ The data sets are published on the LIBSVM data set page
 (https://www.csie.ntu.edu.tw/~cjlin/libsvmtools/datasets/binary.html) as ``australian_scale``,
 ``diabetes_scale`` and ``ionosphere_scale``, features scaled to [-1, 1]; saved as
 ``australian.libsvm``, ``diabetes.libsvm`` and ``ionosphere.libsvm`` in one directory they are
-what :func:`reproduce_svm` reads.
+what :func:`reproduce_svm` reads. Sets that were scaled from the original tables with more digits
+are first given the published ones (``published.py``).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 from statistics import median
 
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
+from contact_app.studies.published import as_published
 from contact_app.svm import DataError, read_libsvm, solve
 from solver import MPRGP
 
@@ -98,7 +100,7 @@ def reproduce_svm(output_dir: Path | str, data_dir: Path | str | None = None) ->
     comparisons: list[Comparison] = []
     written = [output / "svm_counts.csv"]
     for name, number in FIGURES.items():
-        samples = read_libsvm(directory / f"{name}.libsvm")
+        samples = as_published(read_libsvm(directory / f"{name}.libsvm"), name)
         pairs = []
         for paper in paper_rows(name):
             solver = MPRGP(paper.expansion, paper.alpha_u or 1.9, rtol=RTOL)
