@@ -23,6 +23,7 @@ from solver.result import Monitor
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
+from solver.tfeti.preconditioner import LumpedPreconditioner
 from solver.tfeti.recovery import displacements as recover
 from solver.tfeti.recovery import kernel_coefficients
 
@@ -124,6 +125,7 @@ def _without_contact(
     assert problem.coarse is not None
     assert glued.coarse is not None
     qp = BoxQP(glued.projected, glued.rhs)
+    inner = replace(inner, preconditioner=LumpedPreconditioner(glued, inner.norm))
     x, counts = None, Counts()
     force, kernel_part = np.empty(problem.size), np.empty(problem.size)
     for rtol in (*LOOKS, inner.rtol):
@@ -157,11 +159,12 @@ def _solve_smalbe(
 ) -> Solution:
     """SMALBE-M around MPRGP on the projected, homogenised dual."""
     assert problem.coarse is not None
+    norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
+    inner = replace(inner, norm=norm, preconditioner=LumpedPreconditioner(problem, norm))
     start = _without_contact(problem, options, inner, monitor)
     if start is not None and start.solution is not None:
         return start.solution
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
-    norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
     found: list[Solution] = []
     spread = np.ones(problem.size)
     spread[problem.inequality] = np.sqrt(problem.contact.copies)
@@ -183,7 +186,7 @@ def _solve_smalbe(
         displacement[0] = found[0].measures.displacement
         return found[0].certificate.passed
 
-    result = SMALBE(replace(inner, norm=norm)).solve(
+    result = SMALBE(inner).solve(
         qp,
         ProjectorEquality(problem.coarse),
         x0=start.x if start else None,
