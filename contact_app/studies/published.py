@@ -66,8 +66,8 @@ def as_published(samples: Samples, name: str) -> Samples:
 
 def _single(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Through single precision and six decimals, as the tables were converted."""
-    rounded: NDArray[np.float64] = np.round(values.astype(np.float32).astype(np.float64), 6)
-    return rounded
+    single = values.astype(np.float32)
+    return np.round(np.asarray(single, dtype=np.float64), 6)
 
 
 def _six_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
