@@ -14,6 +14,8 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.markexpr = config.option.markexpr.replace("not slow", "")
     # Ranks that wait let others run: tests start more of them than there are cores.
     os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
+    # All ranks are on this machine and need no network.
+    os.environ.setdefault("OMPI_MCA_btl", "^tcp")
     # Open MPI refuses to start as root, as in a container, unless told.
     if os.geteuid() == 0:
         os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT", "1")
