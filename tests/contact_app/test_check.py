@@ -1,0 +1,106 @@
+"""`check`: what it says, what it refuses, and estimates near what runs need."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from mpi4py import MPI
+
+from contact_app.check import describe, estimate, report
+from contact_app.errors import NoEquilibriumError
+from contact_app.model import outline
+from contact_app.run import solve_scene
+from solver.tfeti.constraints import RowKind
+from tests import scenes
+
+
+def lines_of(made: dict[str, Any], subdomains: int | list[int] | None = None) -> str:
+    scene = scenes.build(made, subdomains)
+    return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF)))
+
+
+def test_says_what_is_modelled() -> None:
+    text = lines_of(scenes.two_bodies("hexahedron", 4))
+    assert "152 nodes, 456 degrees of freedom" in text
+    assert "body soft: box (0, 0, 0) to (1, 1, 1) of 4 x 4 x 4 cells (hexahedron)" in text
+    assert "conditions[0]: soft.z- displaced by x = 0, y = 0, z = 0 (25 nodes)" in text
+    assert "soft.z+ loaded by (0, 0, -50) per area (16 facets)" in text
+    assert "plane through (1, 0, 0) with normal (-1, 0, 0) (20 candidate nodes" in text
+    assert "smallest gap 0.01)" in text
+    assert "load in all (0, 0, -50)" in text
+    assert "friction" in text
+    assert "nothing was solved" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "subdomains", "told"),
+    [
+        ("no_contacts", 1, "no contacts: plain conjugate gradients"),
+        ("wall", 1, "one held subdomain: no gluing and no coarse problem"),
+        ("wall", [2, 2, 2], "its subdomains float (Total FETI)"),
+        ("floating_in_corner", 1, "kept by its obstacles alone"),
+        ("sliding", 1, "free along 3 rigid motions no load works on"),
+    ],
+)
+def test_says_what_is_left_out_and_why(name: str, subdomains: Any, told: str) -> None:
+    assert told in lines_of(scenes.ALL[name]("hexahedron", 2), subdomains)
+
+
+def test_plane_scenes() -> None:
+    text = lines_of(scenes.wall("triangle", 4))
+    assert "2D, plane strain" in text
+    assert "per unit of thickness" in text
+
+
+def test_shared_nodes_are_counted_once() -> None:
+    made = scenes.wall("hexahedron", 4)
+    whole, split = lines_of(made, 1), lines_of(made, [2, 2, 2])
+    for counted in ("(25 nodes)", "(16 facets)", "(20 candidate nodes"):
+        assert counted in whole
+        assert counted in split
+
+
+def test_a_scene_without_equilibrium_is_found_out() -> None:
+    made = scenes.floating_in_corner("hexahedron", 2)
+    made["contacts"] = made["contacts"][1:]
+    with pytest.raises(NoEquilibriumError, match="nothing stops block from leaving along .*-z"):
+        report(scenes.build(made), MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("subdomains", [None, 1, [2, 2, 2], 4])
+def test_the_report_is_printed(subdomains: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    report(scenes.build(scenes.wall("tetrahedron", 3), subdomains), MPI.COMM_SELF)
+    out = capsys.readouterr().out
+    assert "memory: about" in out
+    assert "time: about" in out
+
+
+def test_gluing_rows_are_those_of_the_run() -> None:
+    scene = scenes.build(scenes.floating_in_corner("hexahedron", 4), [2, 2, 2])
+    text = "\n".join(describe(scene, outline(scene, MPI.COMM_SELF)))
+    run = solve_scene(scene, MPI.COMM_SELF)
+    assert f"{run.model.problem.count(RowKind.GLUING):,} rows glue them" in text
+
+
+# Peak memory (GB) and seconds without start-up of `contact-app run` on this cube, on two cores.
+MEASURED = [
+    (20, None, 0.21, 0.47),
+    (40, None, 0.42, 3.2),
+    (60, None, 0.97, 12.5),
+    (20, 1, 0.43, 3.9),
+    (30, 1, 1.33, 17.9),
+    (20, 20, 0.28, 2.6),
+]
+
+
+@pytest.mark.parametrize(("cells", "subdomains", "gigabytes", "seconds"), MEASURED)
+def test_estimates_are_within_a_factor_of_two(
+    cells: int, subdomains: int | None, gigabytes: float, seconds: float
+) -> None:
+    made = scenes.wall("hexahedron", cells)
+    made["solver"] = {"tolerance": 1e-6}
+    scene = scenes.build(made, subdomains)
+    cost = estimate(scene, outline(scene, MPI.COMM_SELF))
+    assert 0.5 * gigabytes <= cost.memory / 1e9 <= 2.0 * gigabytes
+    assert 0.5 * seconds <= cost.seconds <= 2.0 * seconds
