@@ -20,7 +20,7 @@ theory guarantees for the standard expansion. The segment is followed only if g�
 (gᵀd)² ≥ κ ‖d‖² g^rᵀg^f; then the minimum on it lies at least κD below f(x½), for it is either at
 the end of the segment, ½ gᵀd ≥ κD below, or inside, (gᵀd)²/(2 dᵀAd) ≥ κD below. The end is taken
 without a line search only if it is as far below itself. So every expansion decreases the cost by
-the factor that the R-linear convergence of MPRGP rests on, times κ. (‖A‖ is replaced by the
+at least κ times what the proof of MPRGP's R-linear convergence asks of it. (‖A‖ is replaced by the
 largest ‖Ap‖/‖p‖ seen; it is a lower bound, which makes the first test stricter.)
 """
 

@@ -66,8 +66,9 @@ def as_published(samples: Samples, name: str) -> Samples:
 
 def _single(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Through single precision and six decimals, as the tables were converted."""
-    single = values.astype(np.float32)
-    return np.round(np.asarray(single, dtype=np.float64), 6)
+    result = np.empty(values.shape)
+    result[...] = values.astype(np.float32)
+    return result.round(6)
 
 
 def _six_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
