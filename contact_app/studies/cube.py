@@ -74,7 +74,9 @@ def reproduce_cube(
     if not rows:
         names = ", ".join(dict.fromkeys(r.expansion for r in paper_rows("contact")))
         raise ValueError(f"the paper has no rows for the expansion {expansion!r}; it has {names}")
-    yield from run_rows(Path(output_dir), cube_scene(CELLS[scale]), rows, comm)
+    for line in run_rows(Path(output_dir), cube_scene(CELLS[scale]), rows, comm):
+        if comm.rank == 0:
+            yield line
 
 
 def run_rows(
