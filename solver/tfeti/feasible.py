@@ -15,6 +15,9 @@ from solver.tfeti.dual import DualProblem
 
 ROUNDS = 10
 
+OPEN_WEIGHT = 1e-3
+"""Root of the share of a correction that an open contact row takes beside touching ones."""
+
 
 def feasible_multiplier(
     problem: DualProblem, x: NDArray[np.float64], touching: NDArray[np.bool_]
@@ -37,47 +40,38 @@ def feasible_multiplier(
     multiplier[problem.inequality & ~touching] = 0.0
     if problem.coarse is None:
         return np.where(problem.inequality, np.maximum(multiplier, 0.0), multiplier)
-    weights = np.where(problem.inequality & ~closed, 0.0, 1.0)
-    repaired = _balance(problem, multiplier, weights)
-    if repaired is None:
-        weights[weights == 0.0] = 1e-6
-        repaired = _balance(problem, multiplier, weights)
-    return multiplier if repaired is None else repaired
+    return _balance(problem, multiplier, problem.inequality & ~touching)
 
 
 def _balance(
-    problem: DualProblem, multiplier: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """Add W Gᵀ (G W Gᵀ)⁻¹ (e - Gλ) and clip, until both hold; None if the rows cannot carry it."""
+    problem: DualProblem, multiplier: NDArray[np.float64], open_rows: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Add W Gᵀ (G W Gᵀ)⁻¹ (e - Gλ) with small weights on open rows until Gλ = e and λ_I ≥ 0.
+
+    Open rows are emptied again after each correction, as long as the others can carry it.
+    """
     assert problem.coarse is not None
-    root = np.sqrt(weights)
+    root = np.where(open_rows, OPEN_WEIGHT, 1.0)
     scaled = problem.coarse.Gt.copy()
     scaled.diagonalScale(L=petsc_vec(root, problem.comm))
-    try:
-        coarse = CoarseProblem(scaled)
-    except ArithmeticError:
-        return None
-    multiplier = multiplier.copy()
-    missing = np.empty(len(problem.e))
-    solution = np.empty(len(problem.e))
+    coarse = CoarseProblem(scaled)
+    missing, solution = np.empty(len(problem.e)), np.empty(len(problem.e))
     change = np.empty(problem.size)
-    scale = _largest(problem.comm, problem.e)
-    size = _largest(problem.comm, multiplier)
-    for _ in range(ROUNDS):
-        clipped = problem.inequality & (multiplier < 0.0)
-        multiplier[clipped] = 0.0
+    tolerance = 1e-13 * max(_largest(problem.comm, problem.e), _largest(problem.comm, multiplier))
+    for attempt in range(2 * ROUNDS):
+        empty = problem.inequality & (multiplier < 0.0)
+        if attempt < ROUNDS:
+            empty |= open_rows
+        multiplier[empty] = 0.0
         problem.coarse.restrict(multiplier, missing)
         np.subtract(problem.e, missing, out=missing)
-        worst = _largest(problem.comm, missing)
-        if worst <= 1e-13 * max(scale, size):
-            return multiplier
+        if _largest(problem.comm, missing) <= tolerance:
+            break
         coarse.solve(missing, solution)
         coarse.extend(solution, change)
         change *= root
-        if not _largest(problem.comm, change) <= 10.0 * max(size, scale):
-            return None
         multiplier += change
-    return multiplier if worst <= 1e-9 * max(scale, size) else None
+    return multiplier
 
 
 def feasible_displacements(
