@@ -20,6 +20,7 @@ from solver.result import Monitor, Step
 
 LIVE_SECONDS = 0.1
 PLAIN_SECONDS = 2.0
+OUTER_SECONDS = 0.2
 
 log = logging.getLogger("contact_app")
 
@@ -44,7 +45,8 @@ class Progress:
         False on ranks other than the first, where it does nothing.
     console
         Where to; standard error when not given. A terminal gets one line that is rewritten, any
-        other file a line every few seconds and one for each outer iteration.
+        other file a line every few seconds and one for each outer iteration that is not over at
+        once; the log has them all.
     """
 
     def __init__(self, show: bool = True, console: Console | None = None) -> None:
@@ -94,7 +96,7 @@ class Progress:
         if self._live is not None:
             due = elapsed >= LIVE_SECONDS
         else:
-            due = elapsed >= PLAIN_SECONDS or begins
+            due = elapsed >= (OUTER_SECONDS if begins else PLAIN_SECONDS)
         self._waiting = not due
         if due:
             self._shown = now
@@ -114,15 +116,13 @@ class Progress:
 
 
 def _sentence(event: Step) -> str:
+    """One line, short enough for a terminal."""
     parts = [f"outer {event.outer}"] if event.outer else []
-    parts += [
-        f"iteration {event.iteration}",
-        f"residual {event.projected_gradient_norm:.2e}",
-    ]
+    parts += [f"iteration {event.iteration}", f"residual {event.projected_gradient_norm:.1e}"]
     if event.equality_residual:
-        parts.append(f"equalities {event.equality_residual:.2e}")
-    parts += [f"{event.active} rows at their bound", f"{event.seconds:.1f} s"]
-    return "solving: " + ", ".join(parts)
+        parts.append(f"equalities {event.equality_residual:.1e}")
+    parts += [f"active {event.active}", f"{event.seconds:.1f} s"]
+    return ", ".join(parts)
 
 
 class Interruption:

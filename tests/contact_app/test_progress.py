@@ -28,16 +28,21 @@ def shown(events: list[Step], term: str | None = None) -> str:
     return text.getvalue()
 
 
-def test_a_pipe_gets_a_line_for_each_outer_iteration_and_the_last() -> None:
+def test_a_pipe_gets_a_line_for_each_outer_iteration_and_the_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(progress, "OUTER_SECONDS", 0.0)
     text = shown([step(outer, 4 * outer + i) for outer in (1, 2) for i in range(4)])
     lines = text.splitlines()
-    assert [line.split(",")[0] for line in lines] == [
-        "solving: outer 1",
-        "solving: outer 2",
-        "solving: outer 2",
-    ]
-    assert "iteration 11, residual 1.00e-11, equalities 2.00e-03, 5 rows" in lines[-1]
+    assert [line.split(",")[0] for line in lines] == ["outer 1", "outer 2", "outer 2"]
+    last = "outer 2, iteration 11, residual 1.0e-11, equalities 2.0e-03, active 5, 1.1 s"
+    assert lines[-1] == last
+    assert len(last) < 80
     assert "\x1b" not in text
+
+
+def test_outer_iterations_that_are_over_at_once_do_not_flood_a_pipe() -> None:
+    assert len(shown([step(outer, outer) for outer in range(1, 100)]).splitlines()) <= 3
 
 
 def test_a_pipe_gets_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,7 +67,7 @@ def test_a_terminal_that_cannot_rewrite_gets_plain_lines() -> None:
 
 def test_without_outer_iterations_and_equalities_none_are_named() -> None:
     text = shown([Step(0, 3, "cg", 0.5, 0.0, 7, 0.25)])
-    assert text == "solving: iteration 3, residual 5.00e-01, 7 rows at their bound, 0.2 s\n"
+    assert text == "iteration 3, residual 5.0e-01, active 7, 0.2 s\n"
 
 
 def test_stages_are_named_and_other_ranks_are_silent() -> None:
@@ -83,8 +88,8 @@ def test_the_last_step_is_shown_before_the_next_stage() -> None:
         monitor.stage("writing")
     beginnings = [line.split(", residual")[0] for line in text.getvalue().splitlines()]
     assert beginnings == [
-        "solving: outer 1, iteration 1",
-        "solving: outer 1, iteration 2",
+        "outer 1, iteration 1",
+        "outer 1, iteration 2",
         "writing ...",
     ]
 
