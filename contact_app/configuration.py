@@ -66,7 +66,7 @@ class Model(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if isinstance(data, dict):
-            allowed = cls.keys()
+            allowed = cls.known_keys()
             for key in data:
                 if key not in allowed:
                     near = difflib.get_close_matches(str(key), allowed, 1, 0.5)
@@ -79,7 +79,7 @@ class Model(BaseModel):
         return data
 
     @classmethod
-    def keys(cls) -> list[str]:
+    def known_keys(cls) -> list[str]:
         """The keys of this section, as they are typed."""
         return [f.alias or name for name, f in cls.model_fields.items()]
 
@@ -435,7 +435,7 @@ def _message(
     section = globals().get(str(context.get("class_name")))
     keys = ""
     if isinstance(section, type) and issubclass(section, Model):
-        keys = f", with the keys {', '.join(section.keys())}"
+        keys = f", with the keys {', '.join(section.known_keys())}"
     limit = next((f"{context[k]:g}" for k in ("gt", "ge", "lt", "le") if k in context), "")
     if context.get("ge") == SMALLEST:
         limit = f"{SMALLEST:g}, that is above 0"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import random
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact_app.configuration import EXPANSIONS, Configuration, load
+from contact_app import yaml_reader
+from contact_app.configuration import EXPANSIONS, FIELDS, Configuration, Solver, load
 from contact_app.errors import ConfigurationError
 from contact_app.scene import build_scene
 from solver.expansion import expansion_names
@@ -342,3 +344,31 @@ def test_random_overrides_are_scenes_or_refused(
     except ConfigurationError as error:
         told = str(error)
     assert told.startswith(("--set", str(file)))
+
+
+# --- the manual --------------------------------------------------------------------------------
+
+MANUAL = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text()
+
+
+def test_the_manual_names_every_key() -> None:
+    schema = Configuration.model_json_schema(by_alias=True)
+    keys = {key for section in (schema, *schema["$defs"].values()) for key in section["properties"]}
+    words = set(re.findall(r"[a-z_]+", MANUAL))
+    assert keys - words == set()
+    for choice in (*EXPANSIONS, *FIELDS):
+        assert f"`{choice}`" in MANUAL
+
+
+def test_the_manual_s_scene_is_a_scene(file: Path) -> None:
+    file.write_text(re.findall(r"```yaml\n(.*?)```", MANUAL, flags=re.DOTALL)[0])
+    scene = build_scene(load(file))
+    assert scene.title == "cube pressed beside a rigid wall"
+
+
+def test_the_manual_gives_the_defaults() -> None:
+    defaults = Solver.model_validate({})
+    for key in Solver.known_keys():
+        row = next(line for line in MANUAL.splitlines() if line.startswith(f"| `{key}` |"))
+        given = yaml_reader.scalar(row.split("|")[2].strip(" `"), "manual")
+        assert given == getattr(defaults, key)
