@@ -36,7 +36,6 @@ def feasible_multiplier(
         Contact rows whose multiplier is above its bound.
     """
     multiplier = problem.offset + x
-    closed = problem.inequality & touching
     multiplier[problem.inequality & ~touching] = 0.0
     if problem.coarse is None:
         return np.where(problem.inequality, np.maximum(multiplier, 0.0), multiplier)
