@@ -17,7 +17,7 @@ import typer
 
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 
-BAD_INPUT, NO_EQUILIBRIUM = 2, 3
+FAILED, BAD_INPUT, NO_EQUILIBRIUM = 1, 2, 3
 
 app = typer.Typer(
     name="contact-app",
@@ -98,7 +98,13 @@ def main() -> None:
         sys.exit(BAD_INPUT)
     except ContactError as error:
         _tell(str(error))
-        sys.exit(1)
+        sys.exit(FAILED)
+    except OSError as error:  # a full disk, a directory taken away
+        _tell(f"the run ended: {error}")
+        sys.exit(FAILED)
+    except MemoryError:
+        _tell("the run ended: not enough memory; see contact-app check for what a scene needs")
+        sys.exit(FAILED)
 
 
 def _refuse_unwritable(directory: Path) -> None:

@@ -25,6 +25,9 @@ FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 CELLS_PER_CUBE = {"tetrahedron": 6, "triangle": 2}
 
+SHORTEST_EDGE = 1e-15
+"""Shortest edge of a cell; dolfinx takes boxes a few times shorter for empty."""
+
 LONGEST_CELL = 1e4
 """Longest over shortest edge of a cell; beyond, round-off hides the short edge's stiffness."""
 
@@ -317,6 +320,12 @@ class _Builder:
                     f"are too small along {'xyz'[axis]} to tell their nodes apart",
                 )
         edges = [(b - a) / n for a, b, n in zip(lower, upper, box.cells, strict=True)]
+        if min(edges) < SHORTEST_EDGE:
+            self._fail(
+                (*path, "cells"),
+                f"make cells of {min(edges):.3g} along an edge; at least {SHORTEST_EDGE:g} is "
+                "allowed: choose a smaller unit of length",
+            )
         if max(edges) > LONGEST_CELL * min(edges):
             self._fail(
                 (*path, "cells"),

@@ -158,6 +158,27 @@ def test_a_directory_that_cannot_be_written(cube: Path, capsys: pytest.CaptureFi
     assert "results cannot be written there" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        (OSError(28, "No space left on device"), "No space left on device"),
+        (MemoryError(), "not enough memory"),
+    ],
+)
+def test_what_the_machine_lacks_is_told(
+    cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, told: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def fail(*_: object) -> int:
+        raise fault
+
+    monkeypatch.setattr("contact_app.run.run", fail)
+    assert contact_app("run", cube, "-o", tmp_path / "out") == 1
+    err = capsys.readouterr().err
+    assert told in err
+    assert "Traceback" not in err
+
+
 def test_what_a_terminal_would_obey_is_not_sent_to_it(
     cube: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -131,6 +131,7 @@ WRONG = [
     (f"{BOX}.upper=[0,1,1]", "not above lower (0): the box has no volume"),
     (f"{BOX}.upper=[1,-1,1]", "is -1 along y"),
     (f"{BOX}.upper=[1e-9,1,1]", "times as long as wide"),
+    (f"{BOX}.upper=[1e-20,1e-20,1e-20]", "choose a smaller unit of length"),
     (f"{BOX}.cells=[99999999999999999999,1,1]", "too small along x"),
     (f"{BOX}.cells=[100000,100000,100000]", "degrees of freedom in all, which need about"),
     (f"{BOX}.cell=hexahedra", "did you mean hexahedron?"),
