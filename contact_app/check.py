@@ -155,7 +155,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         )
     for i, contact in enumerate(scene.contacts):
         lines.append(
-            f"{contact.source}: {_on(scene, contact)} may touch the {contact.obstacle.describe()} "
+            f"{contact.source}: {_on(scene, contact)} may touch the {contact.obstacle.describe(scene.dimension)} "
             f"({_candidates(known, i)})"
         )
     return lines

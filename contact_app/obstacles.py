@@ -30,7 +30,7 @@ class Obstacle(Protocol):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Gap (n,) and outward unit normal (n, 3) at points (n, 3)."""
 
-    def describe(self) -> str:
+    def describe(self, dimension: int = 3) -> str:
         """One sentence part for `check`."""
 
 
@@ -60,9 +60,10 @@ class Plane:
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         return (points - np.array(self.point)) @ normal, np.tile(normal, (len(points), 1))
 
-    def describe(self) -> str:
+    def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
-        return f"plane through {_text(self.point)} with normal {_text(self.normal)}"
+        point, normal = self.point[:dimension], self.normal[:dimension]
+        return f"plane through {_text(point)} with normal {_text(normal)}"
 
 
 @dataclass(frozen=True)
@@ -90,10 +91,13 @@ class Sphere:
         """
         return _round(points - np.array(self.center), self, "centre of the sphere")
 
-    def describe(self) -> str:
+    def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
-        kind = "spherical cavity" if self.hollow else "sphere"
-        return f"{kind} about {_text(self.center)} of radius {self.radius:g}"
+        solid, cavity = (
+            ("sphere", "spherical cavity") if dimension == 3 else ("circle", "round cavity")
+        )
+        kind = cavity if self.hollow else solid
+        return f"{kind} about {_text(self.center[:dimension])} of radius {self.radius:g}"
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,7 @@ class Cylinder:
         away = points - np.array(self.point)
         return _round(away - np.outer(away @ axis, axis), self, "axis of the cylinder")
 
-    def describe(self) -> str:
+    def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
         kind = "bore" if self.hollow else "cylinder"
         return (
@@ -146,5 +150,5 @@ def _round(
     return sign * (distance - shape.radius), sign * away / distance[:, None]
 
 
-def _text(vector: Vector) -> str:
+def _text(vector: tuple[float, ...]) -> str:
     return "(" + ", ".join(f"{v:g}" for v in vector) + ")"
