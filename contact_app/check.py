@@ -154,8 +154,9 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             "per volume"
         )
     for i, contact in enumerate(scene.contacts):
+        obstacle = contact.obstacle.describe(scene.dimension)
         lines.append(
-            f"{contact.source}: {_on(scene, contact)} may touch the {contact.obstacle.describe(scene.dimension)} "
+            f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
             f"({_candidates(known, i)})"
         )
     return lines
