@@ -230,9 +230,10 @@ class Solver(Model):
         "gap (over the energy) are all below it; 1e-14 to 1.",
     )
     expansion: Literal[EXPANSIONS] = Field(  # type: ignore[valid-type]
-        "projcg",
+        "projcg-safe",
         description="Expansion step of MPRGP (Kružík et al. 2020, section 3); in gfgr the first "
-        "is the direction, the second the gradient that sets the length.",
+        "is the direction, the second the gradient that sets the length. projcg-safe is projcg "
+        "with a guarantee of descent, at no extra product.",
     )
     alpha_u: Annotated[float, Field(gt=0, le=2)] = Field(
         1.9, description="Step length of fixed, optapprox and opt expansions, 0 < α ≤ 2."

@@ -135,7 +135,7 @@ class SolverOptions:
     """Options of the solver, as the configuration documents them."""
 
     tolerance: float = 1e-6
-    expansion: str = "projcg"
+    expansion: str = "projcg-safe"
     alpha_u: float = 1.9
     gamma: float = 1.0
     max_iterations: int = 10_000

@@ -78,7 +78,7 @@ def reason_text(solution: Solution) -> str:
 def solve(problem: DualProblem, options: SolverOptions, monitor: Monitor | None) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it."""
     if problem.comm.allreduce(problem.size) == 0:
-        return _answer(problem, np.zeros(0), None, options)
+        return certified_answer(problem, np.zeros(0), None, options)
     inner = MPRGP(
         expansion=options.expansion,
         alpha_u=options.alpha_u,
@@ -111,7 +111,11 @@ class _Start:
 
 
 def _without_contact(
-    problem: DualProblem, options: SolverOptions, inner: MPRGP, monitor: Monitor | None
+    problem: DualProblem,
+    options: SolverOptions,
+    inner: MPRGP,
+    norm: float,
+    monitor: Monitor | None,
 ) -> _Start | None:
     """Conjugate gradients on gluing and held rows alone, as far as contact stays undecided.
 
@@ -125,7 +129,7 @@ def _without_contact(
     assert problem.coarse is not None
     assert glued.coarse is not None
     qp = BoxQP(glued.projected, glued.rhs)
-    inner = replace(inner, preconditioner=LumpedPreconditioner(glued, inner.norm))
+    inner = replace(inner, preconditioner=LumpedPreconditioner(glued, norm))
     x, counts = None, Counts()
     force, kernel_part = np.empty(problem.size), np.empty(problem.size)
     for rtol in (*LOOKS, inner.rtol):
@@ -148,7 +152,7 @@ def _without_contact(
         if penetration > rtol * largest_of(problem, u):
             break
         if rtol == inner.rtol:
-            solution = _answer(problem, start, force, options)
+            solution = certified_answer(problem, start, force, options)
             if solution.certificate.passed:
                 return _Start(start, force, counts, replace(solution, counts=counts))
     return _Start(start, force, counts, None)
@@ -161,7 +165,7 @@ def _solve_smalbe(
     assert problem.coarse is not None
     norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
     inner = replace(inner, norm=norm, preconditioner=LumpedPreconditioner(problem, norm))
-    start = _without_contact(problem, options, inner, monitor)
+    start = _without_contact(problem, options, inner, norm, monitor)
     if start is not None and start.solution is not None:
         return start.solution
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
@@ -182,7 +186,7 @@ def _solve_smalbe(
     def accept(state: OuterState) -> bool:
         if not near(state):
             return False
-        found[:] = [_answer(problem, state.x, state.transposed_multiplier, options)]
+        found[:] = [certified_answer(problem, state.x, state.transposed_multiplier, options)]
         displacement[0] = found[0].measures.displacement
         return found[0].certificate.passed
 
@@ -196,7 +200,7 @@ def _solve_smalbe(
     )
     result.counts.norm_estimation += products
     if result.reason is not Reason.ACCEPTED:
-        found[:] = [_answer(problem, result.x, result.multiplier, options)]
+        found[:] = [certified_answer(problem, result.x, result.multiplier, options)]
     counts = _sum(start.counts, result.counts) if start else result.counts
     return replace(found[0], counts=counts, reason=result.reason)
 
@@ -211,14 +215,14 @@ def _solve_mprgp(
         result = replace(inner, rtol=rtol).solve(qp, x0=x, monitor=monitor)
         x = result.x
         counts = _sum(counts, result.counts)
-        solution = _answer(problem, x, None, options)
+        solution = certified_answer(problem, x, None, options)
         if solution.certificate.passed or result.reason is not Reason.CONVERGED:
             break
         rtol *= 0.1
     return replace(solution, counts=counts, reason=result.reason)
 
 
-def _answer(
+def certified_answer(
     problem: DualProblem,
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,

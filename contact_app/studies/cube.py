@@ -25,7 +25,7 @@ from contact_app.model import Model, build_model
 from contact_app.report import write_summary
 from contact_app.run import SolvedScene, summarise
 from contact_app.scene import Scene, build_scene
-from contact_app.solve import _answer
+from contact_app.solve import certified_answer
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
 from contact_app.timings import Timings
 from solver import MPRGP, SMALBE, BoxQP, Counts
@@ -127,7 +127,7 @@ def _run(model: Model, solver: SMALBE, name: str, output: Path, timings: Timings
         result = solver.solve(qp, equality)
         force = np.empty(problem.size)
         equality.apply_transpose(result.multiplier, force)
-        answer = _answer(problem, result.x, force, scene.solver)
+        answer = certified_answer(problem, result.x, force, scene.solver)
         solution = replace(answer, counts=result.counts, reason=result.reason)
     with clock.measure("output"):
         nodes = node_fields(model, solution)

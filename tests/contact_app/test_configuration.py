@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from contact_app import yaml_reader
 from contact_app.configuration import EXPANSIONS, FIELDS, Configuration, Solver, load
 from contact_app.errors import ConfigurationError
-from contact_app.scene import build_scene
+from contact_app.scene import SolverOptions, build_scene
 from solver.expansion import expansion_names
 
 SCENE = """\
@@ -64,7 +64,7 @@ def test_numbers_of_yaml_1_2_reach_the_scene(file: Path) -> None:
 def test_defaults_are_those_of_the_manual(file: Path) -> None:
     scene = build_scene(load(file))
     assert scene.solver.tolerance == 1e-6
-    assert scene.solver.expansion == "projcg"
+    assert scene.solver == SolverOptions()
     assert scene.output.xdmf
     assert scene.decomposition.subdomains is None
     assert [b.degree for b in scene.bodies] == [1]
