@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from tests import reference, scenes
 
 
-@lru_cache(maxsize=None)
+@cache
 def reference_of(name: str, cell: str, n: int) -> reference.Reference:
     """Reference solution of a scene of :data:`tests.scenes.ALL`, computed once."""
     return reference.solve(scenes.build(scenes.ALL[name](cell, n)))
@@ -37,6 +37,11 @@ def solve(made: scenes.Config, subdomains: int | list[int] | None = None, **opti
 
     made = {**made, "solver": {**made.get("solver", {}), **options}}
     return solve_scene(scenes.build(made, subdomains))
+
+
+def in_space(vector: np.ndarray) -> np.ndarray:
+    """A vector with three components, as summaries have it in 2D, too."""
+    return np.concatenate([vector, np.zeros(3 - len(vector))])
 
 
 def counts(solution: Any) -> dict[str, int]:

@@ -441,6 +441,18 @@ SLIDING = ("sliding", "rolling_in_hollow_sphere")
 """Scenes whose displacement is unique up to a rigid motion only."""
 
 
+def scaled(made: Config, factor: float) -> Config:
+    """The same scene under loads multiplied by a factor."""
+    made = copy.deepcopy(made)
+    for item in made["conditions"]:
+        for key in ("traction", "force"):
+            if key in item:
+                item[key] = [factor * value for value in item[key]]
+        if "pressure" in item:
+            item["pressure"] *= factor
+    return made
+
+
 # --- from configuration to scene ---------------------------------------------------------------
 
 

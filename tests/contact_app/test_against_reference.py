@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests import scenes
-from tests.comparison import in_order_of, reference_of, solve
+from tests.comparison import in_order_of, in_space, reference_of, solve
 
 ENERGY, DISPLACEMENT, FORCE = 1e-8, 1e-7, 1e-6
 
@@ -42,7 +42,7 @@ def check(name: str, cell: str, n: int, subdomains: int | list[int]) -> None:
 
     load = max(np.abs(known.contact_force).max(), np.abs(known.system.load).sum())
     np.testing.assert_allclose(
-        found["contact_force"], known.contact_force, rtol=0, atol=FORCE * load
+        found["contact_force"], in_space(known.contact_force), rtol=0, atol=FORCE * load
     )
     held = known.system.dimension * known.points.shape[0]
     assert summary["mesh"]["dofs"] == held
@@ -115,7 +115,7 @@ def test_plane_stress(name: str, cell: str) -> None:
     assert abs(strain.energy / known.energy - 1) > 1e-3, "plane stress must differ from strain"
 
 
-@pytest.mark.parametrize("expansion", ["fixed", "optapprox", "projcg"])
+@pytest.mark.parametrize("expansion", ["fixed", "gfgr-optapprox", "gfgf-opt", "projcg"])
 def test_every_expansion_finds_the_same_answer(expansion: str) -> None:
     known = reference_of("two_planes", "hexahedron", 4)
     solution = solve(scenes.two_planes("hexahedron", 4), [2, 2, 2], expansion=expansion)

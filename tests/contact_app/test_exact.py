@@ -97,25 +97,14 @@ def test_energy_identity(name: str) -> None:
     assert energy == pytest.approx(known.energy, rel=EXACT)
 
 
-def scaled(made: scenes.Config, factor: float) -> scenes.Config:
-    """The same scene under loads multiplied by a factor."""
-    made = copy.deepcopy(made)
-    for item in made["conditions"]:
-        for key in ("traction", "force"):
-            if key in item:
-                item[key] = [factor * value for value in item[key]]
-        if "pressure" in item:
-            item["pressure"] *= factor
-    return made
-
-
 @pytest.mark.parametrize("factor", [4.0, 1000.0, 1e-6])
 @pytest.mark.parametrize("name", ["wall", "duplicate_obstacles", "rollers_and_floor"])
 def test_homogeneity(name: str, factor: float) -> None:
     """All gaps are zero: u(t f) = t u(f), the same active set, the same counts."""
     made = scenes.ALL[name]("hexahedron", 4)
+    made["contacts"] = made["contacts"][:2]  # the third plane of the duplicates is turned
     one = solve(made, [2, 2, 2])
-    many = solve(scaled(made, factor), [2, 2, 2])
+    many = solve(scenes.scaled(made, factor), [2, 2, 2])
     (_, u_one), (_, u_many) = one.displacement_at_nodes(), many.displacement_at_nodes()
     np.testing.assert_allclose(u_many, factor * u_one, rtol=0, atol=EXACT * np.abs(u_many).max())
     active = [s.summary["solution"]["active_contacts"] for s in (one, many)]
@@ -154,7 +143,7 @@ def converted(made: scenes.Config, length: float, pressure: float) -> scenes.Con
 
 @pytest.mark.parametrize("name", ["wall", "sphere", "floating_in_corner", "cylinder"])
 @pytest.mark.parametrize(
-    "length, pressure", [(1e-3, 1e6), (1e3, 1e-3)], ids=["N-mm to N-m", "to km and kPa"]
+    ("length", "pressure"), [(1e-3, 1e6), (1e3, 1e-3)], ids=["N-mm to N-m", "to km and kPa"]
 )
 def test_change_of_units(name: str, length: float, pressure: float) -> None:
     made = scenes.ALL[name]("hexahedron", 4)

@@ -1,0 +1,214 @@
+"""Scenes with and without an equilibrium, and displacements that meet obstacles."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests import reference, scenes
+from tests.comparison import in_order_of, in_space, solve
+
+
+def free_block(cell: str, load: list[float], on: str = "top") -> scenes.Config:
+    """A free block on a floor, loaded on part of its top: x > 0.5 is `right`."""
+    vertical = "z" if scenes.dimension(cell) == 3 else "y"
+    made = scenes.sliding(cell, 4)
+    made["bodies"][0]["boundaries"] = {
+        "top": {"where": f"{vertical} > 1 - 1e-9"},
+        "right": {"where": f"{vertical} > 1 - 1e-9 and x > 0.49"},
+        "inner": {"where": f"{vertical} < 1e-9 and x < 0.51"},
+    }
+    made["conditions"] = [{"on": f"block.{on}", "traction": load}]
+    return made
+
+
+def expect_no_equilibrium(made: scenes.Config, subdomains: int | list[int]) -> str:
+    from contact_app.errors import NoEquilibriumError
+
+    with pytest.raises(NoEquilibriumError) as caught:
+        solve(made, subdomains)
+    message = str(caught.value)
+    assert "block" in message, message
+    return message
+
+
+@pytest.mark.parametrize(("cell", "split"), [("hexahedron", [2, 2, 2]), ("triangle", [2, 2])])
+@pytest.mark.parametrize("whole", [True, False], ids=["one", "split"])
+def test_pulled_off(cell: str, split: list[int], whole: bool) -> None:
+    message = expect_no_equilibrium(
+        free_block(cell, scenes.vector(cell, 0, 0, 10)), 1 if whole else split
+    )
+    assert ("z" if scenes.dimension(cell) == 3 else "y") in message
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("cell", "split"), [("hexahedron", [2, 2, 2]), ("triangle", [2, 2])])
+def test_pushed_sideways_on_a_frictionless_floor(cell: str, split: list[int], sign: int) -> None:
+    message = expect_no_equilibrium(free_block(cell, scenes.vector(cell, sign, 0, -50)), split)
+    assert "x" in message
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "quadrilateral"])
+def test_pushed_outside_the_support(cell: str) -> None:
+    """The load acts at x = 0.75 and the floor ends at x = 0.5: the block tips over."""
+    made = free_block(cell, scenes.vector(cell, 0, 0, -50), on="right")
+    made["contacts"][0]["on"] = "block.inner"
+    message = expect_no_equilibrium(made, [2] * scenes.dimension(cell))
+    assert "turn" in message or "rotat" in message or "tip" in message, message
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "quadrilateral"])
+def test_pushed_inside_the_support(cell: str) -> None:
+    """The same load on the whole floor is eccentric but supported."""
+    made = free_block(cell, scenes.vector(cell, 0, 0, -50), on="right")
+    solution = solve(made, [2] * scenes.dimension(cell))
+    known = reference.solve(scenes.build(made))
+    assert solution.summary["certificate"]["passed"]
+    assert solution.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
+    force = solution.summary["solution"]["contact_force"]
+    np.testing.assert_allclose(force, in_space(known.contact_force), atol=1e-6 * 25)
+
+
+@pytest.mark.parametrize(("reach", "stands"), [(0.74, False), (0.76, True), (1.0, True)])
+def test_edge_of_the_support(reach: float, stands: bool) -> None:
+    """The line of action x = 0.75 against supports that end just before and after it."""
+    cell = "quadrilateral"
+    made = free_block(cell, scenes.vector(cell, 0, 0, -50), on="right")
+    n = 50
+    made["bodies"][0]["mesh"]["box"]["cells"] = [n, 2]
+    made["bodies"][0]["boundaries"]["inner"] = {"where": f"y < 1e-9 and x < {reach} + 1e-9"}
+    made["bodies"][0]["boundaries"]["right"] = {"where": "y > 1 - 1e-9 and x > 0.5 - 1e-9"}
+    made["contacts"][0]["on"] = "block.inner"
+    if stands:
+        solution = solve(made, [2, 1])
+        assert solution.summary["certificate"]["passed"]
+        assert solution.summary["solution"]["contact_force"][1] == pytest.approx(25, rel=1e-8)
+    else:
+        expect_no_equilibrium(made, [2, 1])
+
+
+def test_names_the_body_that_leaves() -> None:
+    from contact_app.errors import NoEquilibriumError
+
+    made = scenes.two_bodies("hexahedron", 4)
+    made["contacts"] = [c for c in made["contacts"] if c["on"] != "stiff.y-"]
+    with pytest.raises(NoEquilibriumError, match="stiff") as caught:
+        solve(made, 3)
+    assert "soft" not in str(caught.value)
+    assert "y" in str(caught.value)
+
+
+def test_a_scene_that_nothing_loads_is_refused() -> None:
+    """Nothing would move: the configuration says so before anything is built."""
+    from contact_app.errors import ConfigurationError
+
+    with pytest.raises(ConfigurationError, match="load nothing"):
+        scenes.build(free_block("hexahedron", [0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("subdomains", [1, [2, 2, 2]], ids=str)
+def test_held_nodes_pushed_into_an_obstacle_are_refused(subdomains: int | list[int]) -> None:
+    from contact_app.errors import ContactError
+
+    made = scenes.sphere("hexahedron", 2)
+    made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (0, 0, 1.01), (0, 0, -1))
+    made["conditions"] = [{"on": "block.z+", "displacement": [0, 0, 0.02]}]
+    with pytest.raises(ContactError, match=r"contacts\[0\]"):
+        solve(made, subdomains)
+
+
+@pytest.mark.parametrize("subdomains", [1, [2, 2, 2], [1, 1, 4]], ids=str)
+@pytest.mark.parametrize("on", ["block.z+", "block.z-"], ids=["held nodes touch", "far side"])
+def test_grazing(subdomains: int | list[int], on: str) -> None:
+    """A prescribed displacement equal to the gap: λ = 0 and nothing divides by it."""
+    made = scenes.sphere("hexahedron", 4)
+    made["bodies"][0]["material"]["poisson"] = 0.0
+    made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (0, 0, 1.015625), (0, 0, -1))
+    made["conditions"] = [{"on": on, "displacement": [0, 0, 0.015625]}]
+    solution = solve(made, subdomains)
+    found = solution.summary["solution"]
+    assert solution.summary["certificate"]["passed"], solution.summary["certificate"]
+    np.testing.assert_allclose(found["contact_force"], 0, atol=1e-7)
+    _, u = solution.displacement_at_nodes()
+    np.testing.assert_allclose(u, np.broadcast_to([0, 0, 0.015625], u.shape), atol=1e-9)
+
+
+def test_grazing_with_a_gap_that_is_not_a_float() -> None:
+    """0.1 - 0.3 + 0.2 is not zero: round-off must not make a scene infeasible."""
+    made = scenes.sphere("hexahedron", 3)
+    made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (0.3, 0.2, 1.1), (0, 0, -3))
+    made["conditions"] = [{"on": "block.z+", "displacement": [0, 0, 0.1]}]
+    solution = solve(made, [1, 1, 3])
+    assert solution.summary["certificate"]["passed"]
+    np.testing.assert_allclose(solution.summary["solution"]["contact_force"], 0, atol=1e-6)
+
+
+def test_weakly_active_rows() -> None:
+    """A plane at exactly where the free solution ends: rows touch with λ = 0."""
+    made = scenes.bar("hexahedron", 4)
+    made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (2.0, 0, 0), (-1, 0, 0))
+    solution = solve(made, [2, 2, 2])
+    found = solution.summary["solution"]
+    assert solution.summary["certificate"]["passed"]
+    assert found["max_displacement"] == pytest.approx(1.0, rel=1e-8)
+    np.testing.assert_allclose(found["contact_force"], 0, atol=1e-7)
+
+
+def test_contradicting_displacements_are_refused() -> None:
+    from contact_app.errors import ContactError
+
+    made = scenes.wall("hexahedron", 2)
+    made["conditions"].append({"on": "block.x-", "displacement": [0.1, None, None]})
+    with pytest.raises(ContactError, match=r"conditions\[0\].*conditions\[2\]"):
+        solve(made, [2, 2, 2])
+
+
+def test_agreeing_displacements_on_one_node_are_fine() -> None:
+    made = scenes.wall("hexahedron", 4)
+    made["conditions"].append({"on": "block.x-", "displacement": [0.0, None, None]})
+    known = reference.solve(scenes.build(made))
+    solution = solve(made, [2, 2, 2])
+    u = in_order_of(known, solution)
+    np.testing.assert_allclose(u, known.u, atol=1e-7 * np.abs(known.u).max())
+
+
+def exit_code(made: scenes.Config, directory: Path) -> tuple[int, str]:
+    """Exit code and messages of the command."""
+    path = scenes.write(made, directory / "scene.yaml")
+    done = subprocess.run(
+        [sys.executable, "-m", "contact_app", "run", str(path), "-o", str(directory / "out")],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_exit_code_without_equilibrium(tmp_path: Path) -> None:
+    code, said = exit_code(free_block("quadrilateral", [0, 10]), tmp_path)
+    assert code == 3, said
+    assert "block" in said
+    assert "Traceback" not in said
+
+
+def test_exit_code_of_contradicting_data(tmp_path: Path) -> None:
+    made = scenes.wall("quadrilateral", 2)
+    made["conditions"].append({"on": "block.x-", "displacement": [0.1, None]})
+    code, said = exit_code(made, tmp_path)
+    assert code == 2, said
+    assert "Traceback" not in said
+
+
+def test_exit_code_of_a_solve_cut_short(tmp_path: Path) -> None:
+    made = scenes.wall("quadrilateral", 4)
+    made["decomposition"] = {"subdomains": [2, 2]}
+    made["solver"]["max_iterations"] = 2
+    code, said = exit_code(made, tmp_path)
+    assert code == 1, said
+    assert (tmp_path / "out" / "summary.json").exists(), "results so far are written"

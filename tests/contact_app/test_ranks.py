@@ -1,0 +1,139 @@
+"""The same answer and the same counts on 1, 2 and 3 ranks, and output written once."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests import scenes
+
+pytestmark = [
+    pytest.mark.mpi,
+    pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),
+]
+
+ENVIRONMENT = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+}
+
+
+def run(path: Path, directory: Path, ranks: int) -> subprocess.CompletedProcess[str]:
+    """`mpirun -n ranks contact-app run`; one rank without mpirun."""
+    command = [sys.executable, "-m", "contact_app", "run", str(path), "-o", str(directory)]
+    if ranks > 1:
+        command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=180, env={**os.environ, **ENVIRONMENT}
+    )
+
+
+def summary_of(made: scenes.Config, directory: Path, ranks: int) -> dict[str, Any]:
+    path = scenes.write(made, directory / "scene.yaml")
+    out = directory / f"out{ranks}"
+    done = run(path, out, ranks)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads((out / "summary.json").read_text())
+
+
+def displacement(directory: Path) -> dict[tuple[float, ...], np.ndarray]:
+    """Displacement at each point of solution.h5, whatever the order of the nodes."""
+    import meshio
+
+    with meshio.xdmf.TimeSeriesReader(directory / "solution.xdmf") as reader:
+        points, _ = reader.read_points_cells()
+        _, fields, _ = reader.read_data(0)
+    u = fields["displacement"]
+    return {tuple(np.round(p, 9) + 0.0): row for p, row in zip(points, u, strict=True)}
+
+
+CASES = {
+    "wall, regular split": ("wall", "hexahedron", [2, 2, 2]),
+    "floating, graph partition": ("floating_in_corner", "tetrahedron", 5),
+    "two bodies, plane": ("two_bodies", "triangle", [2, 2]),
+    "no contacts": ("no_contacts", "quadrilateral", [3, 1]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_same_answer_and_counts(case: str, tmp_path: Path) -> None:
+    name, cell, subdomains = CASES[case]
+    made = scenes.ALL[name](cell, 4)
+    made["decomposition"] = {"subdomains": subdomains}
+    one, *others = [summary_of(made, tmp_path, ranks) for ranks in (1, 2, 3)]
+    assert one["environment"]["ranks"] == 1
+    u = displacement(tmp_path / "out1")
+    largest = one["solution"]["max_displacement"]
+    for ranks, other in zip((2, 3), others, strict=True):
+        assert other["environment"]["ranks"] == ranks
+        assert other["mesh"] == one["mesh"]
+        decomposition = {k: v for k, v in one["decomposition"].items() if "class" not in k}
+        assert {k: other["decomposition"][k] for k in decomposition} == decomposition
+        counted = [k for k in one["solver"] if k != "reason"]
+        assert {k: other["solver"][k] for k in counted} == {k: one["solver"][k] for k in counted}
+        for key, value in one["solution"].items():
+            assert other["solution"][key] == pytest.approx(value, rel=1e-10, abs=1e-9), key
+        v = displacement(tmp_path / f"out{ranks}")
+        assert u.keys() == v.keys()
+        for point, value in u.items():
+            np.testing.assert_allclose(v[point], value, rtol=0, atol=1e-10 * largest)
+
+
+def test_output_is_written_once(tmp_path: Path) -> None:
+    made = scenes.wall("quadrilateral", 4)
+    made["decomposition"] = {"subdomains": [2, 2]}
+    summary_of(made, tmp_path, 1)
+    summary_of(made, tmp_path, 3)
+    ours, theirs = ([p.name for p in sorted((tmp_path / f"out{n}").iterdir())] for n in (1, 3))
+    assert ours == theirs
+    rows = []
+    for ranks in (1, 3):
+        with (tmp_path / f"out{ranks}" / "history.csv").open(newline="") as file:
+            rows.append([(row["outer"], row["step"]) for row in csv.DictReader(file)])
+    assert rows[0] == rows[1]
+    assert len(rows[0]) > 3
+
+
+def test_more_ranks_than_subdomains(tmp_path: Path) -> None:
+    """It works, or it is refused with a message that names both numbers."""
+    made = scenes.wall("quadrilateral", 4)
+    made["decomposition"] = {"subdomains": [2, 1]}
+    path = scenes.write(made, tmp_path / "scene.yaml")
+    done = run(path, tmp_path / "out", 3)
+    said = done.stdout + done.stderr
+    assert "Traceback" not in said, said
+    if done.returncode == 0:
+        known = summary_of(made, tmp_path, 1)
+        found = json.loads((tmp_path / "out" / "summary.json").read_text())
+        assert found["solution"]["energy"] == pytest.approx(known["solution"]["energy"], rel=1e-9)
+    else:
+        assert done.returncode == 2, said
+        assert "3" in said
+        assert "2" in said
+
+
+def test_no_equilibrium_ends_all_ranks(tmp_path: Path) -> None:
+    """One clear message and exit code 3; no rank waits for another."""
+    made = scenes.sliding("quadrilateral", 4)
+    made["conditions"][0]["traction"] = [5, -50]
+    made["decomposition"] = {"subdomains": [2, 2]}
+    path = scenes.write(made, tmp_path / "scene.yaml")
+    done = run(path, tmp_path / "out", 2)
+    said = done.stdout + done.stderr
+    assert done.returncode == 3, said
+    assert "Traceback" not in said
+    assert said.count("no equilibrium") <= 1, "said once, not once a rank"
