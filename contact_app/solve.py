@@ -33,6 +33,12 @@ NORM_ACCURACY = 1e-2
 LOOKS = (1e-1, 1e-2, 1e-3)
 """Relative residuals at which a solve without contact looks whether a gap is violated."""
 
+PATIENCE = 16
+"""Outer iterations after which a slow SMALBE hands its active set to `_active_sets`."""
+
+FACES = 15
+"""Active sets tried before SMALBE goes on."""
+
 TIGHTENINGS = 12
 """How often a solve without outer iterations is continued with a tenfold smaller residual."""
 
@@ -94,20 +100,67 @@ def solve(problem: DualProblem, options: SolverOptions, monitor: Monitor | None)
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """A multiplier in equilibrium without contact forces, and where it leads.
+    """A multiplier in equilibrium, and the force of the multiplier of Gλ = e that goes with it.
 
     Attributes
     ----------
     x, equality_force : (dual,)
-        Homogenised multiplier and the force of the multiplier of Gλ = e, to start SMALBE from.
-    solution
-        Set when no gap is violated: the answer.
+        Homogenised multiplier and t = Cᵀ μ, to start SMALBE from or to recover an answer.
+    displacements
+        u, one array a class.
+    residual : (dual,)
+        B u - c: the penetration on contact rows.
     """
 
     x: NDArray[np.float64]
     equality_force: NDArray[np.float64]
-    counts: Counts
-    solution: Solution | None
+    displacements: list[NDArray[np.float64]]
+    residual: NDArray[np.float64]
+
+
+class _Face:
+    """Conjugate gradients with some contact rows closed and the others open."""
+
+    def __init__(self, problem: DualProblem, touching: NDArray[np.bool_], norm: float) -> None:
+        self.problem = problem
+        self.glued = problem.face(touching)
+        self.qp = BoxQP(self.glued.projected, self.glued.rhs)
+        self.preconditioner = LumpedPreconditioner(self.glued, norm)
+        self.x: NDArray[np.float64] | None = None
+        self.counts = Counts()
+
+    def start_from(self, multiplier: NDArray[np.float64]) -> None:
+        """Begin at the nearest multiplier in equilibrium."""
+        assert self.glued.coarse is not None
+        self.x = multiplier - self.glued.offset
+        self.glued.coarse.project(self.x, self.x)
+
+    def solve(self, inner: MPRGP, rtol: float, monitor: Monitor | None) -> Reason:
+        """Go on to a relative residual."""
+        result = replace(
+            inner, rtol=rtol, atol=self.glued.round_off, preconditioner=self.preconditioner
+        ).solve(self.qp, x0=self.x, monitor=monitor)
+        self.x = result.x
+        self.counts = _sum(self.counts, result.counts)
+        return result.reason
+
+    def state(self) -> _Start:
+        """What the face's solution means for the whole problem."""
+        problem, glued = self.problem, self.glued
+        assert problem.coarse is not None
+        assert self.x is not None
+        multiplier = glued.offset + self.x
+        alpha = kernel_coefficients(glued, multiplier, None)
+        u = recover(glued, multiplier, alpha)
+        # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
+        force, kernel_part = np.empty(problem.size), np.empty(problem.size)
+        problem.F.apply(multiplier, force)
+        force -= problem.d
+        problem.coarse.apply(force, force)
+        problem.coarse.extend(alpha, kernel_part)
+        force -= kernel_part
+        residual = problem.constraint_values(u) - problem.c
+        return _Start(multiplier - problem.offset, force, u, residual)
 
 
 def _without_contact(
@@ -116,46 +169,63 @@ def _without_contact(
     inner: MPRGP,
     norm: float,
     monitor: Monitor | None,
-) -> _Start | None:
+) -> tuple[_Start | None, Solution | None, Counts]:
     """Conjugate gradients on gluing and held rows alone, as far as contact stays undecided.
 
     Where the displacements cross an obstacle by more than their error the solve stops and serves
-    as a start; where they cross none it goes on to the tolerance and is the answer. None where a
-    body is kept by contact alone.
+    as a start; where they cross none it goes on to the tolerance and is the answer. Nothing where
+    a body is kept by contact alone.
     """
     if not problem.held_without_contact:
-        return None
-    glued = problem.without_contact()
-    assert problem.coarse is not None
-    assert glued.coarse is not None
-    qp = BoxQP(glued.projected, glued.rhs)
-    inner = replace(inner, preconditioner=LumpedPreconditioner(glued, norm))
-    x, counts = None, Counts()
-    force, kernel_part = np.empty(problem.size), np.empty(problem.size)
+        return None, None, Counts()
+    face = _Face(problem, np.zeros(problem.size, bool), norm)
     for rtol in (*LOOKS, inner.rtol):
-        result = replace(inner, rtol=rtol, atol=glued.round_off).solve(qp, x0=x, monitor=monitor)
-        x = result.x
-        counts = _sum(counts, result.counts)
-        multiplier = glued.offset + x
-        alpha = kernel_coefficients(glued, multiplier, None)
-        u = recover(glued, multiplier, alpha)
-        residual = problem.constraint_values(u) - problem.c
-        penetration = np.where(problem.inequality, residual, 0.0).max(initial=0.0)
+        face.solve(inner, rtol, monitor)
+        start = face.state()
+        penetration = np.where(problem.inequality, start.residual, 0.0).max(initial=0.0)
         penetration = problem.comm.allreduce(float(penetration), op=MPI.MAX)
-        start = multiplier - problem.offset
-        # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
-        problem.F.apply(multiplier, force)
-        force -= problem.d
-        problem.coarse.apply(force, force)
-        problem.coarse.extend(alpha, kernel_part)
-        force -= kernel_part
-        if penetration > rtol * largest_of(problem, u):
+        if penetration > rtol * largest_of(problem, start.displacements):
+            return start, None, face.counts
+    solution = certified_answer(problem, start.x, start.equality_force, options)
+    return start, solution if solution.certificate.passed else None, face.counts
+
+
+def _active_sets(
+    problem: DualProblem,
+    options: SolverOptions,
+    inner: MPRGP,
+    norm: float,
+    x: NDArray[np.float64],
+    monitor: Monitor | None,
+) -> tuple[Solution | None, Counts]:
+    """Primal-dual active sets from the contact rows that touch now; None if they do not settle.
+
+    Each face is solved with its own coarse problem, so that nothing is left to augmented
+    Lagrangians; then rows that pull open and rows that are crossed close (Hintermüller, Ito,
+    Kunisch, *The primal-dual active set strategy as a semismooth Newton method*, 2002).
+    """
+    assert problem.lower is not None
+    counts = Counts()
+    touching = problem.inequality & (x > problem.lower)
+    multiplier = problem.offset + x
+    for _ in range(FACES):
+        face = _Face(problem, touching, norm)
+        face.start_from(np.where(problem.inequality & ~touching, 0.0, multiplier))
+        reason = face.solve(inner, 0.1 * inner.rtol, monitor)
+        counts = _sum(counts, face.counts)
+        if reason is Reason.STOPPED:
             break
-        if rtol == inner.rtol:
-            solution = certified_answer(problem, start, force, options)
-            if solution.certificate.passed:
-                return _Start(start, force, counts, replace(solution, counts=counts))
-    return _Start(start, force, counts, None)
+        state = face.state()
+        multiplier = problem.offset + state.x
+        crossed = state.residual > options.tolerance * 1e-2 * largest_of(
+            problem, state.displacements
+        )
+        following = problem.inequality & np.where(touching, multiplier > 0.0, crossed)
+        if not problem.comm.allreduce(int((following != touching).sum())):
+            solution = certified_answer(problem, state.x, state.equality_force, options, touching)
+            return solution if solution.certificate.passed else None, counts
+        touching = following
+    return None, counts
 
 
 def _solve_smalbe(
@@ -164,15 +234,19 @@ def _solve_smalbe(
     """SMALBE-M around MPRGP on the projected, homogenised dual."""
     assert problem.coarse is not None
     norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
-    inner = replace(inner, norm=norm, preconditioner=LumpedPreconditioner(problem, norm))
-    start = _without_contact(problem, options, inner, norm, monitor)
-    if start is not None and start.solution is not None:
-        return start.solution
+    preconditioner = LumpedPreconditioner(problem, norm)
+    inner = replace(inner, norm=norm, preconditioner=preconditioner)
+    start, answer, counts = _without_contact(problem, options, inner, norm, monitor)
+    counts.norm_estimation += products
+    if answer is not None:
+        return replace(answer, counts=counts)
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     found: list[Solution] = []
     spread = np.ones(problem.size)
     spread[problem.inequality] = np.sqrt(problem.contact.copies)
     displacement = [0.0]
+    sizes: list[float] = []
+    spent = [Counts()]
 
     def near(state: OuterState) -> bool:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
@@ -184,24 +258,31 @@ def _solve_smalbe(
         return worst <= options.tolerance * displacement[0]
 
     def accept(state: OuterState) -> bool:
-        if not near(state):
-            return False
-        found[:] = [certified_answer(problem, state.x, state.transposed_multiplier, options)]
-        displacement[0] = found[0].measures.displacement
-        return found[0].certificate.passed
+        sizes.append(state.residual_norm)
+        if near(state):
+            found[:] = [certified_answer(problem, state.x, state.transposed_multiplier, options)]
+            displacement[0] = found[0].measures.displacement
+            return found[0].certificate.passed
+        due = len(sizes) % PATIENCE == 0 and problem.held_without_contact
+        if due and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]:
+            solution, faces = _active_sets(problem, options, inner, norm, state.x, monitor)
+            spent[0] = _sum(spent[0], faces)
+            if solution is not None:
+                found[:] = [solution]
+                return True
+        return False
 
     result = SMALBE(inner).solve(
         qp,
-        ProjectorEquality(problem.coarse),
+        ProjectorEquality(problem.coarse, preconditioner.set_penalty),
         x0=start.x if start else None,
         multiplier0=start.equality_force if start else None,
         monitor=monitor,
         accept=accept,
     )
-    result.counts.norm_estimation += products
     if result.reason is not Reason.ACCEPTED:
         found[:] = [certified_answer(problem, result.x, result.multiplier, options)]
-    counts = _sum(start.counts, result.counts) if start else result.counts
+    counts = _sum(_sum(counts, spent[0]), result.counts)
     return replace(found[0], counts=counts, reason=result.reason)
 
 
@@ -227,14 +308,22 @@ def certified_answer(
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,
     options: SolverOptions,
+    touching: NDArray[np.bool_] | None = None,
 ) -> Solution:
-    """Recover and certify what an iterate of the solver stands for."""
+    """Recover and certify what an iterate of the solver stands for.
+
+    Parameters
+    ----------
+    touching : (dual,)
+        Contact rows that carry force; those above their bound unless given.
+    """
     balanced = x.copy()
     if problem.coarse is not None:
         problem.coarse.project(x, balanced)
-    touching = np.zeros(problem.size, bool)
-    if problem.lower is not None:
-        touching = x > problem.lower
+    if touching is None:
+        touching = np.zeros(problem.size, bool)
+        if problem.lower is not None:
+            touching = x > problem.lower
     multiplier = feasible_multiplier(problem, balanced, touching)
     alpha = kernel_coefficients(problem, multiplier, equality_force)
     u = recover(problem, multiplier, alpha)

@@ -90,12 +90,23 @@ class CoarseProblem:
 
 
 class ProjectorEquality:
-    """Gλ = 0 as the equality Q x = 0 of a SMALBE solve (protocol `Equalities`)."""
+    """Gλ = 0 as the equality Q x = 0 of a SMALBE solve (protocol `Equalities`).
 
-    def __init__(self, coarse: CoarseProblem) -> None:
+    Parameters
+    ----------
+    on_penalty
+        Told of each penalty ρ the solver chooses; a preconditioner depends on it.
+    """
+
+    norm = 1.0
+
+    def __init__(
+        self, coarse: CoarseProblem, on_penalty: Callable[[float], None] | None = None
+    ) -> None:
         self.coarse = coarse
         self.comm = coarse.comm
         self.rows = coarse.size
+        self._on_penalty = on_penalty
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Q x."""
@@ -107,6 +118,8 @@ class ProjectorEquality:
 
     def penalised(self, operator: ProjectedOperator, rho: float) -> PenalisedOperator:
         """x to P F P x + ρ Q x, with two projections instead of three."""
+        if self._on_penalty is not None:
+            self._on_penalty(rho)
         return PenalisedOperator(operator, rho)
 
 

@@ -218,9 +218,18 @@ class DualProblem:
             forces.append(full)
         return forces
 
-    def without_contact(self) -> DualProblem:
-        """The same problem with its contact rows emptied, where it is `held_without_contact`."""
-        keep = np.where(self.inequality, 0.0, 1.0)
+    def face(self, touching: NDArray[np.bool_]) -> DualProblem:
+        """The problem in which these contact rows hold with equality and the others are empty.
+
+        Without touching rows that is the problem without contact. Only where the bodies are
+        `held_without_contact`; else the coarse problem of a face can be singular.
+
+        Parameters
+        ----------
+        touching : (dual,)
+            Contact rows kept as equalities.
+        """
+        keep = np.where(self.inequality & ~touching, 0.0, 1.0)
         weights = petsc_vec(keep, self.comm)
         B = self.B.copy()
         B.diagonalScale(L=weights)

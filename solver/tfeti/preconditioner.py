@@ -45,6 +45,10 @@ class LumpedPreconditioner:
         self._jumps, self._forces = np.empty(interface), np.empty(interface)
         self._q, self._p = np.empty(problem.size), np.empty(problem.size)
 
+    def set_penalty(self, rho: float) -> None:
+        """Follow the solver to another ρ."""
+        self.rho = rho
+
     def apply(self, r: NDArray[np.float64], free_mask: object, out: NDArray[np.float64]) -> None:
         """Put z into out; the mask is the caller's business."""
         self.coarse.apply(r, self._q)

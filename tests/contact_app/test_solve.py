@@ -1,0 +1,80 @@
+"""The method follows the scene: what is solved, and what is left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.configuration import load
+from contact_app.model import build_model
+from contact_app.run import solve_scene
+from contact_app.scene import build_scene
+from contact_app.solve import certified_answer
+from solver.tfeti.feasible import feasible_multiplier
+from tests import scenes
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def summary(name: str, *overrides: str) -> dict[str, Any]:
+    return solve_scene(build_scene(load(CONFIGS / f"{name}.yaml", overrides))).summary
+
+
+def test_a_scene_that_touches_nothing_ends_with_conjugate_gradients() -> None:
+    found = summary("cube", "contacts.0.obstacle.plane.point=[2,0,0]")
+    assert found["certificate"]["passed"]
+    assert found["solver"]["outer_iterations"] == 0
+    assert found["solution"]["active_contacts"] == 0
+    without = summary("cube", "contacts=[]")
+    assert found["solution"]["energy"] == pytest.approx(without["solution"]["energy"], rel=1e-9)
+
+
+def test_one_held_subdomain_has_neither_gluing_nor_coarse_problem() -> None:
+    scene = build_scene(load(CONFIGS / "cube.yaml", ["decomposition.subdomains=[1,1,1]",
+                                                     "bodies.0.mesh.box.cells=[6,6,6]"]))  # fmt: skip
+    model = build_model(scene, MPI.COMM_SELF)
+    assert model.problem.coarse is None
+    assert model.problem.size == 42  # the wall's nodes less those of the foot
+
+
+@pytest.mark.parametrize("name", ["cylinder", "tilted_plane"])
+def test_slow_augmented_lagrangians_hand_over_to_active_sets(name: str) -> None:
+    """Bodies that bend: SMALBE alone took 911 and 367 products."""
+    found = summary(name)
+    assert found["certificate"]["passed"]
+    assert found["solver"]["hessian_multiplications"] < 250
+
+
+def test_the_default_cube_stays_cheap() -> None:
+    """The paper's best expansion takes 269 products on its mesh, this scene 44."""
+    assert summary("cube")["solver"]["hessian_multiplications"] <= 60
+
+
+def test_a_repaired_multiplier_is_admissible() -> None:
+    """λ ≥ 0 on contact rows and Gλ = e, whatever iterate it starts from."""
+    made = scenes.ALL["floating_in_corner"]("hexahedron", 4)
+    problem = build_model(scenes.build(made, [2, 2, 2]), MPI.COMM_SELF).problem
+    assert problem.coarse is not None
+    random = np.random.default_rng(3)
+    size = np.abs(problem.offset).max()
+    x = 1e-3 * size * random.normal(size=problem.size)
+    assert problem.lower is not None
+    x = np.maximum(x, problem.lower)
+    repaired = feasible_multiplier(problem, x, x > problem.lower)
+    assert (repaired[problem.inequality] >= 0).all()
+    work = np.empty(len(problem.e))
+    problem.coarse.restrict(repaired, work)
+    np.testing.assert_allclose(work, problem.e, atol=1e-11 * np.abs(problem.e).max())
+
+
+def test_an_answer_far_from_the_solution_is_not_certified() -> None:
+    scene = scenes.build(scenes.ALL["wall"]("hexahedron", 4), [2, 2, 2])
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    answer = certified_answer(problem, np.zeros(problem.size), None, scene.solver)
+    assert not answer.certificate.passed
+    assert answer.certificate.duality_gap > 1e-3
+    assert answer.certificate.equilibrium < 1e-9
