@@ -34,8 +34,8 @@ def test_a_scene_that_touches_nothing_ends_with_conjugate_gradients() -> None:
 
 
 def test_one_held_subdomain_has_neither_gluing_nor_coarse_problem() -> None:
-    scene = build_scene(load(CONFIGS / "cube.yaml", ["decomposition.subdomains=[1,1,1]",
-                                                     "bodies.0.mesh.box.cells=[6,6,6]"]))  # fmt: skip
+    overrides = ["decomposition.subdomains=[1,1,1]", "bodies.0.mesh.box.cells=[6,6,6]"]
+    scene = build_scene(load(CONFIGS / "cube.yaml", overrides))
     model = build_model(scene, MPI.COMM_SELF)
     assert model.problem.coarse is None
     assert model.problem.size == 42  # the wall's nodes less those of the foot
