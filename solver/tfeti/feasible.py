@@ -14,7 +14,7 @@ from solver.tfeti.coarse import CoarseProblem, petsc_vec
 from solver.tfeti.dual import DualProblem
 
 ROUNDS = 40
-"""Corrections tried; clipping halves the error of each, and a solver's iterate needs two or three."""
+"""Corrections tried; a solver's iterate needs two or three."""
 
 OPEN_WEIGHT = 1e-3
 """Root of the share of a correction that an open contact row takes beside touching ones."""
