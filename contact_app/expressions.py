@@ -5,11 +5,16 @@ list; the tree is then evaluated with numpy on all points at once. Names other t
 attribute access, subscripts, calls of anything but the listed functions: all refused before
 anything is evaluated. Numbers are floating point, so that towers of powers overflow to infinity
 at once instead of growing.
+
+Where a number has no value, as sqrt(-1), a comparison with it is neither true nor false. Logic goes
+on with that as Kleene's does: `x <= 0 or log(x) < 1` is decided everywhere, and so is
+`x > 0 and log(x) < 1`. Points that stay undecided are not on the boundary, and a warning says so.
 """
 
 from __future__ import annotations
 
 import ast
+import functools
 import operator
 import warnings
 from collections.abc import Callable
@@ -45,7 +50,7 @@ _ARITHMETIC: dict[type, Callable[..., Any]] = {
     ast.Div: np.divide,
     ast.Pow: np.power,
 }
-_LOGIC: dict[type, Callable[..., Any]] = {ast.BitAnd: np.logical_and, ast.BitOr: np.logical_or}
+_LOGIC = (ast.BitAnd, ast.BitOr)
 _COMPARISON: dict[type, Callable[..., Any]] = {
     ast.Lt: np.less,
     ast.LtE: np.less_equal,
@@ -61,8 +66,16 @@ ALLOWED = (
 )
 
 
+Decided = tuple[Any, Any]
+"""Where a condition is surely true and where it is surely false; neither where it has no value."""
+
+
 class ExpressionError(ValueError):
     """The text is not an expression this module accepts."""
+
+
+class UndecidedWarning(UserWarning):
+    """An expression has no value at some of the points it was asked about."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +118,25 @@ class Expression:
         return cls(text, tree)
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether each of the points (n, 3) satisfies the condition, (n,)."""
+        """Whether each of the points (n, 3) satisfies the condition, (n,).
+
+        Warns
+        -----
+        UndecidedWarning
+            The expression has no value at a point, which counts as not satisfying it.
+        """
         with np.errstate(all="ignore"):
-            result = _evaluate(self.tree, dict(zip("xyz", points.T, strict=True)))
-        return np.broadcast_to(np.asarray(result, dtype=bool), len(points)).copy()
+            true, false = _condition(self.tree, dict(zip("xyz", points.T, strict=True)))
+        undecided = np.broadcast_to(~(true | false), len(points))
+        if undecided.any():
+            x, y, z = points[undecided.argmax()]
+            warnings.warn(
+                f"`{_source(self.tree)}` has no value at points such as ({x:g}, {y:g}, {z:g}), "
+                "which are left out",
+                UndecidedWarning,
+                stacklevel=2,
+            )
+        return np.broadcast_to(true, len(points)).copy()
 
 
 def _depth(tree: ast.AST) -> int:
@@ -127,7 +155,7 @@ def _check(node: ast.expr, variables: tuple[str, ...]) -> str:
     def check(child: ast.expr, wanted: str) -> str:
         found = _check(child, variables)
         if found != wanted:
-            logic = isinstance(node, ast.BinOp) and type(node.op) in _LOGIC
+            logic = isinstance(node, ast.BinOp) and isinstance(node.op, _LOGIC)
             raise ExpressionError(
                 f"uses `{_source(child)}`, a {found}, where a {wanted} belongs"
                 + ("; put comparisons in parentheses around & and |" if logic else "")
@@ -154,7 +182,7 @@ def _check(node: ast.expr, variables: tuple[str, ...]) -> str:
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _ARITHMETIC:
             check(left, "number")
             return check(right, "number")
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _LOGIC:
+        case ast.BinOp(left=left, op=op, right=right) if isinstance(op, _LOGIC):
             check(left, "condition")
             return check(right, "condition")
         case ast.BoolOp(values=values):
@@ -178,39 +206,54 @@ def _check(node: ast.expr, variables: tuple[str, ...]) -> str:
     raise ExpressionError(f"uses `{_source(node)}`, which is not allowed; allowed: {ALLOWED}")
 
 
-def _evaluate(node: ast.expr, values: dict[str, Any]) -> Any:
-    result: Any
+def _number(node: ast.expr, values: dict[str, Any]) -> Any:
+    """Value of a number at all points, NaN where it has none."""
     match node:
-        case ast.Constant(value=bool(value)):
-            return value
         case ast.Constant(value=int(value) | float(value)):
             return np.float64(value)
         case ast.Name(id=name):
             return values[name] if name in values else CONSTANTS[name]
         case ast.UnaryOp(op=op, operand=operand):
-            value = _evaluate(operand, values)
-            if isinstance(op, ast.USub):
-                return -value
-            return value if isinstance(op, ast.UAdd) else np.logical_not(value)
+            return (-1.0 if isinstance(op, ast.USub) else 1.0) * _number(operand, values)
         case ast.BinOp(left=left, op=op, right=right):
-            function = _ARITHMETIC.get(type(op)) or _LOGIC[type(op)]
-            return function(_evaluate(left, values), _evaluate(right, values))
-        case ast.BoolOp(op=op, values=operands):
-            function = np.logical_and if isinstance(op, ast.And) else np.logical_or
-            result = _evaluate(operands[0], values)
-            for operand in operands[1:]:
-                result = function(result, _evaluate(operand, values))
-            return result
-        case ast.Compare(left=left, ops=ops, comparators=right):
-            result = True
-            first = _evaluate(left, values)
-            for comparison, second in zip(ops, (_evaluate(v, values) for v in right), strict=True):
-                result = np.logical_and(result, _COMPARISON[type(comparison)](first, second))
-                first = second
-            return result
+            return _ARITHMETIC[type(op)](_number(left, values), _number(right, values))
         case ast.Call(func=ast.Name(id=name), args=args):
-            return FUNCTIONS[name](*(_evaluate(v, values) for v in args))
+            return FUNCTIONS[name](*(_number(v, values) for v in args))
     raise AssertionError("checked when it was parsed")
+
+
+def _condition(node: ast.expr, values: dict[str, Any]) -> Decided:
+    """Where a condition is true and where it is false."""
+    match node:
+        case ast.Constant(value=bool(value)):
+            return np.bool_(value), np.bool_(not value)
+        case ast.UnaryOp(operand=operand):
+            return _condition(operand, values)[::-1]
+        case ast.BinOp(left=left, op=op, right=right):
+            parts = (_condition(v, values) for v in (left, right))
+            return functools.reduce(_both if isinstance(op, ast.BitAnd) else _either, parts)
+        case ast.BoolOp(op=op, values=operands):
+            parts = (_condition(v, values) for v in operands)
+            return functools.reduce(_both if isinstance(op, ast.And) else _either, parts)
+        case ast.Compare(left=left, ops=ops, comparators=right):
+            numbers = [_number(v, values) for v in (left, *right)]
+            pairs = zip(ops, numbers[:-1], numbers[1:], strict=True)
+            return functools.reduce(_both, (_compare(op, a, b) for op, a, b in pairs))
+    raise AssertionError("checked when it was parsed")
+
+
+def _compare(op: ast.cmpop, a: Any, b: Any) -> Decided:
+    holds = _COMPARISON[type(op)](a, b)
+    known = ~(np.isnan(a) | np.isnan(b))
+    return holds & known, ~holds & known
+
+
+def _both(a: Decided, b: Decided) -> Decided:
+    return a[0] & b[0], a[1] | b[1]
+
+
+def _either(a: Decided, b: Decided) -> Decided:
+    return a[0] | b[0], a[1] & b[1]
 
 
 def _source(node: ast.expr) -> str:

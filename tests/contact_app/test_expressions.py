@@ -10,7 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact_app.expressions import FUNCTIONS, Expression, ExpressionError
+from contact_app.expressions import (
+    FUNCTIONS,
+    Expression,
+    ExpressionError,
+    UndecidedWarning,
+)
 
 POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, -0.25], [-2.0, 3.0, 0.1], [0.3, -0.7, 4.0]])
 
@@ -99,6 +104,7 @@ def test_refused_at_once(text: str) -> None:
     assert time.perf_counter() - begin < 1.0
 
 
+@pytest.mark.filterwarnings("ignore::contact_app.expressions.UndecidedWarning")
 @pytest.mark.parametrize("text", ["9**9**9**9 > x", "x < 9**-9**9**9", "z < 10**10**10**10"])
 def test_towers_of_powers_end_at_once(text: str) -> None:
     begin = time.perf_counter()
@@ -106,9 +112,33 @@ def test_towers_of_powers_end_at_once(text: str) -> None:
     assert time.perf_counter() - begin < 1.0
 
 
-def test_division_by_zero_and_nan_are_false_or_infinite_but_no_error() -> None:
+@pytest.mark.filterwarnings("error")
+def test_division_by_zero_is_infinite_and_says_nothing() -> None:
     assert Expression.parse("1/0 > x")(POINTS).all()
-    assert not Expression.parse("log(-1) < x")(POINTS).any()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["log(-1) < x", "log(-1) != x", "not log(-1) < x", "~(x > log(-1))", "0 < 1 < log(-1)",
+     "0/0 == 0/0", "not (x == x and log(-1) > 0)", "min(x, sqrt(-1)) <= x or x != x"],
+)  # fmt: skip
+def test_what_has_no_value_is_left_out_and_reported(text: str) -> None:
+    with pytest.warns(UndecidedWarning, match="has no value at points such as"):
+        assert not Expression.parse(text)(POINTS).any()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("text", "meaning"),
+    [
+        ("x <= 0 or log(x) < -0.5", lambda x: x <= 0 or math.log(x) < -0.5),
+        ("x > 0 and log(x) < -0.5", lambda x: x > 0 and math.log(x) < -0.5),
+        ("not (x <= 0 or log(x) < -0.5)", lambda x: not (x <= 0 or math.log(x) < -0.5)),
+        ("(sqrt(x) < 1) & (x >= 0)", lambda x: x >= 0 and math.sqrt(x) < 1),
+    ],
+)
+def test_logic_decides_what_one_side_alone_decides(text: str, meaning) -> None:
+    assert Expression.parse(text)(POINTS).tolist() == [bool(meaning(p[0])) for p in POINTS]
 
 
 def test_z_is_unknown_in_the_plane() -> None:
@@ -131,6 +161,7 @@ WORDS = st.lists(
 ).map("".join)
 
 
+@pytest.mark.filterwarnings("ignore::contact_app.expressions.UndecidedWarning")
 @settings(max_examples=300, deadline=None)
 @given(st.one_of(st.text(max_size=80), WORDS))
 def test_any_text_is_an_expression_or_refused(text: str) -> None:
