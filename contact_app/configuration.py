@@ -372,7 +372,8 @@ def _override(data: Any, text: str, overridden: dict[Key, str]) -> None:
     """Carry out one ``--set``."""
     name = "--set " + (text if len(text) <= 80 else text[:77] + "...")
     key, equals, value_text = text.partition("=")
-    parts = [int(p) if re.fullmatch("[0-9]{1,9}", p) else p for p in key.strip().split(".")]
+    words = re.sub(r"\[([0-9]+)\]", r".\1", key.strip()).split(".")  # bodies[0] as messages say it
+    parts = [int(p) if re.fullmatch("[0-9]{1,9}", p) else p for p in words]
     if not equals or not all(p != "" for p in parts):
         raise ConfigurationError(f"{name}: has the form path.to.key=value")
     if len(parts) > yaml_reader.DEEPEST:
@@ -390,13 +391,23 @@ def _override(data: Any, text: str, overridden: dict[Key, str]) -> None:
         else:
             part = str(part)
             data.setdefault(part, None)
+        parts[depth] = part
         if following is None:
             data[part] = value
+        elif not isinstance(data[part], (dict, list)):
+            data[part] = [] if following == 0 else {}
         else:
-            if not isinstance(data[part], (dict, list)):
-                data[part] = [] if following == 0 else {}
             data = data[part]
-    overridden[tuple(parts)] = name
+            continue
+        _claim(tuple(parts[: depth + 1]), name, overridden)
+        data = data[part]
+
+
+def _claim(key: Key, name: str, overridden: dict[Key, str]) -> None:
+    """From here on all below `key` is the doing of the override `name`."""
+    for earlier in [k for k in overridden if k[: len(key)] == key]:
+        del overridden[earlier]
+    overridden[key] = name
 
 
 def _where(

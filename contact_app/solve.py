@@ -136,9 +136,13 @@ class _Face:
         self.glued.coarse.project(self.x, self.x)
 
     def solve(self, inner: MPRGP, rtol: float, monitor: Monitor | None) -> Reason:
-        """Go on to a relative residual."""
+        """Go on to a relative residual; `inner.max_iterations` limits the face, not the call."""
         result = replace(
-            inner, rtol=rtol, atol=self.glued.round_off, preconditioner=self.preconditioner
+            inner,
+            rtol=rtol,
+            atol=self.glued.round_off,
+            preconditioner=self.preconditioner,
+            max_iterations=inner.max_iterations - self.counts.inner,
         ).solve(self.qp, x0=self.x, monitor=monitor)
         self.x = result.x
         self.counts = _sum(self.counts, result.counts)
@@ -173,15 +177,18 @@ def _without_contact(
     """Conjugate gradients on gluing and held rows alone, as far as contact stays undecided.
 
     Where the displacements cross an obstacle by more than their error the solve stops and serves
-    as a start; where they cross none it goes on to the tolerance and is the answer. Nothing where
-    a body is kept by contact alone.
+    as a start; where they cross none it goes on to the tolerance and is the answer, as it is where
+    the solve was stopped. Nothing where a body is kept by contact alone.
     """
     if not problem.held_without_contact:
         return None, None, Counts()
     face = _Face(problem, np.zeros(problem.size, bool), norm)
     for rtol in (*LOOKS, inner.rtol):
-        face.solve(inner, rtol, monitor)
+        reason = face.solve(inner, rtol, monitor)
         start = face.state()
+        if reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
+            solution = certified_answer(problem, start.x, start.equality_force, options)
+            return start, replace(solution, reason=reason), face.counts
         penetration = np.where(problem.inequality, start.residual, 0.0).max(initial=0.0)
         penetration = problem.comm.allreduce(float(penetration), op=MPI.MAX)
         if penetration > rtol * largest_of(problem, start.displacements):
@@ -211,9 +218,10 @@ def _active_sets(
     for _ in range(FACES):
         face = _Face(problem, touching, norm)
         face.start_from(np.where(problem.inequality & ~touching, 0.0, multiplier))
-        reason = face.solve(inner, 0.1 * inner.rtol, monitor)
+        left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
+        reason = face.solve(left, 0.1 * inner.rtol, monitor)
         counts = _sum(counts, face.counts)
-        if reason is Reason.STOPPED:
+        if reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
             break
         state = face.state()
         multiplier = problem.offset + state.x
@@ -272,6 +280,7 @@ def _solve_smalbe(
                 return True
         return False
 
+    inner = replace(inner, max_iterations=inner.max_iterations - counts.inner)
     result = SMALBE(inner).solve(
         qp,
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
@@ -293,7 +302,8 @@ def _solve_mprgp(
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     x, counts, rtol = None, Counts(), inner.rtol
     for _ in range(TIGHTENINGS):
-        result = replace(inner, rtol=rtol).solve(qp, x0=x, monitor=monitor)
+        left = inner.max_iterations - counts.inner
+        result = replace(inner, rtol=rtol, max_iterations=left).solve(qp, x0=x, monitor=monitor)
         x = result.x
         counts = _sum(counts, result.counts)
         solution = certified_answer(problem, x, None, options)

@@ -139,11 +139,11 @@ def scalar(text: str, name: str) -> Any:
 
 
 def key_text(path: Sequence[str | int]) -> str:
-    """`bodies[0].material.young` from its parts."""
+    """`bodies[0].material.young` from its parts, on one line whatever they hold."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text
+    return text if text.isprintable() else repr(text)[1:-1]
 
 
 def _value(node: yaml.Node, path: Key, lines: dict[Key, int], name: str) -> Any:

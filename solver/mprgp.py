@@ -105,7 +105,7 @@ class MPRGP:
     def minimise(self, it: Iterate, stop: Stop, monitor: Monitor | None = None) -> Reason:
         """Algorithm 1 from an iterate whose gradient is known and split."""
         expansion = self.strategy
-        last = it.iterations + self.max_iterations
+        last = self.max_iterations  # of all outer iterations together
         if it.record("start", monitor):
             return Reason.STOPPED
         while (reason := stop(it)) is None:

@@ -16,7 +16,7 @@ from tests.comparison import in_order_of, in_space, reference_of, solve
 ENERGY, DISPLACEMENT, FORCE = 1e-8, 1e-7, 1e-6
 
 SPLITS_3D = (1, [2, 2, 2], [3, 3, 3], [2, 1, 3], 8, 27)
-SPLITS_2D = (1, [2, 2], [3, 3], [1, 4], 4, 9)
+SPLITS_2D = (1, [2, 2], [3, 3], [1, 3], 4, 9)
 
 
 def check(name: str, cell: str, n: int, subdomains: int | list[int]) -> None:

@@ -241,6 +241,39 @@ def test_overrides_make_mappings_and_replace_scalars(file: Path) -> None:
     assert load(file, ["title=one", "title=two"]).title == "two"
 
 
+def test_overrides_name_items_as_messages_do(file: Path) -> None:
+    message = refused(file, "bodies[0].material.poisson=0.7")
+    assert message.startswith("--set bodies[0].material.poisson=0.7: bodies[0].material.poisson is")
+    assert load(file, ["bodies[0].mesh.box.cells[1]=5"]).bodies[0].mesh.box.cells == [2, 5, 2]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "to_blame"),
+    [
+        (["title.x.y=3"], 0),  # replaces the text on the way
+        (["conditions.0.on.a=3"], 0),
+        (["bodies.1.mesh.box.cells=[1,1,1]"], 0),  # makes a body without a name
+        (["spin.speed=3"], 0),
+        (["solver.tolerance=1e-3", "solver={tolerance: 7}"], 1),  # the later one counts
+        (["solver={tolerance: 7}", "solver.gamma=2"], 0),
+        (["decomposition.subdomains=0", "title=x"], 0),
+    ],
+)
+def test_the_override_that_did_it_is_blamed(
+    file: Path, overrides: list[str], to_blame: int
+) -> None:
+    for line in refused(file, *overrides).splitlines():
+        assert line.startswith(f"--set {overrides[to_blame]}: ")
+
+
+@pytest.mark.parametrize("key", [r"a\nb", r"a\u2028b"])
+def test_a_message_stays_on_its_line_whatever_a_key_holds(file: Path, key: str) -> None:
+    file.write_text(f'{SCENE}"{key}": 1\n')
+    message = refused(file)
+    assert len(message.splitlines()) == 1
+    assert f"cube.yaml:14: {key} is an unknown key" in message
+
+
 def test_expansions_are_those_of_the_solver() -> None:
     assert set(EXPANSIONS) == set(expansion_names())
 
