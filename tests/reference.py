@@ -189,6 +189,7 @@ class _AssembledBody:
         matrix.assemble()
         indptr, indices, values = matrix.getValuesCSR()
         self.stiffness = sp.csr_matrix((values, indices, indptr), shape=matrix.getSize())
+        matrix.destroy()
         self.load = np.zeros(self.points.shape[0] * dimension)
 
     def add_load(
@@ -215,7 +216,9 @@ class _AssembledBody:
         minus_pressure = fem.Constant(self.domain, PETSc.ScalarType(-pressure))
         form = ufl.inner(constant(force), v) * ufl.dx
         form += ufl.inner(constant(traction) + minus_pressure * normal, v) * surface
-        self.load += fem.petsc.assemble_vector(fem.form(form)).array
+        vector = fem.petsc.assemble_vector(fem.form(form))
+        self.load += vector.array
+        vector.destroy()
 
     def nodes_on(self, boundary: str) -> np.ndarray:
         """Surface nodes on a named boundary."""
