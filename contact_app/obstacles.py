@@ -3,12 +3,15 @@
 The normal is a unit vector that points out of the obstacle; the gap is the signed distance along
 it, negative inside. A body does not penetrate where -nᵀ u ≤ gap, both taken at the undeformed
 point (small displacements). In the plane z is zero and a sphere is a circle.
+
+A new obstacle is a class here with a line in `SHAPES`, and its keys in `configuration`, under the
+names of the class's fields.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +22,18 @@ Vector = tuple[float, float, float]
 
 
 class Obstacle(Protocol):
-    """A rigid body that is not meshed."""
+    """A rigid body that is not meshed.
+
+    Attributes
+    ----------
+    directions
+        Fields that are directions: of any length but zero.
+    not_in_plane
+        Why there is none in 2D; empty where there is.
+    """
+
+    directions: ClassVar[tuple[str, ...]]
+    not_in_plane: ClassVar[str]
 
     @property
     def curvature_radius(self) -> float | None:
@@ -29,6 +43,9 @@ class Obstacle(Protocol):
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Gap (n,) and outward unit normal (n, 3) at points (n, 3)."""
+
+    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+        """Whether it may reach into a box (3,), (3,); False only where it surely does not."""
 
     def describe(self, dimension: int = 3) -> str:
         """One sentence part for `check`."""
@@ -46,6 +63,9 @@ class Plane:
         Direction out of the obstacle, of any length but zero.
     """
 
+    directions: ClassVar[tuple[str, ...]] = ("normal",)
+    not_in_plane: ClassVar[str] = ""
+
     point: Vector
     normal: Vector
 
@@ -60,6 +80,10 @@ class Plane:
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         return (points - np.array(self.point)) @ normal, np.tile(normal, (len(points), 1))
 
+    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+        """Whether a corner of the box lies below the plane."""
+        return bool((self.gap_and_normal(_corners(lower, upper))[0] < 0.0).any())
+
     def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
         point, normal = self.point[:dimension], self.normal[:dimension]
@@ -69,6 +93,9 @@ class Plane:
 @dataclass(frozen=True)
 class Sphere:
     """Ball, or with `hollow` everything outside a spherical cavity; a circle in the plane."""
+
+    directions: ClassVar[tuple[str, ...]] = ()
+    not_in_plane: ClassVar[str] = ""
 
     center: Vector
     radius: float
@@ -91,6 +118,17 @@ class Sphere:
         """
         return _round(points - np.array(self.center), self, "centre of the sphere")
 
+    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+        """By the farthest corner from the centre of a cavity, the nearest point to that of a ball.
+
+        Both are points of the box where the gap is smallest.
+        """
+        center = np.array(self.center)
+        if self.hollow:
+            farthest = np.linalg.norm(_corners(lower, upper) - center, axis=1).max()
+            return bool(farthest > self.radius)
+        return bool(np.linalg.norm(np.clip(center, lower, upper) - center) < self.radius)
+
     def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
         solid, cavity = (
@@ -103,6 +141,9 @@ class Sphere:
 @dataclass(frozen=True)
 class Cylinder:
     """Infinite round bar along an axis, or with `hollow` everything outside a bore."""
+
+    directions: ClassVar[tuple[str, ...]] = ("axis",)
+    not_in_plane: ClassVar[str] = "has an axis, which needs 3D; in 2D use sphere, a circle there"
 
     point: Vector
     axis: Vector
@@ -124,9 +165,20 @@ class Cylinder:
         ConfigurationError
             A point is on the axis, where no direction is normal.
         """
+        return _round(self._away(points), self, "axis of the cylinder")
+
+    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+        """By the farthest corner from the axis of a bore; a bar is not looked into."""
+        if not self.hollow:
+            return True
+        away = self._away(_corners(lower, upper))
+        return bool(np.linalg.norm(away, axis=1).max() > self.radius)
+
+    def _away(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Vectors from the axis to points, across it (n, 3)."""
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         away = points - np.array(self.point)
-        return _round(away - np.outer(away @ axis, axis), self, "axis of the cylinder")
+        return away - np.outer(away @ axis, axis)
 
     def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
@@ -134,6 +186,15 @@ class Cylinder:
         return (
             f"{kind} along {_text(self.axis)} through {_text(self.point)} of radius {self.radius:g}"
         )
+
+
+SHAPES: dict[str, Any] = {"plane": Plane, "sphere": Sphere, "cylinder": Cylinder}
+"""Class of each obstacle by its key in the configuration."""
+
+
+def _corners(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners of a box (8, 3)."""
+    return np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
 
 
 def _round(

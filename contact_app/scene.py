@@ -19,7 +19,7 @@ from contact_app import configuration as c
 from contact_app.errors import ConfigurationError
 from contact_app.expressions import Expression, ExpressionError
 from contact_app.memory import available_bytes, needed_bytes
-from contact_app.obstacles import Cylinder, Obstacle, Plane, Sphere
+from contact_app.obstacles import SHAPES, Obstacle
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
@@ -423,37 +423,32 @@ class _Builder:
         if contact.against is not None:
             self._fail((*path, "against"), "another body is not available yet; use `obstacle`")
         if contact.obstacle is None:
-            self._fail(path, "needs an `obstacle`: {plane: …}, {sphere: …} or {cylinder: …}")
+            forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
+            self._fail(path, f"needs an `obstacle`: {forms}")
         body, boundary = self._boundary(contact.on, (*path, "on"))
         obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
         return Contact(body, boundary, obstacle, f"contacts[{i}]")
 
     def _obstacle(self, given: c.Obstacle, path: tuple[str | int, ...]) -> Obstacle:
-        kinds = [k for k in ("plane", "sphere", "cylinder") if getattr(given, k) is not None]
+        known = given.known_keys()
+        kinds = [key for key in known if getattr(given, key) is not None]
         if len(kinds) != 1:
-            self._fail(path, f"has {' and '.join(kinds) or 'no shape'}; exactly one of plane, "
-                             "sphere, cylinder is allowed")  # fmt: skip
-        at = (*path, kinds[0])
-        if given.plane is not None:
-            plane = given.plane
-            return Plane(
-                self._space(plane.point, (*at, "point"), "a point"),
-                self._direction(plane.normal, (*at, "normal")),
+            self._fail(
+                path,
+                f"has {' and '.join(kinds) or 'no shape'}; exactly one of {', '.join(known)} is "
+                "allowed",
             )
-        if given.sphere is not None:
-            sphere = given.sphere
-            center = self._space(sphere.center, (*at, "center"), "a point")
-            return Sphere(center, sphere.radius, sphere.hollow)
-        assert given.cylinder is not None
-        if self.dimension == 2:
-            self._fail(at, "has an axis, which needs 3D; in 2D use sphere, which is a circle there")
-        cylinder = given.cylinder
-        return Cylinder(
-            self._space(cylinder.point, (*at, "point"), "a point"),
-            self._direction(cylinder.axis, (*at, "axis")),
-            cylinder.radius,
-            cylinder.hollow,
-        )
+        at, shape = (*path, kinds[0]), SHAPES[kinds[0]]
+        if self.dimension == 2 and shape.not_in_plane:
+            self._fail(at, shape.not_in_plane)
+        fields = dict(getattr(given, kinds[0]))
+        for key, value in fields.items():
+            if key in shape.directions:
+                fields[key] = self._direction(value, (*at, key))
+            elif isinstance(value, list):
+                fields[key] = self._space(value, (*at, key), "a point")
+        obstacle: Obstacle = shape(**fields)
+        return obstacle
 
     def _direction(self, values: Sequence[float], path: tuple[str | int, ...]) -> Any:
         vector = self._space(values, path, "a direction")
@@ -503,22 +498,6 @@ class _Builder:
             )
 
     def _overlaps(self, contact: Contact) -> bool:
-        """Whether an obstacle may reach into a body; False only where it surely does not.
-
-        The gap to a plane or to a cavity is smallest at a corner of the box, that to a ball at
-        the point of the box nearest to its centre. A bar is not looked into.
-        """
-        obstacle, box = contact.obstacle, self.bodies[contact.body].mesh
+        box = self.bodies[contact.body].mesh
         lower, upper = (np.array([*v, *(0.0,) * (3 - len(v))]) for v in (box.lower, box.upper))
-        if isinstance(obstacle, Cylinder) and not obstacle.hollow:
-            return True
-        if isinstance(obstacle, Sphere) and not obstacle.hollow:
-            center = np.array(obstacle.center)
-            nearest = np.clip(center, lower, upper)
-            return bool(np.linalg.norm(nearest - center) < obstacle.radius)
-        corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
-        try:
-            gap, _ = obstacle.gap_and_normal(corners)
-        except ConfigurationError:  # a corner in the middle of a cavity: the run will tell
-            return True
-        return bool((gap < 0.0).any())
+        return contact.obstacle.may_overlap(lower, upper)

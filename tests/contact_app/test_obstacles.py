@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contact_app import configuration, obstacles
 from contact_app.errors import ConfigurationError
 from contact_app.obstacles import Cylinder, Obstacle, Plane, Sphere
 
@@ -82,6 +85,33 @@ def test_going_back_by_the_gap_ends_on_the_surface(name: str, point: tuple) -> N
 def test_the_middle_has_no_normal(shape: Obstacle, point: tuple, told: str) -> None:
     with pytest.raises(ConfigurationError, match=told):
         shape.gap_and_normal(np.array([point], dtype=float))
+
+
+def test_keys_of_the_configuration_are_fields_of_the_classes() -> None:
+    assert set(obstacles.SHAPES) == set(configuration.Obstacle.known_keys())
+    for key, shape in obstacles.SHAPES.items():
+        fields = {field.name for field in dataclasses.fields(shape)}
+        section = getattr(configuration, shape.__name__)
+        assert fields == set(section.known_keys()), key
+        assert set(shape.directions) <= fields
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.sampled_from(sorted(SHAPES)),
+    st.tuples(*(st.floats(-5, 5),) * 3),
+    st.tuples(*(st.floats(0.01, 5),) * 3),
+)
+def test_a_box_that_is_reached_into_is_never_called_free(
+    name: str, corner: tuple, size: tuple
+) -> None:
+    lower, upper = np.array(corner), np.array(corner) + np.array(size)
+    inside = lower + np.random.default_rng(0).random((200, 3)) * (upper - lower)
+    try:
+        gaps, _ = SHAPES[name].gap_and_normal(inside)
+    except ConfigurationError:
+        return
+    assert SHAPES[name].may_overlap(lower, upper) or (gaps >= 0.0).all()
 
 
 @pytest.mark.parametrize("name", SHAPES)

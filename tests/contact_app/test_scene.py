@@ -97,7 +97,7 @@ def test_three_components_in_the_plane_are_refused() -> None:
 def test_no_cylinder_in_the_plane() -> None:
     made = scenes.wall("quadrilateral", 2)
     made["contacts"][0]["obstacle"] = {"cylinder": {"point": [3, 0], "axis": [0, 1], "radius": 1}}
-    assert "in 2D use sphere, which is a circle there" in refusal(made)
+    assert "in 2D use sphere, a circle there" in refusal(made)
 
 
 def test_z_faces_and_z_are_unknown_in_the_plane() -> None:
@@ -138,6 +138,12 @@ def contact_only(obstacle: dict[str, Any]) -> dict[str, Any]:
         ({"sphere": {"center": [1.95, 0.5, 0.5], "radius": 1}}, True),  # misses every corner
         ({"sphere": {"center": [0.5, 0.5, 0.5], "radius": 0.9, "hollow": True}}, False),
         ({"sphere": {"center": [0.5, 0.5, 0.5], "radius": 0.8, "hollow": True}}, True),
+        ({"sphere": {"center": [0, 0, 0], "radius": 2, "hollow": True}}, False),  # about a corner
+        ({"cylinder": {"point": [0, 0, 0], "axis": [0, 0, 1], "radius": 2, "hollow": True}}, False),
+        (
+            {"cylinder": {"point": [0, 0, 0], "axis": [0, 0, 1], "radius": 1.4, "hollow": True}},
+            True,
+        ),
     ],
 )
 def test_an_overlapping_obstacle_is_a_load(obstacle: dict[str, Any], loads: bool) -> None:
