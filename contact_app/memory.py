@@ -12,10 +12,14 @@ space and 60 bytes · n log₂ n in the plane. Congruent subdomains share one fa
 from __future__ import annotations
 
 import math
+import resource
+from pathlib import Path
 
 BASE_BYTES = 0.2e9
 BYTES_PER_DOF = 600.0
 BYTES_PER_ROW = 2400.0
+
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 ROWS_PER_DOF = 0.25
 """Rows of B per unknown where nothing better is known: subdomains of about 1000 nodes."""
@@ -48,12 +52,61 @@ def factor_bytes(unknowns: float, dimension: int) -> float:
 
 
 def available_bytes() -> float:
-    """Memory the machine has left; infinite where that cannot be known."""
+    """Memory this process may still take; infinite where that cannot be known.
+
+    The least of what the machine has left, what a container or a service manager leaves (control
+    groups, version 2 or 1) and the limit on address space (``ulimit -v``).
+    """
+    return min(_machine(), _control_group(), _address_space())
+
+
+def _machine() -> float:
+    return 1024.0 * _field(Path("/proc/meminfo"), "MemAvailable:")
+
+
+def _address_space() -> float:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return math.inf
+    used = 1024.0 * _field(Path("/proc/self/status"), "VmSize:")
+    return max(limit - (used if math.isfinite(used) else 0.0), 0.0)
+
+
+def _control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgroup")) -> float:
+    """What the control groups of this process, and those they are in, leave it."""
+    least = math.inf
+    for line in _text(own).splitlines():
+        _, controllers, path = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        base, limit, used = (
+            (root / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes")
+            if controllers
+            else (root, "memory.max", "memory.current")
+        )
+        group = base / path.strip("/")
+        for here in (group, *group.parents):
+            allowed, taken = _text(here / limit).strip(), _text(here / used).strip()
+            if allowed.isdigit() and taken.isdigit():
+                cached = _field(here / "memory.stat", "inactive_file")  # given back when needed
+                cached = cached if math.isfinite(cached) else 0.0
+                least = min(least, max(float(allowed) - float(taken) + cached, 0.0))
+            if here == base:
+                break
+    return least
+
+
+def _field(path: Path, name: str) -> float:
+    """Number after a word that begins a line; infinite where there is none."""
+    for line in _text(path).splitlines():
+        words = line.split()
+        if len(words) > 1 and words[0] == name:
+            return float(words[1])
+    return math.inf
+
+
+def _text(path: Path) -> str:
     try:
-        with open("/proc/meminfo", encoding="ascii") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return float(line.split()[1]) * 1024.0
+        return path.read_text(encoding="ascii", errors="replace")
     except OSError:
-        pass
-    return float("inf")
+        return ""
