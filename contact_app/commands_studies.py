@@ -37,6 +37,7 @@ def register(app: typer.Typer) -> None:
     reproduce.command("cube")(reproduce_cube)
     reproduce.command("figure1")(reproduce_figure1)
     app.add_typer(reproduce, name="reproduce")
+    app.command("bench")(bench)
 
 
 def svm(
@@ -100,3 +101,28 @@ def reproduce_figure1(output: OutputOption = None) -> None:
     from contact_app.studies.safeguard import draw_figure_1
 
     typer.echo(f"wrote {draw_figure_1(output or Path('results/reproduce-figure1'))}")
+
+
+def bench(
+    output: OutputOption = None,
+    cells: Annotated[
+        str, typer.Option(help="Cells along an edge of each cube, separated by commas.")
+    ] = "10,20,30,40",
+    tolerance: Annotated[float, typer.Option(help="Tolerance of ours.")] = 1e-8,
+) -> None:
+    """Run ours and PETSc's solvers on the paper's cube, side by side: table, CSV and figure."""
+    from contact_app.studies.bench import bench as run_bench
+
+    try:
+        sizes = [int(n) for n in cells.split(",")]
+    except ValueError:
+        typer.echo(f"error: --cells is {cells!r}; it has the form 10,20,30", err=True)
+        raise typer.Exit(2) from None
+    typer.echo(f"{'method':15} {'dofs':>9} {'seconds':>8} {'GB':>6} {'steps':>6}  energy")
+    directory = output or Path("results/bench")
+    for row in run_bench(directory, sizes, tolerance):
+        typer.echo(
+            f"{row['method']:15} {row['dofs']:9,} {row['seconds']:8.2f} "
+            f"{row['peak_rss_gb']:6.2f} {row['iterations']:6}  {row['energy']:.9f}"
+        )
+    typer.echo(f"wrote {directory / 'bench.csv'} and bench.png")
