@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,9 @@ import typer
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 
 FAILED, BAD_INPUT, NO_EQUILIBRIUM = 1, 2, 3
+
+PATIENCE = 2.0
+"""Seconds that other ranks wait for rank 0 to say what all of them found."""
 
 app = typer.Typer(
     name="contact-app",
@@ -100,10 +104,13 @@ def main() -> None:
         _tell(str(error))
         sys.exit(FAILED)
     except OSError as error:  # a full disk, a directory taken away
-        _tell(f"the run ended: {error}")
+        _tell(f"the run ended: {error}", of_all=False)
         sys.exit(FAILED)
     except MemoryError:
-        _tell("the run ended: not enough memory; see contact-app check for what a scene needs")
+        _tell(
+            "the run ended: not enough memory; see contact-app check for what a scene needs",
+            of_all=False,
+        )
         sys.exit(FAILED)
 
 
@@ -119,11 +126,27 @@ def _refuse_unwritable(directory: Path) -> None:
         ) from None
 
 
-def _tell(message: str) -> None:
-    """Print a message once, also under mpirun; what a terminal would obey is shown as its code."""
-    if int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0"))) == 0:
-        shown = (
-            c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode()
-            for c in message
-        )
-        print("".join(shown), file=sys.stderr)
+def _rank() -> int:
+    """Rank under mpirun or srun, without MPI, which takes its time to load."""
+    for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"):
+        if os.environ.get(name, "").isdigit():
+            return int(os.environ[name])
+    return 0
+
+
+def _tell(message: str, of_all: bool = True) -> None:
+    """Print a message; what a terminal would obey is shown as its code.
+
+    What all ranks found is said once. The first of them that exits takes the others with it, so
+    they leave rank 0 a moment to say it. What one rank met (`of_all` false) it says itself.
+    """
+    rank = _rank()
+    if rank > 0 and of_all:
+        time.sleep(PATIENCE)
+        return
+    if rank > 0:
+        message = f"rank {rank}: {message}"
+    shown = (
+        c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in message
+    )
+    print("".join(shown), file=sys.stderr, flush=True)

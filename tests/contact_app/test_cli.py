@@ -179,6 +179,24 @@ def test_what_the_machine_lacks_is_told(
     assert "Traceback" not in err
 
 
+def test_ranks_speak_once_of_what_all_found_and_each_of_its_own(
+    cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr("contact_app.cli.time.sleep", waits.append)
+    monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
+    assert contact_app("run", cube, "--set", "bodis=1") == 2
+    assert capsys.readouterr().err == ""
+    assert len(waits) == 1  # rank 0 is given the time to speak
+
+    def fail(*_: object) -> int:
+        raise MemoryError
+
+    monkeypatch.setattr("contact_app.run.run", fail)
+    assert contact_app("run", cube, "-o", tmp_path / "out") == 1
+    assert capsys.readouterr().err.startswith("rank 1: the run ended: not enough memory")
+
+
 def test_what_a_terminal_would_obey_is_not_sent_to_it(
     cube: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
