@@ -127,15 +127,9 @@ class Expression:
         """
         with np.errstate(all="ignore"):
             true, false = _condition(self.tree, dict(zip("xyz", points.T, strict=True)))
-        undecided = np.broadcast_to(~(true | false), len(points))
-        if undecided.any():
-            x, y, z = points[undecided.argmax()]
-            warnings.warn(
-                f"`{_source(self.tree)}` has no value at points such as ({x:g}, {y:g}, {z:g}), "
-                "which are left out",
-                UndecidedWarning,
-                stacklevel=2,
-            )
+        if len(points) and not np.all(true | false):  # one text for all calls: told once
+            message = f"`{_source(self.tree)}` has no value at some points, which are left out"
+            warnings.warn(message, UndecidedWarning, stacklevel=2)
         return np.broadcast_to(true, len(points)).copy()
 
 
