@@ -19,6 +19,7 @@ from pydantic import (
     Field,
     PrivateAttr,
     ValidationError,
+    WithJsonSchema,
     field_validator,
     model_validator,
 )
@@ -257,9 +258,9 @@ class Configuration(Model):
     """A contact scene."""
 
     title: str = Field("", max_length=200, description="One line for reports.")
-    dimension: int | str = Field(
-        description="3, or 2 (which means plane_strain), or plane_strain or plane_stress."
-    )
+    dimension: Annotated[
+        int | str, WithJsonSchema({"enum": [3, 2, "plane_strain", "plane_stress"]})
+    ] = Field(description="3, or 2 (which means plane_strain), or plane_strain or plane_stress.")
     bodies: list[Body] = Field(min_length=1, description="Elastic bodies.")
     conditions: list[Condition] = Field(
         default_factory=list, description="Displacements and loads."

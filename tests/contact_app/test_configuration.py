@@ -289,6 +289,7 @@ def test_every_key_of_the_schema_is_described() -> None:
     ]
     assert undescribed == []
     assert all(s.get("description") for s in sections.values())
+    assert schema["properties"]["dimension"]["enum"] == [3, 2, "plane_strain", "plane_stress"]
     json.dumps(schema)
 
 
