@@ -291,6 +291,15 @@ def rollers_and_floor(cell: str, n: int) -> Config:
     )
 
 
+def moved_rollers_on_a_slope(cell: str, n: int) -> Config:
+    """Nodes with one component moved by a condition, the other kept by an oblique plane."""
+    made = rollers_and_floor(cell, n)
+    made["conditions"][0]["displacement"] = vector(cell, 0.02, None, None)
+    made["conditions"][-1]["pressure"] = 5
+    made["contacts"][0]["obstacle"] = plane(cell, (0, 0, 0), (0.3, 0, 1))
+    return made
+
+
 def two_planes(cell: str, n: int) -> Config:
     """A clamped block that is pressed into a wedge: nodes of an edge lie on two planes."""
     return config(
@@ -426,6 +435,7 @@ ALL: dict[str, Callable[[str, int], Config]] = {
         floating_in_corner,
         two_bodies,
         rollers_and_floor,
+        moved_rollers_on_a_slope,
         two_planes,
         duplicate_obstacles,
         sliding,

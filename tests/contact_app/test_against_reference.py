@@ -61,6 +61,12 @@ def test_four_subdomains(name: str, cell: str) -> None:
     check(name, cell, 4, [2, 2])
 
 
+@pytest.mark.parametrize("name", scenes.ALL)
+def test_one_subdomain(name: str) -> None:
+    """Held unknowns may be eliminated instead of being rows of B."""
+    check(name, "hexahedron", 3, 1)
+
+
 @pytest.mark.parametrize("subdomains", SPLITS_3D, ids=str)
 @pytest.mark.parametrize("cell", scenes.CELLS_3D)
 @pytest.mark.parametrize("name", ["wall", "floating_in_corner"])
@@ -127,3 +133,15 @@ def test_active_contacts_are_counted() -> None:
     known = reference_of("wall", "hexahedron", 4)
     solution = solve(scenes.wall("hexahedron", 4), [2, 2, 2])
     assert solution.summary["solution"]["active_contacts"] == known.active
+
+
+def test_a_repeated_obstacle_adds_no_rows() -> None:
+    """Of parallel rows at one node only the tightest is kept, in whatever order they come."""
+    known = reference_of("wall", "hexahedron", 4)
+    made = scenes.wall("hexahedron", 4)
+    looser = {"on": "block.x+", "obstacle": scenes.plane("hexahedron", (1.01, 0, 0), (-2, 0, 0))}
+    rows = solve(made, [2, 2, 2]).summary["decomposition"]["contact"]
+    for contacts in ([*made["contacts"], looser], [looser, *made["contacts"]]):
+        solution = solve({**made, "contacts": contacts}, [2, 2, 2])
+        assert solution.summary["decomposition"]["contact"] == rows
+        assert solution.summary["solution"]["energy"] == pytest.approx(known.energy, rel=ENERGY)

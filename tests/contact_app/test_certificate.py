@@ -135,3 +135,83 @@ def test_nearly_incompressible_is_warned_of() -> None:
     made["bodies"][0]["material"]["poisson"] = 0.499
     certificate = solve(made, SPLIT).summary["certificate"]
     assert any("lock" in w or "incompressible" in w for w in certificate["warnings"]), certificate
+
+
+def judged(solution: Any, multiplier: np.ndarray, displacements: list[np.ndarray]) -> dict:
+    """The certificate of an answer that has been tampered with."""
+    from contact_app.certificate import certify
+
+    return certify(solution.model.problem, multiplier, displacements, 1e-9)[0].as_dict()
+
+
+def test_sees_a_body_moved_into_the_wall() -> None:
+    """Moving everything by t: penetration t, held rows off by t, work Σλ·t in complementarity."""
+    solution = certified("wall", 1e-10)
+    u = [v.copy() for v in solution.solution.displacements]
+    largest = solution.summary["solution"]["max_displacement"]
+    t = 1e-3 * largest
+    for block in u:
+        block[0::3] += t
+    seen = judged(solution, solution.solution.multiplier, u)
+    assert not seen["passed"]
+    assert seen["max_penetration"] == pytest.approx(1e-3, rel=0.02)
+    assert seen["max_gluing_jump"] == pytest.approx(1e-3, rel=0.02)
+    assert seen["equilibrium"] < 1e-9, "a rigid motion needs no force"
+    # Rows that touch now penetrate by t: Σ λ t over load times displacement; the load is the
+    # largest of the sums of magnitudes, here at least that of the traction.
+    force = abs(solution.summary["solution"]["contact_force"][0])
+    assert 0.1 * force * 1e-3 / 50 < seen["complementarity"] <= 1.05 * force * 1e-3 / 50
+
+
+def test_sees_a_torn_node() -> None:
+    """One unknown of one subdomain off by t: at most t in jumps, and forces out of balance."""
+    solution = certified("wall", 1e-10)
+    u = [v.copy() for v in solution.solution.displacements]
+    t = 1e-3 * solution.summary["solution"]["max_displacement"]
+    u[0][:, 0] += t * (np.abs(u[0][:, 0]) == np.abs(u[0][:, 0]).max())
+    seen = judged(solution, solution.solution.multiplier, u)
+    assert not seen["passed"]
+    assert seen["equilibrium"] > 1e-5
+    assert seen["duality_gap"] > 0
+
+
+def test_jump_is_the_difference_of_copies() -> None:
+    """The copies of a node, brought together by their coordinates, differ by what is claimed."""
+    solution = certified("wall", 1e-3)
+    copies: dict[tuple[float, ...], list[np.ndarray]] = {}
+    model = solution.model
+    for subdomain, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        u = solution.solution.displacements[cls][:, column].reshape(-1, 3)
+        for point, value in zip(subdomain.points(), u, strict=True):
+            copies.setdefault(tuple(np.round(point, 9) + 0.0), []).append(value)
+    assert max(len(values) for values in copies.values()) == 8
+    jump = max(np.abs(np.ptp(values, axis=0)).max() for values in copies.values())
+    held = max(np.abs(values).max() for point, values in copies.items() if point[2] == 0.0)
+    largest = solution.summary["solution"]["max_displacement"]
+    claimed = solution.summary["certificate"]["max_gluing_jump"] * largest
+    assert claimed > 0
+    # Orthonormal rows combine copies: a row is at most √2 and at least 1/8 of a difference.
+    worst = max(jump, held)
+    assert worst / 8 <= claimed <= 2 * worst
+
+
+@pytest.mark.parametrize("change", ["pull", "push", "scale"])
+def test_sees_wrong_contact_forces(change: str) -> None:
+    solution = certified("wall", 1e-10)
+    problem = solution.model.problem
+    multiplier = solution.solution.multiplier.copy()
+    contact = np.flatnonzero(problem.inequality)
+    largest = np.argmax(multiplier[contact])
+    if change == "pull":
+        multiplier[contact[np.argmin(multiplier[contact])]] = -0.1 * multiplier[contact[largest]]
+    elif change == "push":
+        multiplier[contact[np.argmin(multiplier[contact])]] = 0.1 * multiplier[contact[largest]]
+    else:
+        multiplier[contact] *= 1.1
+    seen = judged(solution, multiplier, solution.solution.displacements)
+    assert not seen["passed"]
+    assert seen["equilibrium"] > 1e-5
+    if change == "pull":
+        assert seen["min_multiplier"] < -1e-5
+    if change == "push":
+        assert seen["complementarity"] > 1e-6, "a force across an open gap"
