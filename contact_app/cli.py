@@ -92,6 +92,8 @@ if importlib.util.find_spec("contact_app.commands_studies"):
 
 def main() -> None:
     """Run the command line; errors a user can mend are one message, without a traceback."""
+    # waiting ranks yield: on shared cores three ranks take seconds instead of minutes
+    os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     try:
         app()
     except NoEquilibriumError as error:

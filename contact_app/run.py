@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from contact_app.environment import environment, slow_blas_warning
 from contact_app.errors import ContactError
@@ -121,6 +122,7 @@ def solve_scene(
         The scene cannot be modelled, or has no equilibrium.
     """
     timings = Timings()
+    PETSc.garbage_cleanup(comm)  # what earlier solves left to Python's collector
     model = build_model(scene, comm, timings)
     try:
         with timings.measure("solve"):

@@ -97,14 +97,9 @@ def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32
     os.environ.setdefault("SCOTCH_DETERMINISTIC", "1")
     os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
     partition = dolfinx.graph.partitioner_scotch()
-    if _MODERN:
-        listing = dolfinx.graph.adjacencylist(links.astype(np.int64), offsets.astype(np.int32))
-        destinations = partition(MPI.COMM_SELF, parts, listing._cpp_object, False)
-    else:
-        listing = dolfinx.graph.create_adjacencylist(
-            links.astype(np.int64), offsets.astype(np.int32)
-        )
-        destinations = partition(MPI.COMM_SELF, parts, listing, False)
+    make = dolfinx.graph.adjacencylist if _MODERN else dolfinx.graph.create_adjacencylist
+    listing = make(links.astype(np.int64), offsets.astype(np.int32))
+    destinations = partition(MPI.COMM_SELF, parts, listing, False)
     return np.asarray(destinations.array, dtype=np.int32)
 
 

@@ -12,7 +12,8 @@ load drives it. The residual of the non-negative least-squares problem is this r
 
 The problem has six equations and as many unknowns as contact rows, spread over ranks. It is
 solved by column generation: each round every rank offers the row the residual violates most, and
-the small problem of all rows offered so far is solved anew (scipy.optimize.nnls).
+the small problem of all rows offered so far is solved anew, by scipy's bounded least squares (its
+`nnls` returned points that are not optimal in one release).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 ROUNDS = 200
 
@@ -95,7 +96,9 @@ def _residual(
         if not fresh:
             return residual
         chosen = np.vstack([chosen, *fresh])
-        multiplier, _ = nnls(chosen.T, load)
+        multiplier = lsq_linear(
+            chosen.T, load, bounds=(0.0, np.inf), method="bvls", tol=1e-14, max_iter=1000
+        ).x
         residual = load - chosen.T @ multiplier
     return residual
 
