@@ -122,7 +122,8 @@ def solve_scene(
         The scene cannot be modelled, or has no equilibrium.
     """
     timings = Timings()
-    PETSc.garbage_cleanup(comm)  # what earlier solves left to Python's collector
+    for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
+        PETSc.garbage_cleanup(whose)
     model = build_model(scene, comm, timings)
     try:
         with timings.measure("solve"):
