@@ -31,6 +31,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 import ufl
 from dolfinx import fem, mesh
+from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -185,7 +186,7 @@ class _AssembledBody:
             return ufl.sym(ufl.grad(w))
 
         stress = lame[0] * ufl.div(u) * ufl.Identity(dimension) + 2 * lame[1] * strain(u)
-        matrix = fem.petsc.assemble_matrix(fem.form(ufl.inner(stress, strain(v)) * ufl.dx))
+        matrix = assemble_matrix(fem.form(ufl.inner(stress, strain(v)) * ufl.dx))
         matrix.assemble()
         indptr, indices, values = matrix.getValuesCSR()
         self.stiffness = sp.csr_matrix((values, indices, indptr), shape=matrix.getSize())
@@ -216,7 +217,7 @@ class _AssembledBody:
         minus_pressure = fem.Constant(self.domain, PETSc.ScalarType(-pressure))
         form = ufl.inner(constant(force), v) * ufl.dx
         form += ufl.inner(constant(traction) + minus_pressure * normal, v) * surface
-        vector = fem.petsc.assemble_vector(fem.form(form))
+        vector = assemble_vector(fem.form(form))
         self.load += vector.array
         vector.destroy()
 
