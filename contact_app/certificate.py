@@ -116,14 +116,12 @@ def certify(
     comm = problem.comm
     contact, glued = problem.inequality, ~problem.inequality
     residual = problem.constraint_values(displacements) - problem.c
-    spread = np.ones(problem.size)
-    spread[contact] = np.sqrt(problem.contact.copies)
-    slack = residual / spread
+    slack = residual / problem.spread
     largest = _largest_displacement(problem, displacements)
     unit = largest or 1.0
 
     imbalance, energy = _equilibrium(problem, multiplier, displacements)
-    contact_forces = multiplier[contact] * spread[contact]
+    contact_forces = multiplier[contact] * problem.spread[contact]
     load = _load(problem, multiplier, contact_forces)
     repaired, repaired_residual = feasible_displacements(problem, displacements)
     gap = -float(multiplier[contact] @ np.minimum(repaired_residual[contact], 0.0))

@@ -63,8 +63,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
 
     contact = problem.contact
     rows = problem.inequality
-    root = np.sqrt(contact.copies)
-    force = solution.multiplier[rows] * root * contact.force_scale
+    force = solution.multiplier[rows] * problem.spread[rows] * contact.force_scale
     at = contact.nodes - exchange.first
     area = _contact_areas(model)
     share = np.zeros(len(at))

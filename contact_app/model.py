@@ -71,8 +71,6 @@ class Model:
         Material of each class.
     exchange
         Where the copies of surface nodes meet; `copies` gives their subdomain and local node.
-    balances
-        What holds each body.
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -83,7 +81,6 @@ class Model:
     place: NDArray[np.int64]
     elements: tuple[Element, ...]
     materials: tuple[Material, ...]
-    balances: tuple[BodyBalance, ...]
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -235,7 +232,6 @@ def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = Non
         place=place,
         elements=tuple(elements[key[0]] for key in keys),
         materials=tuple(key[1] for key in keys),
-        balances=tuple(balances),
         notes=tuple(notes),
     )
 
@@ -656,8 +652,7 @@ def _subdomain_class(
     block = None
     if len(interface) and dense_block_pays(K.shape[0], len(interface), len(members)):
         block = inverse.restricted(np.searchsorted(free, interface))
-    return SubdomainClass(
-        K, kernel, points, free, interface, np.array(members), inverse, block
+    return SubdomainClass(K, kernel, free, interface, np.array(members), inverse, block
     )  # fmt: skip
 
 

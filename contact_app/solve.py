@@ -22,7 +22,7 @@ from solver.operators import estimate_norm
 from solver.result import Monitor
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import feasible_multiplier
+from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
 from solver.tfeti.preconditioner import LumpedPreconditioner
 from solver.tfeti.recovery import displacements as recover
 from solver.tfeti.recovery import kernel_coefficients
@@ -191,7 +191,7 @@ def _without_contact(
             return start, replace(solution, reason=reason), face.counts
         penetration = np.where(problem.inequality, start.residual, 0.0).max(initial=0.0)
         penetration = problem.comm.allreduce(float(penetration), op=MPI.MAX)
-        if penetration > rtol * largest_of(problem, start.displacements):
+        if penetration > rtol * largest_magnitude(problem.comm, *start.displacements):
             return start, None, face.counts
     solution = certified_answer(problem, start.x, start.equality_force, options)
     return start, solution if solution.certificate.passed else None, face.counts
@@ -225,9 +225,8 @@ def _active_sets(
             break
         state = face.state()
         multiplier = problem.offset + state.x
-        crossed = state.residual > options.tolerance * 1e-2 * largest_of(
-            problem, state.displacements
-        )
+        largest = largest_magnitude(problem.comm, *state.displacements)
+        crossed = state.residual > options.tolerance * 1e-2 * largest
         following = problem.inequality & np.where(touching, multiplier > 0.0, crossed)
         if not problem.comm.allreduce(int((following != touching).sum())):
             solution = certified_answer(problem, state.x, state.equality_force, options, touching)
@@ -250,8 +249,6 @@ def _solve_smalbe(
         return replace(answer, counts=counts)
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     found: list[Solution] = []
-    spread = np.ones(problem.size)
-    spread[problem.inequality] = np.sqrt(problem.contact.copies)
     displacement = [0.0]
     sizes: list[float] = []
     spent = [Counts()]
@@ -259,7 +256,7 @@ def _solve_smalbe(
     def near(state: OuterState) -> bool:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
         gap = np.where(problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient))
-        worst = float((gap / spread).max(initial=0.0))
+        worst = float((gap / problem.spread).max(initial=0.0))
         worst = problem.comm.allreduce(worst, op=MPI.MAX)
         if not displacement[0]:
             displacement[0] = _largest_displacement(problem, state)
@@ -345,13 +342,7 @@ def _largest_displacement(problem: DualProblem, state: OuterState) -> float:
     """Estimate of the largest displacement from an iterate far from the solution."""
     multiplier = problem.offset + state.x
     alpha = kernel_coefficients(problem, multiplier, state.transposed_multiplier)
-    return largest_of(problem, recover(problem, multiplier, alpha))
-
-
-def largest_of(problem: DualProblem, displacements: list[NDArray[np.float64]]) -> float:
-    """Largest displacement component on all ranks."""
-    local = max((float(np.abs(part).max()) for part in displacements if part.size), default=0.0)
-    return float(problem.comm.allreduce(local, op=MPI.MAX))
+    return largest_magnitude(problem.comm, *recover(problem, multiplier, alpha))
 
 
 def _sum(a: Counts, b: Counts) -> Counts:

@@ -6,7 +6,6 @@ Everything else in the project calls these functions and knows one dolfinx only.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import dolfinx
@@ -101,8 +100,3 @@ def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32
     listing = make(links.astype(np.int64), offsets.astype(np.int32))
     destinations = partition(MPI.COMM_SELF, parts, listing, False)
     return np.asarray(destinations.array, dtype=np.int32)
-
-
-def release(package: Sequence[int] | None = None) -> str:
-    """Version of dolfinx in use."""
-    return str(dolfinx.__version__)

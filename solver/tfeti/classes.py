@@ -26,8 +26,6 @@ class SubdomainClass:
         K, before any condition is imposed.
     kernel : (n, k)
         Orthonormal rigid motions R; k = 0 where held unknowns are eliminated instead.
-    points : (n / dimension, 3)
-        Nodes of the class's reference, used to choose fixing nodes.
     free : (m,)
         Unknowns that are solved for; all of them unless held ones are eliminated.
     interface : (i,)
@@ -42,7 +40,6 @@ class SubdomainClass:
 
     stiffness: sparse.csr_matrix
     kernel: NDArray[np.float64]
-    points: NDArray[np.float64]
     free: NDArray[np.int64]
     interface: NDArray[np.int64]
     members: NDArray[np.int64]

@@ -41,7 +41,6 @@ class CoarseProblem:
         self.Gt = Gt
         self.size = Gt.getLocalSize()[0]
         self.kernels = Gt.getLocalSize()[1]
-        self.total_kernels = Gt.getSize()[1]
         GGt = Gt.transposeMatMult(Gt)
         GGt.setOption(PETSc.Mat.Option.SPD, True)
         self._pc = PETSc.PC().create(self.comm)

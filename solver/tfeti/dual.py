@@ -128,6 +128,16 @@ class DualProblem:
         """Which local rows are contact rows."""
         return self.kinds == RowKind.CONTACT
 
+    @cached_property
+    def spread(self) -> NDArray[np.float64]:
+        """√copies on contact rows, 1 elsewhere.
+
+        A contact row's multiplier times it is the force, its residual over it the distance.
+        """
+        result = np.ones(self.size)
+        result[self.inequality] = np.sqrt(self.contact.copies)
+        return result
+
     def count(self, kind: RowKind) -> int:
         """Rows of one kind on all ranks."""
         return int(self.comm.allreduce(int((self.kinds == kind).sum())))

@@ -57,7 +57,9 @@ def _balance(
     coarse = CoarseProblem(scaled)
     missing, solution = np.empty(len(problem.e)), np.empty(len(problem.e))
     change = np.empty(problem.size)
-    tolerance = 1e-13 * max(_largest(problem.comm, problem.e), _largest(problem.comm, multiplier))
+    tolerance = 1e-13 * max(
+        largest_magnitude(problem.comm, problem.e), largest_magnitude(problem.comm, multiplier)
+    )
     for attempt in range(2 * ROUNDS):
         empty = problem.inequality & (multiplier < 0.0)
         if attempt < ROUNDS:
@@ -65,7 +67,7 @@ def _balance(
         multiplier[empty] = 0.0
         problem.coarse.restrict(multiplier, missing)
         np.subtract(problem.e, missing, out=missing)
-        if _largest(problem.comm, missing) <= tolerance:
+        if largest_magnitude(problem.comm, missing) <= tolerance:
             break
         coarse.solve(missing, solution)
         coarse.extend(solution, change)
@@ -86,17 +88,17 @@ def feasible_displacements(
     rows_at_node = _rows_sharing_a_node(problem)
     repaired = [u.copy(order="F") for u in displacements]
     violation = _violation(problem, repaired)
-    tolerance = 1e-15 * max(1e-300, _largest(problem.comm, *displacements))
+    tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, *displacements))
     for _ in range(200):
-        if _largest(problem.comm, violation) <= tolerance:
+        if largest_magnitude(problem.comm, violation) <= tolerance:
             break
         for u, change in zip(
             repaired, problem.constraint_forces(violation / rows_at_node), strict=True
         ):
             u -= change
-        previous = _largest(problem.comm, violation)
+        previous = largest_magnitude(problem.comm, violation)
         violation = _violation(problem, repaired)
-        if _largest(problem.comm, violation) > 0.99 * previous:
+        if largest_magnitude(problem.comm, violation) > 0.99 * previous:
             break
     return repaired, problem.constraint_values(repaired) - problem.c
 
@@ -114,7 +116,7 @@ def _rows_sharing_a_node(problem: DualProblem) -> NDArray[np.float64]:
     return result
 
 
-def _largest(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
+def largest_magnitude(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
     """Largest magnitude on all ranks."""
     local = max((float(np.abs(a).max()) for a in arrays if a.size), default=0.0)
     return float(comm.allreduce(local, op=MPI.MAX))
