@@ -1,0 +1,229 @@
+"""Random scenes against the undecomposed reference: ``python -m tests.stability.fuzz 500``.
+
+Every scene must end, within its time, in one of these ways:
+
+agrees        certified, with the energy of the independent active-set solution
+degraded      not certified, and says so; the energy need not be right
+escapes       refused for want of an equilibrium, and a linear programme finds the escape, too
+contradicts   held nodes are pushed into an obstacle; the reference finds so, too
+refused       input that is refused in a sentence
+undecided     certified, where the reference misses its own tolerance
+
+Anything else is a fault: a crash, a scene that hangs, an answer certified wrongly, an equilibrium
+denied that exists, or one found that does not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linprog
+
+from tests import reference, scenes
+from tests.stability.random_scenes import random_scene
+
+PATIENCE = 60.0
+"""Seconds after which a scene of a few thousand unknowns is said to hang."""
+
+ENERGY = 1e-6
+"""Relative difference of energies that a certified answer may leave; the tolerance is 1e-8."""
+
+GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided")
+
+
+class Hangs(Exception):
+    """Time is up."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How one scene ended: one of :data:`GOOD`, or a fault; with details and seconds."""
+
+    seed: int
+    kind: str
+    detail: str
+    seconds: float
+    products: int = 0
+
+    @property
+    def fault(self) -> bool:
+        return self.kind not in GOOD
+
+
+def judge(seed: int) -> Verdict:
+    """Solve a random scene and compare it with the reference."""
+    from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+    from contact_app.run import solve_scene
+
+    made, subdomains = random_scene(seed)
+    summary: dict[str, Any] | None = None
+    message = ""
+    began = time.perf_counter()
+    try:
+        with _limited(PATIENCE):
+            scene = scenes.build(made, subdomains)
+            summary = solve_scene(scene).summary
+    except NoEquilibriumError as error:
+        message = str(error)
+    except (ConfigurationError, ContactError) as error:
+        kind = "refused" if isinstance(error, ConfigurationError) else "gives up"
+        return Verdict(seed, kind, str(error)[:300], time.perf_counter() - began)
+    except Hangs:
+        return Verdict(seed, "hangs", f"{subdomains}", time.perf_counter() - began)
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return Verdict(seed, "crashes", f"{error!r} at {where}", time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+
+    system = reference.assemble(scene)
+    escapes = escape_work(system) > 1e-7
+    if summary is None:
+        kind = "escapes" if escapes else "denies an equilibrium"
+        if "push held nodes" in message and reference_contradicts(scene):
+            kind = "contradicts"
+        return Verdict(seed, kind, message, seconds)
+    products = summary["solver"]["hessian_multiplications"]
+    if not summary["certificate"]["passed"]:
+        return Verdict(seed, "degraded", str(summary["certificate"]), seconds, products)
+    try:
+        known, stored = energy_by_body(system)
+    except reference.ReferenceError as error:
+        kind = "invents an equilibrium" if escapes else "undecided"
+        return Verdict(seed, kind, str(error), seconds, products)
+    energy = summary["solution"]["energy"]
+    if abs(energy - known) <= ENERGY * max(abs(known), 1e-9 * stored):
+        return Verdict(seed, "agrees", "", seconds, products)
+    detail = f"energy {energy!r}, reference {known!r}"
+    return Verdict(seed, "certified wrongly", detail, seconds, products)
+
+
+def reference_contradicts(scene: Any) -> bool:
+    """Whether the reference finds held nodes inside an obstacle, too."""
+    try:
+        reference.solve(scene)
+    except reference.ReferenceError as error:
+        return "held node penetrates" in str(error)
+    return False
+
+
+def energy_by_body(system: reference.System) -> tuple[float, float]:
+    """Energy of the solution, and the size of the stored energy and work that cancel in it.
+
+    Bodies do not see each other, so each is solved in its own unit of force: a soft body's
+    accuracy does not suffer from a stiff neighbour.
+    """
+    energy = stored = 0.0
+    contact = sp.csr_matrix(system.contact)
+    for body in np.unique(system.body):
+        nodes = np.flatnonzero(system.body == body)
+        dofs = (nodes[:, None] * system.dimension + np.arange(system.dimension)).ravel()
+        rows = np.isin(system.contact_node, nodes)
+        K, load, B = system.stiffness[dofs][:, dofs], system.load[dofs], contact[rows][:, dofs]
+        free, u = ~system.held[dofs], system.prescribed[dofs].copy()
+        extent = float(np.ptp(system.points[nodes], axis=0).max())
+        u[free] = reference.minimise(
+            K[free][:, free], (load - K @ u)[free], B[:, free], system.gap[rows] - B @ u, extent
+        )[0]
+        work, strain = float(load @ u), 0.5 * float(u @ (K @ u))
+        energy += strain - work
+        stored += strain + abs(work)
+    return energy, stored
+
+
+def escape_work(system: reference.System) -> float:
+    """Largest work of the loads on a rigid motion of one body that no condition stops.
+
+    Relative to the sum of the loads' magnitudes times the size of the body. Zero when all bodies
+    can be in equilibrium; by linear programming, independent of the application.
+    """
+    worst = 0.0
+    for body in np.unique(system.body):
+        nodes = np.flatnonzero(system.body == body)
+        dofs = (nodes[:, None] * system.dimension + np.arange(system.dimension)).ravel()
+        points = system.points[nodes] - system.points[nodes].mean(axis=0)
+        R = _rigid_motions(points / np.abs(points).max(), system.dimension)
+        rows = sp.csr_matrix(system.contact)[:, dofs] @ R
+        # rows with a held part only see what is left of it
+        held = R[system.held[dofs]]
+        load = system.load[dofs]
+        scale = float(np.abs(load).sum())
+        if scale == 0.0:
+            continue
+        seen = np.abs(rows).max(axis=1, initial=0.0) > 1e-12
+        found = linprog(
+            -(load @ R) / scale,
+            A_ub=np.vstack([rows[seen], np.zeros((1, R.shape[1]))]),
+            b_ub=np.zeros(int(seen.sum()) + 1),
+            A_eq=np.vstack([held, np.zeros((1, R.shape[1]))]),
+            b_eq=np.zeros(len(held) + 1),
+            bounds=(-1.0, 1.0),
+            method="highs",
+        )
+        if found.status == 0:
+            worst = max(worst, -float(found.fun))
+    return worst
+
+
+def _rigid_motions(points: np.ndarray, dimension: int) -> np.ndarray:
+    """Translations and infinitesimal rotations at the points, shape (n·dimension, 3 or 6)."""
+    columns = [np.tile(np.eye(dimension)[i], len(points)) for i in range(dimension)]
+    for a, b in ((0, 1), (1, 2), (0, 2))[: 1 if dimension == 2 else 3]:
+        turn = np.zeros((len(points), dimension))
+        turn[:, a], turn[:, b] = -points[:, b], points[:, a]
+        columns.append(turn.ravel())
+    return np.array(columns).T
+
+
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Raise :class:`Hangs` when the time is up."""
+
+    def ring(*_: object) -> None:
+        raise Hangs
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def main() -> int:
+    """Judge scenes, tell faults as they come, count at the end; exit code 1 if there was one."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("scenes", type=int, nargs="?", default=500)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    arguments = parser.parse_args()
+    verdicts = []
+    for seed in range(arguments.first, arguments.first + arguments.scenes):
+        verdict = judge(seed)
+        verdicts.append(verdict)
+        if verdict.kind in ("agrees", "escapes", "contradicts") and verdict.seconds < 10.0:
+            continue
+        print(
+            f"scene {seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True
+        )
+    counts = Counter(v.kind for v in verdicts)
+    print(", ".join(f"{count} {kind}" for kind, count in counts.most_common()))
+    slowest = max(verdicts, key=lambda v: v.seconds)
+    hardest = max(verdicts, key=lambda v: v.products)
+    print(f"slowest: scene {slowest.seed}, {slowest.seconds:.1f} s")
+    print(f"most products: scene {hardest.seed}, {hardest.products}")
+    return int(any(v.fault for v in verdicts))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,185 @@
+"""Random scenes, as a user might type them: any seed gives one, the same one every time.
+
+What is drawn: dimension, cells, bodies (also slender ones, slivers, far from the origin, in any
+unit), materials to a contrast of 1e6, conditions that hold a body, hold it in part or not at all,
+loads, obstacles that are near, touched, overlapped, tilted or curved, and partitions. Many of
+these scenes have no equilibrium; that is part of the question.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from tests.scenes import CELLS_2D, CELLS_3D, Config
+
+Subdomains = int | list[int] | None
+
+CONTRAST = 1e6
+"""Largest quotient of two bodies' Young's moduli."""
+
+SLENDER = 100.0
+"""Largest quotient of two edges of a body."""
+
+SLIVER = 100.0
+"""Largest quotient of two edges of a cell (about)."""
+
+
+def random_scene(seed: int) -> tuple[Config, Subdomains]:
+    """A configuration, and into what to split it."""
+    return _Draw(seed).scene()
+
+
+class _Draw:
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.random = np.random.default_rng([20_201_121, seed])
+        self.dimension = int(self.random.integers(2, 4))
+        self.unit = 10.0 ** self.random.uniform(-3.0, 3.0) if self.chance(0.3) else 1.0
+        self.young = 10.0 ** self.random.uniform(0.0, 6.0)
+        self.strain = 10.0 ** self.random.uniform(-4.0, -1.5)
+
+    def chance(self, share: float) -> bool:
+        return bool(self.random.random() < share)
+
+    def choice(self, values: Any, p: list[float] | None = None) -> Any:
+        return values[int(self.random.choice(len(values), p=p))]
+
+    def scene(self) -> tuple[Config, Subdomains]:
+        cell = self.choice(CELLS_3D if self.dimension == 3 else CELLS_2D)
+        plane = self.choice(("plane_strain", "plane_stress"))
+        made: Config = {
+            "title": f"random scene {self.seed}",
+            "dimension": 3 if self.dimension == 3 else plane,
+            "bodies": [],
+            "conditions": [],
+            "contacts": [],
+            "solver": {"tolerance": 1e-8},
+        }
+        for number in range(self.choice((1, 1, 2, 3))):
+            self.body(made, number, cell)
+        if self.chance(0.1):
+            made["contacts"] += [dict(c) for c in made["contacts"]]  # every obstacle twice
+        return made, self.subdomains(made)
+
+    def body(self, made: Config, number: int, cell: str) -> None:
+        d, name = self.dimension, f"b{number}"
+        size = self.random.uniform(0.3, 2.0, d)
+        limit = 6 if d == 2 else 4
+        cells = self.random.integers(1, limit + 1, d)
+        if self.chance(0.15):  # slender
+            axis, ratio = int(self.random.integers(d)), 10.0 ** self.random.uniform(1.0, 2.0)
+            size[:] = self.random.uniform(0.5, 1.0, d) * min(ratio, SLENDER) ** -1.0
+            size[axis], cells[:] = 1.0, np.minimum(cells, 2)
+            cells[axis] = int(self.random.integers(5, 40 if d == 2 else 20))
+        elif self.chance(0.1):  # slivers
+            axis = int(self.random.integers(d))
+            size[axis] = size.max() * SLIVER * 10.0 ** self.random.uniform(-1.0, 0.0)
+        lower = np.zeros(d)
+        lower[0] = 3.0 * number
+        if self.chance(0.1):
+            lower += 1e3 * self.random.uniform(-1.0, 1.0, d)
+        lower, size = lower * self.unit, size * self.unit
+        upper = lower + size
+        stiff = self.young * CONTRAST ** self.random.uniform(-0.5, 0.5)
+        made["bodies"].append(
+            {
+                "name": name,
+                "mesh": {
+                    "box": {
+                        "lower": _floats(lower),
+                        "upper": _floats(upper),
+                        "cells": [int(n) for n in cells],
+                        "cell": cell,
+                    }
+                },
+                "material": {"young": float(stiff), "poisson": float(self.random.uniform(0, 0.49))},
+            }
+        )
+        faces = [f"{axis}{side}" for axis in "xyz"[:d] for side in "-+"]
+        faces = [faces[i] for i in self.random.permutation(len(faces))]
+        self.conditions(made, name, faces, size, stiff)
+        for _ in range(int(self.random.integers(0, 4))):
+            # rarely the face that may be held: its nodes are in the obstacle's way, or not at all
+            face = self.choice(faces if self.chance(0.1) else faces[1:])
+            made["contacts"].append(
+                {"on": f"{name}.{face}", "obstacle": self.obstacle(face, lower, upper)}
+            )
+
+    def conditions(
+        self, made: Config, name: str, faces: list[str], size: np.ndarray, stiff: float
+    ) -> None:
+        d = self.dimension
+        held = self.choice(("all", "some", "none"), [0.5, 0.3, 0.2])
+        value: list[float | None]
+        if held == "all":
+            moved = self.random.normal(size=d) * self.strain * size * self.chance(0.3)
+            made["conditions"].append({"on": f"{name}.{faces[0]}", "displacement": _floats(moved)})
+        elif held == "some":
+            value = [0.0 if self.chance(0.5) else None for _ in range(d)]
+            if all(v is None for v in value):
+                value[0] = 0.0
+            made["conditions"].append({"on": f"{name}.{faces[0]}", "displacement": value})
+            if self.chance(0.3):  # a second roller, perhaps over the same nodes
+                value = [None] * d
+                value[int(self.random.integers(d))] = 0.0
+                made["conditions"].append({"on": f"{name}.{faces[1]}", "displacement": value})
+        stress = stiff * self.strain
+        traction = self.random.normal(size=d) * stress
+        made["conditions"].append({"on": f"{name}.{faces[1]}", "traction": _floats(traction)})
+        if self.chance(0.3):
+            force = self.random.normal(size=d) * stress / size.max()
+            made["conditions"].append({"in": name, "force": _floats(force)})
+        if self.chance(0.2):
+            pressure = float(self.random.normal() * stress)
+            made["conditions"].append({"on": f"{name}.{faces[2]}", "pressure": pressure})
+
+    def obstacle(self, face: str, lower: np.ndarray, upper: np.ndarray) -> Config:
+        """One that the face touches, nearly touches, overlaps or may never reach."""
+        d, axis = self.dimension, "xyz".index(face[0])
+        outward = np.zeros(d)
+        outward[axis] = 1.0 if face[1] == "+" else -1.0
+        center = 0.5 * (lower + upper)
+        center[axis] = upper[axis] if face[1] == "+" else lower[axis]
+        corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))))
+        extent = float(np.max(upper - lower))
+        gap = float(self.choice((0.0, 0.0, 1.0, -0.3)) * self.strain * (upper - lower)[axis])
+        kind = self.choice(("plane", "tilted", "sphere", "hollow", "cylinder"))
+        if kind == "cylinder" and d == 2:
+            kind = "plane"
+        if kind in ("plane", "tilted"):
+            if kind == "tilted":
+                tilt = self.choice((0.3, 1e-3)) * self.random.normal(size=d)
+                outward = outward + tilt
+                outward /= np.linalg.norm(outward)
+            reach = float((corners @ outward).max())
+            point = outward * (reach + gap)
+            return {"plane": {"point": _floats(point), "normal": _floats(-outward)}}
+        radius = float(self.random.uniform(1.0, 4.0)) * extent
+        if kind == "sphere":
+            middle = center + outward * (radius + gap)
+            return {"sphere": {"center": _floats(middle), "radius": radius}}
+        if kind == "cylinder":
+            along = np.zeros(3)
+            along[(axis + 1) % 3] = 1.0
+            along += 0.1 * self.random.normal(size=3) * (along == 0.0)
+            point = center + outward * (radius + gap)
+            return {"cylinder": {"point": _floats(point), "axis": _floats(along), "radius": radius}}
+        middle = center - outward * radius
+        around = float(np.linalg.norm(corners - middle, axis=1).max())
+        return {"sphere": {"center": _floats(middle), "radius": around + gap, "hollow": True}}
+
+    def subdomains(self, made: Config) -> Subdomains:
+        least = np.min([b["mesh"]["box"]["cells"] for b in made["bodies"]], axis=0)
+        kind = self.choice(("auto", "split", "graph", "whole"))
+        if kind == "split":
+            return [int(self.random.integers(1, n + 1)) for n in least]
+        if kind == "graph":
+            return len(made["bodies"]) + int(self.random.integers(0, 4))
+        return None if kind == "auto" else 1
+
+
+def _floats(vector: np.ndarray) -> list[float]:
+    return [float(v) for v in vector]

@@ -1,0 +1,89 @@
+"""Random scenes: none hangs, crashes or is certified wrongly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tests.stability import fuzz
+
+FAST, SLOW = 25, 500
+
+
+@pytest.mark.parametrize("seed", range(FAST))
+def test_random_scene(seed: int) -> None:
+    verdict = fuzz.judge(seed)
+    assert not verdict.fault, verdict
+
+
+@pytest.mark.slow
+def test_500_random_scenes() -> None:
+    verdicts = [fuzz.judge(seed) for seed in range(FAST, FAST + SLOW)]
+    assert [v for v in verdicts if v.fault] == []
+    kinds = [v.kind for v in verdicts]
+    assert kinds.count("agrees") > 0.4 * SLOW
+    assert kinds.count("degraded") + kinds.count("undecided") < 0.05 * SLOW
+
+
+def solvable_seed() -> int:
+    return next(seed for seed in range(100) if fuzz.judge(seed).kind == "agrees")
+
+
+def test_an_answer_that_is_off_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The judge itself: a wrong energy with a passing certificate must not get through."""
+    from contact_app import run
+
+    seed, honest = solvable_seed(), run.solve_scene
+
+    def wrong(scene, *rest):
+        solved = honest(scene, *rest)
+        solution = {
+            **solved.summary["solution"],
+            "energy": 1.00001 * solved.summary["solution"]["energy"],
+        }
+        return replace(solved, summary={**solved.summary, "solution": solution})
+
+    monkeypatch.setattr(run, "solve_scene", wrong)
+    assert fuzz.judge(seed).kind == "certified wrongly"
+
+
+def test_denying_an_equilibrium_that_exists_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    from contact_app import run
+    from contact_app.errors import NoEquilibriumError
+
+    seed = solvable_seed()
+
+    def deny(*_):
+        raise NoEquilibriumError("it leaves")
+
+    monkeypatch.setattr(run, "solve_scene", deny)
+    assert fuzz.judge(seed).kind == "denies an equilibrium"
+
+
+def test_a_solve_without_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    from contact_app import run
+
+    def forever(*_):
+        while True:
+            pass
+
+    monkeypatch.setattr(run, "solve_scene", forever)
+    monkeypatch.setattr(fuzz, "PATIENCE", 0.2)
+    assert fuzz.judge(0).kind == "hangs"
+
+
+def test_the_random_scenes_are_what_they_should_be() -> None:
+    """Equal for equal seeds, and with something of everything."""
+    from tests.stability.random_scenes import random_scene
+
+    made = [random_scene(seed)[0] for seed in range(300)]
+    assert made[7] == random_scene(7)[0]
+    kinds = {next(iter(c["obstacle"])) for scene in made for c in scene["contacts"]}
+    assert kinds == {"plane", "sphere", "cylinder"}
+    moduli = [[b["material"]["young"] for b in scene["bodies"]] for scene in made]
+    assert max(max(m) / min(m) for m in moduli) > 1e4
+    boxes = [b["mesh"]["box"] for scene in made for b in scene["bodies"]]
+    edges = [[u - v for u, v in zip(b["upper"], b["lower"], strict=True)] for b in boxes]
+    assert max(max(e) / min(e) for e in edges) > 50
+    assert {b["cell"] for b in boxes} == {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
