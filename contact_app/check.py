@@ -23,11 +23,9 @@ from rich.console import Console
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.model import Outline, boundary_facets, boundary_nodes, outline
 from contact_app.scene import Contact, DisplacementCondition, Pressure, Scene, Traction
-from solver.tfeti.classes import dense_block_pays
+from solver.tfeti.costs import apply_seconds, build_seconds, choose_block
 
 FACTOR_RATE = 4e-7
-PRODUCT_RATE = 3e10
-SOLVE_RATE = 1.5e9
 ROW_RATE = 3e-7
 CELL_RATE = 3e-6
 
@@ -100,14 +98,10 @@ def estimate(scene: Scene, known: Outline) -> Cost:
     seconds = CELL_RATE * partition.cells
     application = ROW_RATE * rows
     for g in groups:
-        sparse_solve = 60.0 * g.unknowns**1.33 / SOLVE_RATE
-        dense = 2.0 * g.interface**2 / PRODUCT_RATE
         seconds += FACTOR_RATE * g.unknowns**1.5
-        if g.interface and dense_block_pays(g.unknowns, g.interface, g.members):
-            seconds += 0.2 * g.interface * sparse_solve
-            application += g.members * dense
-        else:
-            application += g.members * sparse_solve
+        kind = choose_block(g.unknowns, g.interface, g.members, 1)
+        seconds += build_seconds(kind, g.unknowns, g.interface, 1)
+        application += g.members * apply_seconds(kind, g.unknowns, g.interface, 1)
     return Cost(memory, 0.1 + seconds + products * application)
 
 

@@ -31,8 +31,8 @@ from contact_app.scene import (
 )
 from contact_app.timings import Timings
 from meshes import BoxShape, Partition, Subdomain, decompose
-from solver.tfeti.classes import SubdomainClass, dense_block_pays
-from solver.tfeti.coarse import CoarseProblem
+from solver.tfeti.classes import subdomain_class
+from solver.tfeti.coarse import CoarseProblem, petsc_rows
 from solver.tfeti.constraints import (
     ContactRows,
     ContradictionError,
@@ -47,12 +47,9 @@ from solver.tfeti.constraints import (
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.equilibrium import BodyBalance, balance
 from solver.tfeti.exchange import NodeExchange
-from solver.tfeti.generalised_inverse import GeneralisedInverse
 from solver.tfeti.kernels import (
     MOTIONS,
-    check_kernel,
     fixing_nodes,
-    orthonormal_kernel,
     rigid_motions,
 )
 
@@ -569,31 +566,35 @@ def _dual_problem(
     size = 0
     for number, (key, members) in enumerate(groups.items()):
         place[members, 0], place[members, 1] = number, np.arange(len(members))
-        local_nodes = surface.local[members[0]]
-        any_touch = np.zeros((len(local_nodes), d), bool)
+        lifted, local_nodes = lifting[members[0]], surface.local[members[0]]
+        touched_by_any = np.zeros((len(local_nodes), d), bool)
         for local in members:
-            any_touch |= touched[surface.copies(local)]
-        node, component = np.nonzero(any_touch)
-        interface = local_nodes[node] * d + component
-        position = np.where(any_touch, np.cumsum(any_touch.ravel()).reshape(-1, d) - 1, -1)
-        for nth, local in enumerate(members):
-            shifted = position + size + nth * len(interface)
-            columns[surface.copies(local)] = np.where(any_touch, shifted, -1)
-        size += len(interface) * len(members)
+            touched_by_any |= touched[surface.copies(local)]
+        node, component = np.nonzero(touched_by_any)
         with timings.measure("assembly"):
             stiffness = elements[key[0]].stiffness(key[1], scene.plane)
         with timings.measure("factorization"):
             points = elements[key[0]].reference.points
-            cls = _subdomain_class(stiffness, points, d, lifting[members[0]], interface, members)
+            cls = subdomain_class(
+                stiffness, points, d, local_nodes[node] * d + component, len(members),
+                None if lifted is None else lifted[0],
+            )  # fmt: skip
+        place_of = np.full(cls.unknowns, -1, np.int64)
+        place_of[cls.interface] = np.arange(len(cls.interface))
+        position = place_of[local_nodes[:, None] * d + np.arange(d)]
+        for nth, local in enumerate(members):
+            shifted = position + size + nth * len(cls.interface)
+            columns[surface.copies(local)] = np.where(position >= 0, shifted, -1)
+        size += len(cls.interface) * len(members)
         classes.append(cls)
         load = np.zeros((cls.unknowns, len(members)), order="F")
         lift = np.zeros_like(load)
         for nth, local in enumerate(members):
             if loads[local] is not None:
                 load[:, nth] = loads[local]
-            lifted = lifting[local]
-            if lifted is not None:
-                lift[lifted[0], nth] = lifted[1]
+            own = lifting[local]
+            if own is not None:
+                lift[own[0], nth] = own[1]
         class_loads.append(load)
         class_lifts.append(lift)
 
@@ -610,7 +611,8 @@ def _dual_problem(
     coarse = None
     if comm.allreduce(len(e)):
         with timings.measure("factorization"):
-            coarse = CoarseProblem(B.matMult(_kernel_matrix(comm, classes, size, len(e))))
+            kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
+            coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT)
     problem = DualProblem(
         comm=comm,
         dimension=d,
@@ -626,34 +628,6 @@ def _dual_problem(
         held_without_contact=held_without_contact,
     )
     return problem, place, list(groups)
-
-
-def _subdomain_class(
-    K: sparse.csr_matrix,
-    points: NDArray[np.float64],
-    d: int,
-    lifted: tuple[NDArray[np.int64], NDArray[np.float64]] | None,
-    interface: NDArray[np.int64],
-    members: list[int],
-) -> SubdomainClass:
-    """Factor one congruence class."""
-    rigid = orthonormal_kernel(points, d)
-    check_kernel(K, rigid)
-    free = np.arange(K.shape[0])
-    if lifted is None:
-        kernel = rigid
-        nodes = fixing_nodes(points, d)
-        fixing = (nodes[:, None] * d + np.arange(d)).ravel()
-        inverse = GeneralisedInverse(K, kernel, fixing)
-    else:
-        kernel = np.zeros((K.shape[0], 0))
-        free = np.setdiff1d(free, lifted[0])
-        inverse = GeneralisedInverse(K[free][:, free], kernel[free], np.zeros(0, np.int64))
-    block = None
-    if len(interface) and dense_block_pays(K.shape[0], len(interface), len(members)):
-        block = inverse.restricted(np.searchsorted(free, interface))
-    return SubdomainClass(K, kernel, free, interface, np.array(members), inverse, block
-    )  # fmt: skip
 
 
 def _constraint_matrix(
@@ -681,32 +655,4 @@ def _constraint_matrix(
         shape=(len(kinds), total),
     )
     local.sort_indices()
-    return _petsc_rows(comm, local, size), c, kinds
-
-
-def _kernel_matrix(
-    comm: MPI.Intracomm, classes: list[SubdomainClass], size: int, kernels: int
-) -> PETSc.Mat:
-    """R restricted to interface unknowns, (interface, kernels), one dense block a subdomain."""
-    blocks = [cls.kernel[cls.interface] for cls in classes for _ in range(len(cls.members))]
-    diagonal = sparse.block_diag(blocks, format="coo") if blocks else sparse.coo_matrix((0, 0))
-    first, total = comm.exscan(kernels) or 0, comm.allreduce(kernels)
-    local = sparse.csr_matrix(
-        (diagonal.data, (diagonal.row, diagonal.col + first)), shape=(size, total)
-    )
-    return _petsc_rows(comm, local, kernels)
-
-
-def _petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> PETSc.Mat:
-    """A distributed PETSc matrix from each rank's rows, with its share of the columns."""
-    matrix = PETSc.Mat().createAIJ(
-        ((local.shape[0], PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
-        csr=(
-            local.indptr.astype(PETSc.IntType),
-            local.indices.astype(PETSc.IntType),
-            local.data,
-        ),
-        comm=comm,
-    )
-    matrix.assemble()
-    return matrix
+    return petsc_rows(comm, local, size), c, kinds

@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.generalised_inverse import GeneralisedInverse
+from solver.tfeti.costs import BlockKind, choose_block
+from solver.tfeti.generalised_inverse import (
+    Block,
+    DenseBlock,
+    GeneralisedInverse,
+    Inverse,
+    SymmetricInverse,
+)
+from solver.tfeti.kernels import check_kernel, fixing_nodes, orthonormal_kernel
+from solver.tfeti.symmetry import find_symmetry
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,21 +39,21 @@ class SubdomainClass:
         Unknowns that are solved for; all of them unless held ones are eliminated.
     interface : (i,)
         Unknowns that B touches in some member.
-    members : (s,)
-        Local numbers of the subdomains.
+    members
+        How many subdomains share all this.
     inverse
         K⁺ on the free unknowns.
     block : (i, i) or None
-        K⁺ restricted to the interface, where that pays.
+        K⁺ between interface unknowns, where that pays.
     """
 
     stiffness: sparse.csr_matrix
     kernel: NDArray[np.float64]
     free: NDArray[np.int64]
     interface: NDArray[np.int64]
-    members: NDArray[np.int64]
-    inverse: GeneralisedInverse
-    block: NDArray[np.float64] | None
+    members: int
+    inverse: Inverse
+    block: Block | None
 
     @property
     def unknowns(self) -> int:
@@ -62,7 +71,7 @@ class SubdomainClass:
     def apply_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """K⁺ on interface vectors, one row a member: (s, i) to (s, i)."""
         if self.block is not None:
-            np.matmul(loads, self.block, out=out)
+            self.block.apply(loads, out)
             return
         place = np.searchsorted(self.free, self.interface)
         full = np.zeros((len(self.free), len(loads)), order="F")
@@ -70,22 +79,55 @@ class SubdomainClass:
         out[:] = self.inverse.solve(full)[place].T
 
 
-APPLICATIONS = 150
-"""Applications of the dual operator a solve is expected to need; weighs the dense block."""
+def subdomain_class(
+    stiffness: sparse.csr_matrix,
+    points: NDArray[np.float64],
+    dimension: int,
+    touched: NDArray[np.int64],
+    members: int,
+    eliminated: NDArray[np.int64] | None,
+) -> SubdomainClass:
+    """Factor the stiffness of a congruence class and choose how K⁺ is applied.
 
-BLOCK_LIMIT = 3e9
-"""Largest dense block, in bytes."""
+    Parameters
+    ----------
+    stiffness : (n, n)
+        K; unknown ``node * dimension + component``.
+    points : (nodes, 3)
+    touched
+        Unknowns B touches in some member. Their mirror images join the interface where the class
+        is symmetric.
+    eliminated
+        Held unknowns that are eliminated; None where the members float.
 
-
-def dense_block_pays(unknowns: int, interface: int, members: int) -> bool:
-    """Whether the dense interface block costs less than sparse solves over a whole run.
-
-    Building it takes one sparse solve a column of the interface; each application then replaces
-    one sparse solve a member by a row of a matrix product, some thirty times cheaper.
+    Raises
+    ------
+    ValueError, ArithmeticError
+        The stiffness resists a rigid motion, or has further zero-energy modes.
     """
-    if 8.0 * interface**2 > BLOCK_LIMIT:
-        return False
-    product = 2.0 * interface**2 / 3e10
-    sparse_solve = 60.0 * unknowns**1.33 / 1.5e9
-    dense = interface * sparse_solve + APPLICATIONS * members * product
-    return dense < APPLICATIONS * members * sparse_solve
+    rigid = orthonormal_kernel(points, dimension)
+    check_kernel(stiffness, rigid)
+    every = np.arange(stiffness.shape[0])
+    inverse: Inverse
+    if eliminated is not None:
+        free = np.setdiff1d(every, eliminated)
+        kernel = np.zeros((len(every), 0))
+        inverse = GeneralisedInverse(stiffness[free][:, free], kernel[free], every[:0])
+        interface, how = touched, choose_block(len(free), len(touched), members, 1)
+    else:
+        free, kernel = every, rigid
+        nodes = fixing_nodes(points, dimension)
+        fixing = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
+        symmetry = find_symmetry(points, dimension, stiffness)
+        interface = np.unique(touched) if symmetry is None else symmetry.closure(touched)
+        how = choose_block(len(free), len(interface), members, symmetry.order if symmetry else 1)
+        if symmetry is None or how is BlockKind.NONE:
+            inverse = GeneralisedInverse(stiffness, kernel, fixing)
+        else:
+            inverse = SymmetricInverse(stiffness, kernel, fixing, symmetry)
+    block: Block | None = None
+    if how is not BlockKind.NONE:
+        block = inverse.restricted(np.searchsorted(free, interface))
+        if how is BlockKind.DENSE:
+            block = DenseBlock(block.toarray())
+    return SubdomainClass(stiffness, kernel, free, interface, members, inverse, block)

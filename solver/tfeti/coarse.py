@@ -9,12 +9,14 @@ does not depend on the scaling of R.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import copy
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
 
 
 def petsc_vec(values: NDArray[np.float64], comm: MPI.Intracomm) -> PETSc.Vec:
@@ -25,10 +27,18 @@ def petsc_vec(values: NDArray[np.float64], comm: MPI.Intracomm) -> PETSc.Vec:
 class CoarseProblem:
     """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
 
+    G = Rᵀ Bᵀ is applied as it is written: B once, then one product with the small dense kernel of
+    each class; the product of the two, twelve entries a row, would take several times longer.
+
     Parameters
     ----------
-    Gt : (dual, kernels)
-        Gᵀ = B R as a PETSc matrix, of full column rank.
+    B : (dual, interface)
+        Constraint matrix on interface unknowns.
+    kernels : one (members, (m, k) array) pair a class
+        Kernel on the class's m interface unknowns, in the order of B's columns: a run of m for
+        each member.
+    inequality : (dual,)
+        Contact rows, which `weighted` may weigh down.
 
     Raises
     ------
@@ -36,15 +46,59 @@ class CoarseProblem:
         G Gᵀ is singular: some rigid motion is seen by no row of B.
     """
 
-    def __init__(self, Gt: PETSc.Mat) -> None:
-        self.comm: MPI.Intracomm = Gt.getComm().tompi4py()
-        self.Gt = Gt
-        self.size = Gt.getLocalSize()[0]
-        self.kernels = Gt.getLocalSize()[1]
-        GGt = Gt.transposeMatMult(Gt)
-        GGt.setOption(PETSc.Mat.Option.SPD, True)
+    def __init__(
+        self,
+        B: PETSc.Mat,
+        kernels: Sequence[tuple[int, NDArray[np.float64]]],
+        inequality: NDArray[np.bool_],
+    ) -> None:
+        self.comm: MPI.Intracomm = B.getComm().tompi4py()
+        self.B = B
+        self.size, interface = B.getLocalSize()
+        self.kernels = sum(members * R.shape[1] for members, R in kernels)
+        self._classes = _kernel_parts(kernels)
+        Gt = B.matMult(_kernel_matrix(self.comm, kernels, interface, self.kernels))
+        self._gram = Gt.transposeMatMult(Gt)
+        self._contact_rows = np.flatnonzero(inequality)
+        self._contact = _rows_of(Gt, self._contact_rows)
+        Gt.destroy()
+        self._weights: NDArray[np.float64] | None = None
+        self._interface = np.empty(interface)
+        self._dual = np.empty(self.size)
+        self._coarse = np.empty(self.kernels)
+        self._solution = np.empty(self.kernels)
+        self._factor(self._gram)
+
+    def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
+        """The coarse problem of W B, with weights W that differ from one on contact rows alone.
+
+        Its G Gᵀ is this one less what the contact rows lose.
+
+        Parameters
+        ----------
+        weights : (dual,)
+        """
+        result = copy(self)
+        lost = 1.0 - weights[self._contact_rows] ** 2
+        if self._weights is not None:
+            weights = weights * self._weights
+            lost *= self._weights[self._contact_rows] ** 2
+        part = self._contact.duplicate(copy=True)
+        part.diagonalScale(L=petsc_vec(np.sqrt(np.maximum(lost, 0.0)), self.comm))
+        gram = self._gram.duplicate(copy=True)
+        loss = part.transposeMatMult(part)
+        gram.axpy(-1.0, loss, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        for matrix in (part, loss):
+            matrix.destroy()
+        result._gram = gram
+        result._weights = weights
+        result._factor(gram)
+        return result
+
+    def _factor(self, gram: PETSc.Mat) -> None:
+        gram.setOption(PETSc.Mat.Option.SPD, True)
         self._pc = PETSc.PC().create(self.comm)
-        self._pc.setOperators(GGt)
+        self._pc.setOperators(gram)
         self._pc.setType("cholesky")
         self._pc.setFactorSolverType("cholmod" if self.comm.size == 1 else "mumps")
         try:
@@ -53,9 +107,6 @@ class CoarseProblem:
             raise ArithmeticError(
                 "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"
             ) from error
-        self._dual = np.empty(self.size)
-        self._coarse = np.empty(self.kernels)
-        self._solution = np.empty(self.kernels)
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
@@ -63,11 +114,21 @@ class CoarseProblem:
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
-        self.Gt.multTranspose(petsc_vec(dual, self.comm), petsc_vec(out, self.comm))
+        if self._weights is not None:
+            dual = self._weights * dual
+        self.B.multTranspose(petsc_vec(dual, self.comm), petsc_vec(self._interface, self.comm))
+        for interface, coarse, members, R in self._classes:
+            forces = self._interface[interface].reshape(members, -1)
+            np.matmul(forces, R, out=out[coarse].reshape(members, -1))
 
     def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Gᵀ times a coarse vector."""
-        self.Gt.mult(petsc_vec(coarse, self.comm), petsc_vec(out, self.comm))
+        for interface, part, members, R in self._classes:
+            motions = self._interface[interface].reshape(members, -1)
+            np.matmul(coarse[part].reshape(members, -1), R.T, out=motions)
+        self.B.mult(petsc_vec(self._interface, self.comm), petsc_vec(out, self.comm))
+        if self._weights is not None:
+            out *= self._weights
 
     def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
         """(G Gᵀ)⁻¹ G times a dual vector: the α whose Gᵀ α is closest to it."""
@@ -86,6 +147,67 @@ class CoarseProblem:
         """P x = x - Q x; `out` may be `x`."""
         self.apply(x, self._dual)
         np.subtract(x, self._dual, out=out)
+
+
+def _kernel_parts(
+    kernels: Sequence[tuple[int, NDArray[np.float64]]],
+) -> list[tuple[slice, slice, int, NDArray[np.float64]]]:
+    """Places in interface and coarse vectors, members and kernel of each class."""
+    parts = []
+    interface = coarse = 0
+    for members, R in kernels:
+        ends = interface + members * R.shape[0], coarse + members * R.shape[1]
+        parts.append((slice(interface, ends[0]), slice(coarse, ends[1]), members, R))
+        interface, coarse = ends
+    return parts
+
+
+def _kernel_matrix(
+    comm: MPI.Intracomm,
+    kernels: Sequence[tuple[int, NDArray[np.float64]]],
+    interface: int,
+    columns: int,
+) -> PETSc.Mat:
+    """R on interface unknowns, (interface, kernels), one dense block a subdomain."""
+    first, total = comm.exscan(columns) or 0, comm.allreduce(columns)
+    width, places, values = [], [], []
+    for members, R in kernels:
+        m, k = R.shape
+        width.append(np.full(members * m, k))
+        place = first + k * np.arange(members)[:, None, None] + np.arange(k)
+        places.append(np.broadcast_to(place, (members, m, k)).reshape(-1))
+        values.append(np.broadcast_to(R, (members, m, k)).reshape(-1))
+        first += members * k
+    indptr = np.concatenate([[0], np.cumsum(np.concatenate(width))]) if width else np.zeros(1, int)
+    local = sparse.csr_matrix(
+        (np.concatenate(values or [np.zeros(0)]), np.concatenate(places or [np.zeros(0, int)]),
+         indptr), shape=(interface, total),
+    )  # fmt: skip
+    return petsc_rows(comm, local, columns)
+
+
+def petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> PETSc.Mat:
+    """A distributed PETSc matrix from each rank's rows, with its share of the columns."""
+    matrix = PETSc.Mat().createAIJ(
+        ((local.shape[0], PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
+        csr=(
+            local.indptr.astype(PETSc.IntType),
+            local.indices.astype(PETSc.IntType),
+            local.data,
+        ),
+        comm=comm,
+    )
+    matrix.assemble()
+    return matrix
+
+
+def _rows_of(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
+    """Some of each rank's own rows (local numbers), all columns."""
+    first, _ = matrix.getOwnershipRange()
+    columns = matrix.getOwnershipRangeColumn()
+    wanted = PETSc.IS().createGeneral((rows + first).astype(PETSc.IntType), comm=matrix.comm)
+    every = PETSc.IS().createStride(columns[1] - columns[0], columns[0], 1, comm=matrix.comm)
+    return matrix.createSubMatrix(wanted, every)
 
 
 class ProjectorEquality:

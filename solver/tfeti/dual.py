@@ -51,7 +51,7 @@ class DualOperator:
         """F x."""
         self.B.multTranspose(petsc_vec(x, self.comm), petsc_vec(self._loads, self.comm))
         for cls, part in zip(self.classes, self._slices, strict=True):
-            shape = (len(cls.members), len(cls.interface))
+            shape = (cls.members, len(cls.interface))
             cls.apply_interface(
                 self._loads[part].reshape(shape), self._displacements[part].reshape(shape)
             )
@@ -60,7 +60,7 @@ class DualOperator:
 
 def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
     """Where each class lives in an interface vector."""
-    ends = np.cumsum([0, *(len(c.members) * len(c.interface) for c in classes)])
+    ends = np.cumsum([0, *(c.members * len(c.interface) for c in classes)])
     return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
 
@@ -223,8 +223,8 @@ class DualProblem:
         self.B.multTranspose(petsc_vec(multiplier, self.comm), petsc_vec(interface, self.comm))
         forces = []
         for cls, part in zip(self.classes, interface_slices(self.classes), strict=True):
-            full = np.zeros((cls.unknowns, len(cls.members)), order="F")
-            full[cls.interface] = interface[part].reshape(len(cls.members), -1).T
+            full = np.zeros((cls.unknowns, cls.members), order="F")
+            full[cls.interface] = interface[part].reshape(cls.members, -1).T
             forces.append(full)
         return forces
 
@@ -240,24 +240,18 @@ class DualProblem:
             Contact rows kept as equalities.
         """
         keep = np.where(self.inequality & ~touching, 0.0, 1.0)
-        weights = petsc_vec(keep, self.comm)
         B = self.B.copy()
-        B.diagonalScale(L=weights)
-        coarse = self.coarse
-        if coarse is not None:
-            Gt = coarse.Gt.copy()
-            Gt.diagonalScale(L=weights)
-            coarse = CoarseProblem(Gt)
+        B.diagonalScale(L=petsc_vec(keep, self.comm))
         return replace(
             self,
             B=B,
             c=self.c * keep,
             kinds=np.where(self.inequality, np.int8(RowKind.SUPPORT), self.kinds),
             contact=self.contact.none(),
-            coarse=coarse,
+            coarse=None if self.coarse is None else self.coarse.weighted(keep),
         )
 
     def kernel_slices(self) -> list[slice]:
         """Where the kernels of each class live in a coarse vector."""
-        ends = np.cumsum([0, *(len(c.members) * c.kernel.shape[1] for c in self.classes)])
+        ends = np.cumsum([0, *(c.members * c.kernel.shape[1] for c in self.classes)])
         return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

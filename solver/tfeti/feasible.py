@@ -10,7 +10,6 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.coarse import CoarseProblem, petsc_vec
 from solver.tfeti.dual import DualProblem
 
 ROUNDS = 40
@@ -52,9 +51,7 @@ def _balance(
     """
     assert problem.coarse is not None
     root = np.where(open_rows, OPEN_WEIGHT, 1.0)
-    scaled = problem.coarse.Gt.copy()
-    scaled.diagonalScale(L=petsc_vec(root, problem.comm))
-    coarse = CoarseProblem(scaled)
+    coarse = problem.coarse.weighted(root)
     missing, solution = np.empty(len(problem.e)), np.empty(len(problem.e))
     change = np.empty(problem.size)
     tolerance = 1e-13 * max(

@@ -1,4 +1,4 @@
-"""A generalised inverse K⁺ of a singular stiffness by one sparse Cholesky factor.
+"""A generalised inverse K⁺ of a singular stiffness by sparse Cholesky factors.
 
 Fixing nodes carry the regularisation (Brzobohatý, Dostál, Kozubek, Kovář, Markopoulos, *Cholesky
 decomposition with fixing nodes to stable computation of a generalized inverse of the stiffness
@@ -8,22 +8,113 @@ zeros elsewhere,
     K_ρ = K + ρ N (Nᵀ N)⁻¹ Nᵀ
 
 is positive definite, and K_ρ x = K u implies Rᵀ N (Nᵀ N)⁻¹ Nᵀ x = Nᵀ x = 0, hence K x = K u:
-K K_ρ⁻¹ K = K exactly, whatever ρ. The factor is CHOLMOD's, through PETSc.
+K K_ρ⁻¹ K = K exactly, whatever ρ. Where the subdomain has reflections and the fixing nodes keep
+them, K_ρ falls into one block for each character, and so does everything made of it.
 """
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.tfeti.symmetry import Symmetry
+
 COLUMNS_AT_ONCE = 256
 """Right-hand sides a sparse solve takes at once; more only cost memory."""
 
 
+class Inverse(Protocol):
+    """K⁺ of one class."""
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> Block:
+        """K⁺ between some unknowns."""
+
+
+class Block(Protocol):
+    """A dense part of K⁺, symmetric, applied to many members at once."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+
+    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """One row a member: (s, m) to (s, m)."""
+
+    def toarray(self) -> NDArray[np.float64]:
+        """The block as one matrix, (m, m)."""
+
+
+class CholeskyFactor:
+    """CHOLMOD's factor of a sparse positive definite matrix, through PETSc.
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix is not positive definite.
+    """
+
+    def __init__(self, matrix: sparse.spmatrix) -> None:
+        rows = matrix.tocsr()
+        rows.sort_indices()
+        self.size = rows.shape[0]
+        petsc = PETSc.Mat().createAIJ(
+            rows.shape,
+            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+            comm=PETSc.COMM_SELF,
+        )
+        petsc.setOption(PETSc.Mat.Option.SPD, True)
+        self._pc = PETSc.PC().create(PETSc.COMM_SELF)
+        self._pc.setOperators(petsc)
+        self._pc.setType("cholesky")
+        self._pc.setFactorSolverType("cholmod")
+        try:
+            self._pc.setUp()
+        except PETSc.Error as error:
+            raise ArithmeticError(
+                "a subdomain's stiffness has no Cholesky factor once its rigid motions are "
+                "fixed: it has further zero-energy modes, or cells of no volume"
+            ) from error
+        self._factor = self._pc.getFactorMatrix()
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
+        result = np.empty(loads.shape, order="F")
+        loads = np.asfortranarray(loads)
+        for begin in range(0, loads.shape[1], COLUMNS_AT_ONCE):
+            part = slice(begin, begin + COLUMNS_AT_ONCE)
+            b = PETSc.Mat().createDense(
+                loads[:, part].shape, array=loads[:, part], comm=PETSc.COMM_SELF
+            )
+            x = PETSc.Mat().createDense(
+                loads[:, part].shape, array=result[:, part], comm=PETSc.COMM_SELF
+            )
+            self._factor.matSolve(b, x)
+            b.destroy()
+            x.destroy()
+        return result
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The inverse between some unknowns, (m, m), symmetric."""
+        block = np.empty((len(unknowns), len(unknowns)))
+        for begin in range(0, len(unknowns), COLUMNS_AT_ONCE):
+            part = unknowns[begin : begin + COLUMNS_AT_ONCE]
+            unit = np.zeros((self.size, len(part)), order="F")
+            unit[part, np.arange(len(part))] = 1.0
+            block[:, begin : begin + len(part)] = self.solve(unit)[unknowns]
+        block += block.T.copy()
+        block *= 0.5
+        return block
+
+
 class GeneralisedInverse:
-    """K⁺ of a symmetric positive semidefinite sparse matrix.
+    """K⁺ of a symmetric positive semidefinite sparse matrix by one factor (protocol `Inverse`).
 
     Parameters
     ----------
@@ -46,61 +137,140 @@ class GeneralisedInverse:
         kernel: NDArray[np.float64],
         fixing: NDArray[np.int64],
     ) -> None:
-        self.size = stiffness.shape[0]
-        regular = stiffness.tocsr()
-        if kernel.shape[1]:
-            basis = np.linalg.qr(kernel[fixing])[0]
-            ρ = float(stiffness.diagonal().mean())
-            rows, columns = np.meshgrid(fixing, fixing, indexing="ij")
-            block = sparse.csr_matrix(
-                ((ρ * basis @ basis.T).ravel(), (rows.ravel(), columns.ravel())),
-                shape=stiffness.shape,
-            )
-            regular = (regular + block).tocsr()
-        regular.sort_indices()
-        matrix = PETSc.Mat().createAIJ(
-            regular.shape,
-            csr=(regular.indptr.astype(PETSc.IntType), regular.indices.astype(PETSc.IntType),
-                 regular.data),
-            comm=PETSc.COMM_SELF,
-        )  # fmt: skip
-        matrix.setOption(PETSc.Mat.Option.SPD, True)
-        self._pc = PETSc.PC().create(PETSc.COMM_SELF)
-        self._pc.setOperators(matrix)
-        self._pc.setType("cholesky")
-        self._pc.setFactorSolverType("cholmod")
-        try:
-            self._pc.setUp()
-        except PETSc.Error as error:
-            raise ArithmeticError(
-                "a subdomain's stiffness has no Cholesky factor once its rigid motions are "
-                "fixed: it has further zero-energy modes, or cells of no volume"
-            ) from error
-        self._factor = self._pc.getFactorMatrix()
+        self._factor = CholeskyFactor(_regularised(stiffness, kernel, fixing))
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
-        result = np.empty(loads.shape, order="F")
-        loads = np.asfortranarray(loads)
+        return self._factor.solve(loads)
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> DenseBlock:
+        """K⁺ between some unknowns."""
+        return DenseBlock(self._factor.restricted(unknowns))
+
+
+class SymmetricInverse:
+    """K⁺ of a subdomain with reflections: one factor for each character (protocol `Inverse`).
+
+    Parameters and errors are those of `GeneralisedInverse`; `fixing` may be any set, its mirror
+    images are added.
+    """
+
+    def __init__(
+        self,
+        stiffness: sparse.csr_matrix,
+        kernel: NDArray[np.float64],
+        fixing: NDArray[np.int64],
+        symmetry: Symmetry,
+    ) -> None:
+        self.symmetry = symmetry
+        regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
+        self._bases = symmetry.bases(np.arange(stiffness.shape[0]))
+        self._transposed = [V.T.tocsr() for V in self._bases]
+        self._factors = []
+        for V in self._bases:
+            # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
+            first, orbit = V.indices[V.indptr[:-1]], np.diff(V.indptr)
+            self._factors.append(
+                CholeskyFactor(sparse.diags(np.sqrt(orbit)) @ (regular[first] @ V))
+            )
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
+        result = np.zeros(loads.shape, order="F")
         for begin in range(0, loads.shape[1], COLUMNS_AT_ONCE):
             part = slice(begin, begin + COLUMNS_AT_ONCE)
-            b = PETSc.Mat().createDense(
-                loads[:, part].shape, array=loads[:, part], comm=PETSc.COMM_SELF
-            )
-            x = PETSc.Mat().createDense(
-                loads[:, part].shape, array=result[:, part], comm=PETSc.COMM_SELF
-            )
-            self._factor.matSolve(b, x)
-            b.destroy()
-            x.destroy()
+            columns = np.ascontiguousarray(loads[:, part])
+            total = np.zeros(columns.shape)
+            for V, Vt, factor in zip(self._bases, self._transposed, self._factors, strict=True):
+                total += V @ np.ascontiguousarray(factor.solve(Vt @ columns))
+            result[:, part] = total
         return result
 
-    def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Dense block of K⁺ at some unknowns, (m, m), symmetric."""
-        block = np.empty((len(unknowns), len(unknowns)))
-        for begin in range(0, len(unknowns), COLUMNS_AT_ONCE):
-            part = unknowns[begin : begin + COLUMNS_AT_ONCE]
-            unit = np.zeros((self.size, len(part)), order="F")
-            unit[part, np.arange(len(part))] = 1.0
-            block[:, begin : begin + len(part)] = self.solve(unit)[unknowns]
-        return 0.5 * (block + block.T)
+    def restricted(self, unknowns: NDArray[np.int64]) -> SymmetricBlock:
+        """K⁺ between some unknowns, which are closed under reflection and sorted."""
+        inside = np.zeros(self._bases[0].shape[0], bool)
+        inside[unknowns] = True
+        blocks = []
+        for V, factor in zip(self._bases, self._factors, strict=True):
+            columns = np.flatnonzero(inside[V.indices[V.indptr[:-1]]])
+            blocks.append(factor.restricted(columns))
+        return SymmetricBlock(blocks, self.symmetry.bases(unknowns))
+
+
+class DenseBlock:
+    """A dense part of K⁺ as one matrix (protocol `Block`)."""
+
+    def __init__(self, matrix: NDArray[np.float64]) -> None:
+        self.matrix = matrix
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        return self.matrix.nbytes
+
+    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """One row a member: (s, m) to (s, m)."""
+        np.matmul(loads, self.matrix, out=out)
+
+    def toarray(self) -> NDArray[np.float64]:
+        """The block as one matrix, (m, m)."""
+        return self.matrix
+
+
+class SymmetricBlock:
+    """A dense part of K⁺ as one matrix for each character (protocol `Block`).
+
+    Parameters
+    ----------
+    blocks : one (m_χ, m_χ) array a character
+    bases : one (m, m_χ) matrix a character
+        Orthonormal V_χ.
+    """
+
+    MEMBERS_AT_ONCE = 64
+    """Members transformed together: few enough to stay in cache, enough for a fast product."""
+
+    def __init__(self, blocks: list[NDArray[np.float64]], bases: list[sparse.csc_matrix]) -> None:
+        self.blocks = blocks
+        ends = np.cumsum([0, *(len(b) for b in blocks)])
+        self._parts = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self._back = sparse.hstack(bases).tocsr()
+        self._there = self._back.T.tocsr()
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        return sum(b.nbytes for b in self.blocks)
+
+    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """One row a member: (s, m) to (s, m)."""
+        for begin in range(0, len(loads), self.MEMBERS_AT_ONCE):
+            members = slice(begin, begin + self.MEMBERS_AT_ONCE)
+            split = self._there @ np.ascontiguousarray(loads[members].T)
+            solved = np.empty_like(split)
+            for block, part in zip(self.blocks, self._parts, strict=True):
+                np.matmul(block, split[part], out=solved[part])
+            out[members] = (self._back @ solved).T
+
+    def toarray(self) -> NDArray[np.float64]:
+        """The block as one matrix, (m, m)."""
+        result = np.zeros(self._back.shape)
+        for block, part in zip(self.blocks, self._parts, strict=True):
+            V = self._back[:, part]
+            result += V @ (V @ block.T).T
+        return result
+
+
+def _regularised(
+    stiffness: sparse.csr_matrix, kernel: NDArray[np.float64], fixing: NDArray[np.int64]
+) -> sparse.csr_matrix:
+    """K + ρ N (Nᵀ N)⁻¹ Nᵀ; K itself where there is no kernel."""
+    if not kernel.shape[1]:
+        return stiffness
+    basis = np.linalg.qr(kernel[fixing])[0]
+    ρ = float(stiffness.diagonal().mean())
+    rows, columns = np.meshgrid(fixing, fixing, indexing="ij")
+    block = sparse.csr_matrix(
+        ((ρ * basis @ basis.T).ravel(), (rows.ravel(), columns.ravel())), shape=stiffness.shape
+    )
+    return (stiffness + block).tocsr()

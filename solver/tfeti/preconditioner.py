@@ -37,7 +37,7 @@ class LumpedPreconditioner:
         assert problem.coarse is not None
         self.comm, self.B, self.coarse, self.rho = problem.comm, problem.B, problem.coarse, rho
         self._slices = interface_slices(problem.classes)
-        self._shapes = [(len(c.members), len(c.interface)) for c in problem.classes]
+        self._shapes = [(c.members, len(c.interface)) for c in problem.classes]
         self._stiffness = [
             _fastest(c.stiffness[c.interface][:, c.interface]) for c in problem.classes
         ]

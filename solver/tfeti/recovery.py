@@ -57,6 +57,6 @@ def displacements(
     ):
         u = cls.solve(load - force) + lift
         if cls.kernel.shape[1]:
-            u += cls.kernel @ alpha[part].reshape(len(cls.members), -1).T
+            u += cls.kernel @ alpha[part].reshape(cls.members, -1).T
         result.append(u)
     return result

@@ -1,0 +1,114 @@
+"""Reflections of a subdomain and the inverse they split."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from solver.tfeti.generalised_inverse import GeneralisedInverse, SymmetricBlock, SymmetricInverse
+from solver.tfeti.kernels import fixing_nodes, orthonormal_kernel
+from solver.tfeti.symmetry import find_symmetry
+
+
+def springs(cells: tuple[int, ...], strength: np.ndarray | None = None) -> tuple:
+    """A lattice of points, each tied by springs to all its neighbours, across diagonals too."""
+    d = len(cells)
+    index = np.array(list(product(*(range(n + 1) for n in cells))))
+    points = np.zeros((len(index), 3))
+    points[:, :d] = index * np.array([1.0, 0.7, 1.3])[:d]
+    pairs = [
+        (i, j)
+        for i in range(len(index))
+        for j in range(i)
+        if np.abs(index[i] - index[j]).max() == 1
+    ]
+    K = np.zeros((len(index) * d,) * 2)
+    for i, j in pairs:
+        along = (points[i] - points[j])[:d]
+        stretch = np.zeros(len(K))
+        stretch[i * d : (i + 1) * d], stretch[j * d : (j + 1) * d] = along, -along
+        weight = 1.0 if strength is None else strength[i] * strength[j]
+        K += weight * np.outer(stretch, stretch) / (along @ along)
+    return points, sparse.csr_matrix(K)
+
+
+@pytest.mark.parametrize("cells", [(2, 2), (3, 2), (2, 2, 2), (3, 2, 1)])
+def test_reflections_are_found_and_leave_the_stiffness_alone(cells: tuple[int, ...]) -> None:
+    points, K = springs(cells)
+    symmetry = find_symmetry(points, len(cells), K)
+    assert symmetry is not None
+    assert symmetry.order == 2 ** len(cells)
+    for image, sign in zip(symmetry.images, symmetry.signs, strict=True):
+        S = sparse.coo_matrix((sign.astype(float), (image, np.arange(len(image)))), K.shape).tocsr()
+        assert abs(S @ K @ S.T - K).max() < 1e-12
+
+
+def test_only_the_reflections_of_the_stiffness_count() -> None:
+    """A lattice stiffer on one side keeps the mirror that swaps the other two sides."""
+    points, _ = springs((2, 2))
+    _, K = springs((2, 2), 1.0 + points[:, 0])
+    symmetry = find_symmetry(points, 2, K)
+    assert symmetry is not None
+    assert symmetry.order == 2
+    np.testing.assert_array_equal(symmetry.signs[1][:2], [1, -1])
+
+
+def test_a_product_of_reflections_may_be_the_only_symmetry() -> None:
+    """Kuhn's cut of a cube into tetrahedra goes over into itself in the point mirror alone."""
+    points, _ = springs((2, 2))
+    strength = 1.0 + np.abs(points[:, 0] / 2.0 + points[:, 1] / 1.4 - 1.0)
+    _, K = springs((2, 2), strength)
+    symmetry = find_symmetry(points, 2, K)
+    assert symmetry is not None
+    assert symmetry.order == 2
+    np.testing.assert_array_equal(symmetry.signs[1], -1)
+
+
+def test_no_symmetry_is_none() -> None:
+    points, _ = springs((2, 2))
+    _, K = springs((2, 2), np.random.default_rng(0).uniform(1.0, 2.0, len(points)))
+    assert find_symmetry(points, 2, K) is None
+    moved = points + np.array([[0.1, 0.0, 0.0]]) * (np.arange(len(points)) == 0)[:, None]
+    assert find_symmetry(moved, 2, springs((2, 2))[1]) is None
+
+
+@pytest.mark.parametrize("cells", [(3, 2), (2, 2, 2), (3, 2, 2)])
+def test_bases_are_orthonormal_complete_and_split_the_stiffness(cells: tuple[int, ...]) -> None:
+    points, K = springs(cells)
+    symmetry = find_symmetry(points, len(cells), K)
+    assert symmetry is not None
+    bases = symmetry.bases(np.arange(K.shape[0]))
+    together = sparse.hstack(bases).toarray()
+    np.testing.assert_allclose(together.T @ together, np.eye(K.shape[0]), atol=1e-14)
+    for a, b in product(range(symmetry.order), repeat=2):
+        if a != b:
+            assert abs(bases[a].T @ K @ bases[b]).max() < 1e-12
+
+
+@pytest.mark.parametrize("cells", [(3, 2), (2, 2, 2), (3, 2, 2)])
+def test_split_inverse_is_the_inverse(cells: tuple[int, ...]) -> None:
+    d = len(cells)
+    points, K = springs(cells)
+    R = orthonormal_kernel(points, d)
+    fixing = (fixing_nodes(points, d)[:, None] * d + np.arange(d)).ravel()
+    symmetry = find_symmetry(points, d, K)
+    assert symmetry is not None
+    split = SymmetricInverse(K, R, fixing, symmetry)
+    plain = GeneralisedInverse(K, R, symmetry.closure(fixing))
+    load = np.asfortranarray(np.random.default_rng(1).normal(size=(K.shape[0], 300)))
+    np.testing.assert_allclose(split.solve(load), plain.solve(load), atol=1e-10)
+
+    touched = np.flatnonzero(points[:, 0] == 0.0) * d
+    interface = symmetry.closure(touched)
+    assert len(interface) == 2 * len(touched)
+    block, whole = split.restricted(interface), plain.restricted(interface).toarray()
+    assert isinstance(block, SymmetricBlock)
+    assert block.nbytes <= 0.6 * whole.nbytes
+    np.testing.assert_allclose(block.toarray(), whole, atol=1e-10)
+    x = np.random.default_rng(2).normal(size=(150, len(interface)))
+    y = np.empty_like(x)
+    block.apply(x, y)
+    np.testing.assert_allclose(y, x @ whole, atol=1e-10)
