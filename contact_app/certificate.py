@@ -89,11 +89,14 @@ class Measures:
         Largest of the sums of magnitudes of loads, reactions and contact forces.
     energy
         ½ a(û,û) - l(û) of the admissible û; its error is second order, at most the duality gap.
+    gap
+        The duality gap J(û) - D(λ), in units of energy.
     """
 
     displacement: float
     load: float
     energy: float
+    gap: float
 
 
 def certify(
@@ -147,7 +150,7 @@ def certify(
     limits = dict.fromkeys(NUMBERS, tolerance)
     limits["equilibrium"] = max(tolerance, EQUILIBRIUM_FLOOR)
     passed = all(abs(getattr(numbers, name)) <= limit for name, limit in limits.items())
-    return replace(numbers, passed=passed), Measures(largest, load, energy)
+    return replace(numbers, passed=passed), Measures(largest, load, energy, gap)
 
 
 def _equilibrium(

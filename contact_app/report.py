@@ -189,6 +189,9 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
             met = value is not None and abs(value) <= tolerance
         row(name, _number(value), _verdict(met))
     row("certificate", "", _verdict(bool(certificate["passed"])))
+    accuracy = summary["accuracy"]
+    row("error of the mesh (energy norm, estimate)", _percent(accuracy["discretisation"]))
+    row("error of the solver (bound)", _percent(accuracy["algebraic"]))
     row("time", f"{timings['total']:.1f} s, {timings['solve']:.1f} s of it solving")
     ranks = environment["ranks"]
     row("memory", f"{environment['peak_rss_gb']:.2f} GB" + (" on a rank" if ranks > 1 else ""))
@@ -197,6 +200,10 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
 
 def _number(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.4g}"
+
+
+def _percent(value: float | None) -> str:
+    return "unknown" if value is None else f"{100.0 * value:.2g} %"
 
 
 def _verdict(met: bool | None) -> Text:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from contact_app.environment import environment, slow_blas_warning
+from contact_app.error_estimate import Accuracy, ErrorEstimator
 from contact_app.errors import ContactError
 from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
 from contact_app.history import History
@@ -42,6 +43,7 @@ class SolvedScene:
     solution: Solution
     nodes: NodeFields
     cells: CellFields
+    accuracy: Accuracy
     timings: Timings
     summary: dict[str, Any] = field(default_factory=dict)
 
@@ -130,6 +132,8 @@ def solve_scene(
             solution = solve(model.problem, scene.solver, monitor)
     except QPError as error:
         raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
+    with timings.measure("estimate"):
+        accuracy = ErrorEstimator(model).accuracy(solution)
     with timings.measure("output"):
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)
@@ -140,7 +144,7 @@ def solve_scene(
         solution = replace(
             solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
         )
-    solved = SolvedScene(model, solution, nodes, cells, timings)
+    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings)
     return replace(solved, summary=summarise(solved))
 
 
@@ -188,6 +192,7 @@ def summarise(solved: SolvedScene) -> dict[str, Any]:
             ),
         },
         "certificate": solution.certificate.as_dict(),
+        "accuracy": solved.accuracy.as_dict(),
         "timings": solved.timings.as_dict(),
         "environment": environment(comm),
     }

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-STAGES = ("setup", "assembly", "factorization", "solve", "output")
+STAGES = ("setup", "assembly", "factorization", "solve", "estimate", "output")
 
 
 class Timings:

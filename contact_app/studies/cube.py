@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.configuration import load
+from contact_app.error_estimate import ErrorEstimator
 from contact_app.fields import cell_fields, node_fields
 from contact_app.model import Model, build_model
 from contact_app.report import write_summary
@@ -130,8 +131,9 @@ def _run(model: Model, solver: SMALBE, name: str, output: Path, timings: Timings
         answer = certified_answer(problem, result.x, force, scene.solver)
         solution = replace(answer, counts=result.counts, reason=result.reason)
     with clock.measure("output"):
-        nodes = node_fields(model, solution)
-        solved = SolvedScene(model, solution, nodes, cell_fields(model, solution), clock)
+        nodes, cells = node_fields(model, solution), cell_fields(model, solution)
+        accuracy = ErrorEstimator(model).accuracy(solution)
+        solved = SolvedScene(model, solution, nodes, cells, accuracy, clock)
     summary = summarise(solved)
     summary["scene"]["title"] = f"{scene.title}: {name}"
     if problem.comm.rank == 0:

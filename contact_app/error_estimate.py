@@ -1,0 +1,114 @@
+"""How far an answer is from the continuum: of the mesh, of the solver, and of both.
+
+The mesh. A stress σ* recovered from that of the answer is closer to the true one, and estimates
+the error in energy norm,
+
+    η² = Σ_K ∫_K (σ* - σ_h) : C⁻¹ : (σ* - σ_h) dx
+
+(Zienkiewicz & Zhu, *A simple error estimator and adaptive procedure for practical engineering
+analysis*, IJNME 24, 1987). It is an estimate, no bound; docs/accuracy.md has what it is worth on
+scenes whose error is known.
+
+The solver. The duality gap bounds the distance from the exact solution u_h on the mesh to the
+admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap.
+
+Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and with them the squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model import Model
+from contact_app.solve import Solution
+from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
+from meshes import versions
+
+Array = NDArray[np.float64]
+
+STRAINLESS = 1e-18
+"""a(u,u) over Σ K_ii u_i² below which strains are round-off: a body that only moves."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors in energy norm relative to that of the answer, √a(u,u).
+
+    Attributes
+    ----------
+    discretisation
+        Estimated error of the mesh.
+    algebraic
+        Bound on the error of the solver, √(2 gap).
+    total
+        Root of the sum of their squares.
+    """
+
+    discretisation: float
+    algebraic: float
+    total: float
+
+    def as_dict(self) -> dict[str, float]:
+        """As `summary.json` holds it."""
+        return asdict(self)
+
+
+class ErrorEstimator:
+    """Estimates the errors of answers to one model; making and using it are collective."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.recovery = StressRecovery(model)
+
+    def accuracy(self, solution: Solution) -> Accuracy:
+        """The errors of an answer."""
+        square, norm = self.squares(solution)
+        if norm == 0.0:
+            return Accuracy(0.0, 0.0, 0.0)
+        parts = np.sqrt(np.array([square, 2.0 * max(solution.measures.gap, 0.0)]) / norm)
+        return Accuracy(float(parts[0]), float(parts[1]), float(np.hypot(*parts)))
+
+    def squares(self, solution: Solution) -> tuple[float, float]:
+        """η² and a(u_h, u_h); zeros where nothing is strained."""
+        sums = np.zeros(3)
+        displacements = solution.displacements
+        recovered = self.recovery(displacements, touching_nodes(self.model, solution))
+        for number, cls in enumerate(self.model.problem.classes):
+            u = displacements[number]
+            sums[:2] += self._distance(number, u, recovered[number])
+            sums[2] += np.sum(cls.stiffness.diagonal()[:, None] * u**2)
+        square, norm, scale = self.model.comm.allreduce(sums)
+        if norm <= STRAINLESS * scale:
+            return 0.0, 0.0
+        return float(square), float(norm)
+
+    def _distance(self, number: int, u: Array, recovered: Array) -> Array:
+        """∫ e : C⁻¹ : e over the members of a class, e = σ* - σ_h and e = σ_h, (2,)."""
+        cells, D = self.recovery.cells[number], self.recovery.D[number]
+        weights, values, slopes = versions.tabulated(cells.element.mesh, 2)
+        root = np.linalg.cholesky(np.linalg.inv(D))  # e : C⁻¹ : e = |rootᵀ e|²
+        field = u.reshape(len(cells.points), cells.dimension, -1).swapaxes(1, 2)
+        # vertex by vertex the same: from root's components of σ* to those at the points
+        nodal = np.einsum("qv,st->vsqt", values, root).reshape(values.shape[1] * len(D), -1)
+        total = np.zeros(2)
+        for rows, shape, part in cells.batches(u.shape[1]):
+            gradients, volume = cells.gradients(shape, slopes)
+            weight = np.repeat(np.sqrt(weights * volume), len(D), axis=1)
+            operator = stress_operator(gradients, root.T @ D @ self.recovery.V)
+            nodes = cells.nodes[rows]
+            stress = apply(operator, at_cells(field[:, part], nodes)) * weight
+            error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress
+            total += np.vdot(error, error), np.vdot(stress, stress)
+        return total
+
+
+def touching_nodes(model: Model, solution: Solution) -> NDArray[np.bool_]:
+    """Owned nodes that an obstacle pushes."""
+    problem, exchange = model.problem, model.node_exchange
+    touching = np.zeros(exchange.last - exchange.first, bool)
+    pushed = solution.multiplier[problem.inequality] > 0.0
+    touching[problem.contact.nodes[pushed] - exchange.first] = True
+    return touching
