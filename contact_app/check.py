@@ -22,7 +22,14 @@ from rich.console import Console
 
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.model import Outline, boundary_facets, boundary_nodes, outline
-from contact_app.scene import Contact, DisplacementCondition, Pressure, Scene, Traction
+from contact_app.scene import (
+    BodyContact,
+    Contact,
+    DisplacementCondition,
+    Pressure,
+    Scene,
+    Traction,
+)
 from solver.tfeti.costs import apply_seconds, build_seconds, choose_block
 
 FACTOR_RATE = 4e-7
@@ -33,8 +40,8 @@ LEFT_OUT = (
     "friction: contact forces are normal to the obstacle",
     "large strains and rotations: strains are linear in the displacement",
     "motion of the contact point: the gap is the signed distance of the undeformed node along the "
-    "obstacle's normal there",
-    "contact between bodies, and of a body with itself",
+    "obstacle's normal there, between bodies along the normal of the undeformed surface",
+    "contact of a body with itself, and between bodies that no contact names",
     "time: the answer is the static equilibrium",
 )
 
@@ -153,6 +160,12 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
             f"({_candidates(known, i)})"
         )
+    for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
+        other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
+        lines.append(
+            f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
+            f"({_candidates(known, i)})"
+        )
     return lines
 
 
@@ -177,9 +190,9 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
                 "held where it is"
             )
         else:
-            how = "kept by its obstacles alone, or by them and its conditions"
+            how = "kept by what it touches alone, or by that and its conditions"
         lines.append(f"  {body.name}: {how}")
-    if not scene.contacts:
+    if not scene.touching:
         lines.append("  no contacts: plain conjugate gradients")
     return lines
 
@@ -223,8 +236,8 @@ def _groups(scene: Scene, known: Outline) -> list[Group]:
         interface = len(known.surface.local[numbers[0]])
         if known.eliminated[s.body]:
             first, last = known.partition.first_node[s.body : s.body + 2]
-            inside = (known.contact.nodes >= first) & (known.contact.nodes < last)
-            interface = len(np.unique(known.contact.nodes[inside]))
+            nodes = known.contact.entries.node
+            interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
         d = scene.dimension
         groups.append(Group(len(s.reference.points) * d, interface * d, len(numbers)))
     return groups
@@ -286,7 +299,9 @@ def _resultant(known: Outline, body: int, dimension: int) -> tuple[float, ...]:
     return tuple(total)
 
 
-def _on(scene: Scene, item: DisplacementCondition | Traction | Pressure | Contact) -> str:
+def _on(
+    scene: Scene, item: DisplacementCondition | Traction | Pressure | Contact | BodyContact
+) -> str:
     return f"{scene.bodies[item.body].name}.{item.boundary}"
 
 

@@ -195,11 +195,15 @@ class Obstacle(Model):
 
 
 class Contact(Model):
-    """A boundary that may touch something."""
+    """A boundary that may touch something: an obstacle or another body."""
 
     on: str = Field(description="Boundary, as body.boundary.")
     obstacle: Obstacle | None = Field(None, description="A rigid obstacle.")
-    against: str | None = Field(None, description="Another body's boundary (not available yet).")
+    against: str | None = Field(
+        None,
+        description="Another body's boundary, as body.boundary; the contact pressure lives on the "
+        "nodes of `on`, which had better be the finer mesh.",
+    )
 
 
 class Split(Model):

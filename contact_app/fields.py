@@ -27,11 +27,15 @@ class NodeFields:
     points : (nodes, 3)
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
-        Normal contact force over the node's share of the contact boundary; 0 elsewhere.
+        Normal contact force over the node's share of the contact boundary, between bodies the
+        value of the multiplier field at the nodes of `on`; 0 elsewhere.
     gap : (nodes,)
-        Distance left to the nearest obstacle along its normal; NaN where there is no contact row.
+        Distance left to the nearest obstacle along its normal, between bodies its mean about a
+        node of `on`; NaN where there is no contact row.
     contact_force : (3,)
         Resultant of the obstacles on the bodies, of this rank's nodes.
+    pair_forces : (pairs, 3)
+        Force of the `against` body of each pair on the other, of this rank's nodes.
     without_area
         Touching nodes that carry force but no facet of the contact boundary.
     """
@@ -42,6 +46,7 @@ class NodeFields:
     contact_pressure: NDArray[np.float64]
     gap: NDArray[np.float64]
     contact_force: NDArray[np.float64]
+    pair_forces: NDArray[np.float64]
     without_area: int
 
 
@@ -63,29 +68,31 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
 
     contact = problem.contact
     rows = problem.inequality
-    force = solution.multiplier[rows] * problem.spread[rows] * contact.force_scale
+    force = solution.multiplier[rows] * contact.spread
     at = contact.nodes - exchange.first
     area = _contact_areas(model)
-    share = np.zeros(len(at))
-    for source in np.unique(contact.sources):
+    share = contact.areas.copy()
+    for source in range(len(area)):
         mine = contact.sources == source
         share[mine] = area[source, at[mine]]
     loaded = (force > 0.0) & (share > 0.0)
     pressure = np.zeros(size)
     np.add.at(pressure, at[loaded], force[loaded] / share[loaded])
-    slack = contact.gaps - np.einsum("ij,ij->i", contact.directions, mean[at])
+    penetration = problem.constraint_values(solution.displacements) - problem.c
     gap = np.full(size, np.inf)
-    np.minimum.at(gap, at, slack / contact.force_scale)
+    np.minimum.at(gap, at, -penetration[rows] / contact.spread)
     gap[np.isinf(gap)] = np.nan
-    resultant = np.zeros(3)
-    resultant[:d] = force @ contact.normals
+    resultants = np.zeros((len(model.scene.touching), 3))
+    np.add.at(resultants[:, :d], contact.sources, force[:, None] * contact.normals)
+    obstacles = len(model.scene.contacts)
     return NodeFields(
         first=exchange.first,
         points=located,
         displacement=mean,
         contact_pressure=pressure,
         gap=gap,
-        contact_force=resultant,
+        contact_force=resultants[:obstacles].sum(axis=0),
+        pair_forces=resultants[obstacles:],
         without_area=int(((force > 0.0) & (share <= 0.0)).sum()),
     )
 

@@ -17,9 +17,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
+from scipy.linalg import block_diag
 
 from contact_app.assembly import Element
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+from contact_app.mortar import SurfacesApartError, mean_gaps
+from contact_app.pairs import gather_surface, owned_rows
 from contact_app.scene import (
     Body,
     Contact,
@@ -40,12 +43,13 @@ from solver.tfeti.constraints import (
     NodeConditions,
     RowKind,
     Rows,
+    cut_held,
     merge_contact,
     merge_held,
     write_rows,
 )
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.equilibrium import BodyBalance, balance
+from solver.tfeti.equilibrium import BodyBalance, balance, by_body, holds
 from solver.tfeti.exchange import NodeExchange
 from solver.tfeti.kernels import (
     MOTIONS,
@@ -175,6 +179,9 @@ def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -
     try:
         held = merge_held(exchange, conditions)
         contact = merge_contact(exchange, conditions, held, length)
+        pairs = [_pair_rows(scene, partition, exchange, i) for i in range(len(scene.pairs))]
+        pairs = [cut_held(exchange, rows, held, length) for rows in pairs]
+        contact = ContactRows.join([contact, *pairs])
     except ContradictionError as error:
         raise _contradiction(scene, error) from error
 
@@ -316,6 +323,35 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
     return NodeConditions(*joined[0], *joined[1])
 
 
+def _pair_rows(
+    scene: Scene, partition: Partition, exchange: NodeExchange, number: int
+) -> ContactRows:
+    """Mortar rows of a pair of bodies; the message names a side that has no facet."""
+    pair = scene.pairs[number]
+    sides = []
+    for key, b, boundary in (
+        ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
+    ):  # fmt: skip
+        body = scene.bodies[b]
+        none = np.zeros(0, np.int32)
+        chosen = [
+            boundary_facets(s, body, boundary) if s.body == b else none
+            for s in partition.subdomains
+        ]
+        side = gather_surface(partition, chosen)
+        if side is None:
+            raise ConfigurationError(
+                f"{scene.at(pair.source)}.{key}: no whole facet of the surface of {body.name} lies "
+                f"on {boundary}; contact between bodies needs facets all of whose nodes are on it"
+            )
+        sides.append(side)
+    try:
+        found = mean_gaps(*sides)
+    except SurfacesApartError as error:
+        raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
+    return owned_rows(exchange, found, len(scene.contacts) + number)
+
+
 @contextmanager
 def _agreed(comm: MPI.Intracomm) -> Iterator[None]:
     """Raise a `ConfigurationError` of any rank on all ranks."""
@@ -407,24 +443,70 @@ def _balances(
             work[s.body] += load @ motions.reshape(len(load), -1)
             scale[s.body] += np.abs(load).sum()
     work, scale = comm.allreduce(work), comm.allreduce(scale)
-    balances = []
-    for b, body in enumerate(scene.bodies):
-        first, last = partition.first_node[b], partition.first_node[b + 1]
-        frame = _frame(body)
-        mine = (held.nodes >= first) & (held.nodes < last)
-        motions = rigid_motions(held.points[mine], d, *frame)
-        held_rows = motions[held.held[mine]]
-        mine = (contact.nodes >= first) & (contact.nodes < last)
-        motions = rigid_motions(contact.points[mine], d, *frame)
-        contact_rows = np.einsum("nd,ndm->nm", contact.directions[mine], motions)
-        found = balance(comm, held_rows, contact_rows, work[b], float(scale[b]))
+    seen = _contact_motions(scene, partition, contact)
+    balances: list[BodyBalance | None] = [None] * count
+    for group in _groups_in_contact(scene):
+        held_rows = []
+        for b in group:
+            first, last = partition.first_node[b], partition.first_node[b + 1]
+            mine = (held.nodes >= first) & (held.nodes < last)
+            motions = rigid_motions(held.points[mine], d, *_frame(scene.bodies[b]))
+            held_rows.append(motions[held.held[mine]])
+        columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
+        contact_rows = seen[:, columns]
+        contact_rows = contact_rows[np.diff(contact_rows.indptr) > 0].toarray()
+        found = balance(
+            comm, block_diag(*held_rows), contact_rows, work[group].ravel(),
+            float(scale[group].sum()),
+        )  # fmt: skip
         if found.escape is not None:
             raise NoEquilibriumError(
-                f"{scene.source}: the scene has no equilibrium: nothing stops {body.name} from "
-                f"leaving along {_directions(found.escape[:, None])} under its loads"
+                f"{scene.source}: the scene has no equilibrium: nothing stops "
+                f"{_leaving(scene, group, found.escape)} under its loads"
             )
-        balances.append(found)
-    return balances
+        shares = by_body(found.free_motions, MOTIONS[d])
+        for b, rows, free in zip(group, held_rows, shares, strict=True):
+            balances[b] = BodyBalance(free, None, held=holds(comm, rows))
+    return [b for b in balances if b is not None]
+
+
+def _groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
+    """Bodies that may touch each other, directly or through others."""
+    count = len(scene.bodies)
+    ends = np.array([(p.body, p.other) for p in scene.pairs]).reshape(-1, 2)
+    graph = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
+    _, label = sparse.csgraph.connected_components(graph, directed=False)
+    return [np.flatnonzero(label == k) for k in np.unique(label)]
+
+
+def _contact_motions(scene: Scene, partition: Partition, contact: ContactRows) -> sparse.csr_matrix:
+    """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
+    d, entries = scene.dimension, contact.entries
+    body = np.searchsorted(partition.first_node, entries.node, side="right") - 1
+    values = np.zeros((len(entries.row), MOTIONS[d]))
+    for b in np.unique(body):
+        mine = np.flatnonzero(body == b)
+        motions = rigid_motions(entries.points[mine], d, *_frame(scene.bodies[b]))
+        values[mine] = motions[np.arange(len(mine)), entries.component[mine]]
+    values *= entries.value[:, None]
+    column = body[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])
+    row = np.broadcast_to(entries.row[:, None], column.shape)
+    return sparse.csr_matrix(
+        (values.ravel(), (row.ravel(), column.ravel())),
+        shape=(len(contact.nodes), len(scene.bodies) * MOTIONS[d]),
+    )
+
+
+def _leaving(scene: Scene, group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:
+    """Which bodies of a group leave, and where to."""
+    motions = escape.reshape(len(group), -1)
+    size = np.abs(motions).max(axis=1)
+    said = [
+        f"{scene.bodies[b].name} from leaving along {_directions(motion[:, None])}"
+        for b, motion, s in zip(group, motions, size, strict=True)
+        if s > 1e-6 * size.max()
+    ]
+    return " and ".join(said)
 
 
 def _frame(body: Body) -> tuple[NDArray[np.float64], float]:
@@ -463,10 +545,11 @@ def _contradiction(scene: Scene, error: ContradictionError) -> ContactError:
             f"{scene.at(first.source)} and {second.source} hold one node of "
             f"{scene.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
         )
-    contact = scene.contacts[error.first]
+    contact = scene.touching[error.first]
+    what = "the obstacle" if isinstance(contact, Contact) else "the other body"
     return NoEquilibriumError(
         f"{scene.source}: the displacement conditions on {scene.bodies[contact.body].name} push "
-        f"held nodes into the obstacle of {contact.source}, by up to {error.amount:.6g}: no "
+        f"held nodes into {what} of {contact.source}, by up to {error.amount:.6g}: no "
         "displacement satisfies both"
     )
 
@@ -547,9 +630,7 @@ def _dual_problem(
 ) -> tuple[DualProblem, NDArray[np.int64], list[tuple]]:
     """Group subdomains into classes, number the interface, build B, G and the factors."""
     comm, d = partition.comm, scene.dimension
-    touched = np.zeros((len(exchange.nodes), d), bool)
-    touched[rows.copy, rows.component] = True
-    touched = exchange.from_owners(touched)
+    touched = exchange.from_owners(rows.touched(len(exchange.nodes), d))
     for copies, values in zip(supports.copies, supports.values, strict=True):
         touched[copies] |= values != 0.0
 
@@ -640,7 +721,7 @@ def _constraint_matrix(
 ) -> tuple[PETSc.Mat, NDArray[np.float64], NDArray[np.int8]]:
     """B on interface columns, its right-hand side and the kind of each row."""
     arrived = exchange.to_owners(columns)
-    row, column, value = [rows.row], [arrived[rows.copy, rows.component]], [rows.value]
+    row, column, value = [[part] for part in rows.entries(arrived)]
     for nth, (copies, values) in enumerate(zip(supports.copies, supports.values, strict=True)):
         node, component = np.nonzero(values)
         row.append(np.full(len(node), len(rows.kind) + nth))

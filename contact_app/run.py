@@ -187,6 +187,10 @@ def summarise(solved: SolvedScene) -> dict[str, Any]:
             "mean_displacement": comm.allreduce(float(magnitude.sum())) / model.partition.nodes,
             "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
             "contact_force": [float(f) for f in comm.allreduce(nodes.contact_force)],
+            "pair_forces": {
+                pair.source: [float(f) for f in force]
+                for pair, force in zip(scene.pairs, comm.allreduce(nodes.pair_forces), strict=True)
+            },
             "max_contact_pressure": comm.allreduce(
                 float(nodes.contact_pressure.max(initial=0.0)), op=MPI.MAX
             ),

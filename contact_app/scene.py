@@ -124,6 +124,17 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class BodyContact:
+    """A boundary that may touch the boundary of another body."""
+
+    body: int
+    boundary: str
+    other: int
+    other_boundary: str
+    source: str
+
+
+@dataclass(frozen=True)
 class Decomposition:
     """None: chosen automatically; a number: graph partition; a tuple: sub-boxes along each axis."""
 
@@ -162,6 +173,7 @@ class Scene:
     pressures: tuple[Pressure, ...]
     forces: tuple[BodyForce, ...]
     contacts: tuple[Contact, ...]
+    pairs: tuple[BodyContact, ...]
     decomposition: Decomposition
     solver: SolverOptions
     output: OutputOptions
@@ -171,6 +183,11 @@ class Scene:
     def at(self, source: str) -> str:
         """File, line and key of a condition or contact, to begin a message with."""
         return self.places.get(source, f"{self.source}: {source}")
+
+    @property
+    def touching(self) -> tuple[Contact | BodyContact, ...]:
+        """All contacts, as contact rows count their sources: obstacles first, then pairs."""
+        return (*self.contacts, *self.pairs)
 
 
 def build_scene(configuration: c.Configuration) -> Scene:
@@ -205,8 +222,10 @@ class _Builder:
         for i, condition in enumerate(self.c.conditions):
             kind, made = self._condition(i, condition)
             kinds[kind].append(made)
-        contacts = tuple(self._contact(i, k) for i, k in enumerate(self.c.contacts))
-        self._some_load(kinds, contacts)
+        touching = [self._contact(i, k) for i, k in enumerate(self.c.contacts)]
+        contacts = tuple(t for t in touching if isinstance(t, Contact))
+        pairs = tuple(t for t in touching if isinstance(t, BodyContact))
+        self._some_load(kinds, contacts, pairs)
         return Scene(
             title=self.c.title,
             dimension=self.dimension,
@@ -217,6 +236,7 @@ class _Builder:
             pressures=tuple(kinds["pressure"]),
             forces=tuple(kinds["force"]),
             contacts=contacts,
+            pairs=pairs,
             decomposition=decomposition,
             solver=SolverOptions(**self.c.solver.model_dump()),
             output=OutputOptions(self.c.output.xdmf, tuple(dict.fromkeys(self.c.output.fields))),
@@ -418,16 +438,29 @@ class _Builder:
             self._fail((*path, kind), "leaves every component free; give a number for one")
         return kind, DisplacementCondition(body, boundary, tuple(values), source)
 
-    def _contact(self, i: int, contact: c.Contact) -> Contact:
+    def _contact(self, i: int, contact: c.Contact) -> Contact | BodyContact:
         path: tuple[str | int, ...] = ("contacts", i)
-        if contact.against is not None:
-            self._fail((*path, "against"), "another body is not available yet; use `obstacle`")
-        if contact.obstacle is None:
+        if (contact.obstacle is None) == (contact.against is None):
             forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
-            self._fail(path, f"needs an `obstacle`: {forms}")
+            both = "has both; " if contact.obstacle else ""
+            self._fail(
+                path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
+            )
         body, boundary = self._boundary(contact.on, (*path, "on"))
-        obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
-        return Contact(body, boundary, obstacle, f"contacts[{i}]")
+        if contact.obstacle is not None:
+            obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
+            return Contact(body, boundary, obstacle, f"contacts[{i}]")
+        other, other_boundary = self._boundary(contact.against or "", (*path, "against"))
+        if other == body:
+            self._fail(
+                (*path, "against"),
+                f"is a boundary of {self.names[body]} itself; contact of a body with itself is not "
+                "modelled",
+            )
+        for k, earlier in enumerate(self.c.contacts[:i]):
+            if {earlier.on, earlier.against} == {contact.on, contact.against}:
+                self._fail(path, f"repeats contacts[{k}]: each pair of boundaries is given once")
+        return BodyContact(body, boundary, other, other_boundary, f"contacts[{i}]")
 
     def _obstacle(self, given: c.Obstacle, path: tuple[str | int, ...]) -> Obstacle:
         known = given.known_keys()
@@ -486,18 +519,30 @@ class _Builder:
                     )
         return Decomposition(tuple(parts))
 
-    def _some_load(self, kinds: dict[str, list[Any]], contacts: tuple[Contact, ...]) -> None:
+    def _some_load(
+        self,
+        kinds: dict[str, list[Any]],
+        contacts: tuple[Contact, ...],
+        pairs: tuple[BodyContact, ...],
+    ) -> None:
         loaded = any(any(t.vector) for t in (*kinds["traction"], *kinds["force"]))
         loaded |= any(p.value for p in kinds["pressure"])
         loaded |= any(v for d in kinds["displacement"] for v in d.values)
-        if not loaded and not any(self._overlaps(contact) for contact in contacts):
+        overlap = any(self._overlaps(contact) for contact in contacts)
+        if not loaded and not overlap and not any(self._may_overlap(pair) for pair in pairs):
             self._fail(
                 ("conditions",),
                 "load nothing: give a traction, pressure, force or non-zero displacement, or an "
-                "obstacle that overlaps a body",
+                "obstacle or a body that overlaps another body",
             )
 
     def _overlaps(self, contact: Contact) -> bool:
         box = self.bodies[contact.body].mesh
         lower, upper = (np.array([*v, *(0.0,) * (3 - len(v))]) for v in (box.lower, box.upper))
         return contact.obstacle.may_overlap(lower, upper)
+
+    def _may_overlap(self, pair: BodyContact) -> bool:
+        """Whether the boxes of two bodies have a part in common."""
+        a, b = self.bodies[pair.body].mesh, self.bodies[pair.other].mesh
+        lower, upper = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
+        return bool((lower < upper).all())

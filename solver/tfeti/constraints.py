@@ -11,21 +11,24 @@ gluing
     for each component that is not held, with m copies, the m - 1 Helmert rows: an orthonormal
     basis of the complement of (1, …, 1).
 contact
-    ĉᵀ u ≤ g on the mean of the copies, scaled to unit length: the row (ĉ, …, ĉ)/√m is orthogonal
-    to the gluing rows. ĉ is the direction into the obstacle, -n, cut to the components that are
-    not held; if nothing is left the row is decided by the held values and dropped. Of rows in the
-    same direction only the tightest stays.
+    Σ a_k ū_k ≤ g on the means ū of the copies of one node or of several (which other ranks may
+    own): each coefficient is shared equally by the m copies, a_k/m, which is orthogonal to the
+    gluing rows, and the row is scaled to unit length. Held components go to the right-hand side;
+    if nothing is left the row is decided by the held values and dropped. At an obstacle a is the
+    direction into it, -n, at one node, and of rows in the same direction only the tightest stays.
 
-So B Bᵀ = I except where a node touches several planes that are not perpendicular, and B has full
-row rank however the conditions overlap.
+So B Bᵀ = I except where contact rows share nodes and are not perpendicular, and the rows of
+obstacles, gluing and held unknowns have full rank however the conditions overlap.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.tfeti.exchange import NodeExchange
@@ -55,7 +58,7 @@ class ContradictionError(ValueError):
     amount
         By how much, in units of length.
     kind
-        ``held twice`` or ``held inside an obstacle``.
+        ``held twice`` or ``held in contact``: inside what it may touch.
     """
 
     def __init__(self, kind: str, first: int, second: int, node: int, amount: float) -> None:
@@ -101,37 +104,89 @@ class HeldRows:
 
 
 @dataclass(frozen=True, eq=False)
+class ContactEntries:
+    """Entries of contact rows, over nodes that any rank may own.
+
+    Attributes
+    ----------
+    row : (entries,)
+        Row among those of this rank.
+    node, points, component, value : (entries,), (entries, 3), (entries,), (entries,)
+        Node, its coordinates, component of the displacement and coefficient.
+    """
+
+    row: NDArray[np.int64]
+    node: NDArray[np.int64]
+    points: NDArray[np.float64]
+    component: NDArray[np.int64]
+    value: NDArray[np.float64]
+
+    @classmethod
+    def join(cls, parts: Sequence[ContactEntries], rows: Sequence[int]) -> ContactEntries:
+        """The entries of parts that have so many rows, one after another."""
+        starts = np.cumsum([0, *rows])[:-1]
+        fields = [{**p.__dict__, "row": p.row + s} for p, s in zip(parts, starts, strict=True)]
+        return cls(**{name: np.concatenate([f[name] for f in fields]) for name in fields[0]})
+
+    def of_rows(self, keep: NDArray[np.bool_]) -> ContactEntries:
+        """The entries of some rows (rows,), renumbered."""
+        mine = keep[self.row]
+        kept = ContactEntries(**{name: values[mine] for name, values in self.__dict__.items()})
+        return replace(kept, row=(np.cumsum(keep) - 1)[kept.row])
+
+
+@dataclass(frozen=True, eq=False)
 class ContactRows:
-    """Contact rows this rank owns, in row order.
+    """Contact rows this rank owns, Σ value · ū ≤ gap, sorted by node and then by contact.
 
     Attributes
     ----------
     nodes, points, sources
-        Node (k,), coordinates (k, 3) and contact index (k,).
-    directions : (k, dimension)
-        Unit direction ĉ on the components that are not held.
+        Node a row belongs to (k,), its coordinates (k, 3) and contact index (k,).
     gaps : (k,)
-        Largest displacement along ĉ.
+        Distance left, by which the held part has been reduced.
     normals : (k, dimension)
-        The obstacle's own normal n at the node.
-    force_scale : (k,)
-        Normal force of the obstacle over the force along ĉ; one unless components are held.
-    copies : (k,)
-        Number of copies the row is spread over: its multiplier is the force over √copies.
+        Force on the body for a multiplier of one: the normal out of what it touches.
+    areas : (k,)
+        Area on which the multiplier acts; NaN where it is the node's share of the boundary.
+    spread : (k,)
+        One over the length of the row on the copies: the multiplier of the scaled row times it is
+        the force, its residual over it the distance.
+    entries
+        The coefficients, without held components.
     """
 
     nodes: NDArray[np.int64]
     points: NDArray[np.float64]
     sources: NDArray[np.int64]
-    directions: NDArray[np.float64]
     gaps: NDArray[np.float64]
     normals: NDArray[np.float64]
-    force_scale: NDArray[np.float64]
-    copies: NDArray[np.int64]
+    areas: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    entries: ContactEntries
+
+    @classmethod
+    def join(cls, parts: Sequence[ContactRows]) -> ContactRows:
+        """Rows of several parts, sorted."""
+        fields = [f for f in cls.__dataclass_fields__ if f != "entries"]
+        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
+        entries = ContactEntries.join([p.entries for p in parts], [len(p.nodes) for p in parts])
+        order = np.lexsort((joined["sources"], joined["nodes"]))
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        return cls(
+            **{name: values[order] for name, values in joined.items()},
+            entries=replace(entries, row=place[entries.row]),
+        )
+
+    def of(self, keep: NDArray[np.bool_]) -> ContactRows:
+        """Some of the rows, (k,)."""
+        fields = {name: v[keep] for name, v in self.__dict__.items() if name != "entries"}
+        return ContactRows(**fields, entries=self.entries.of_rows(keep))
 
     def none(self) -> ContactRows:
         """No rows."""
-        return ContactRows(**{name: values[:0] for name, values in self.__dict__.items()})
+        return self.of(np.zeros(len(self.nodes), bool))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +200,9 @@ class Rows:
     rhs : (rows,)
         c.
     row, copy, component, value : (entries,)
-        Entries of B; `copy` counts the copies that arrived at this rank.
+        Entries of gluing and held rows; `copy` counts the copies that arrived at this rank.
+    contact
+        Entries of contact rows.
     """
 
     kind: NDArray[np.int8]
@@ -155,6 +212,91 @@ class Rows:
     copy: NDArray[np.int64]
     component: NDArray[np.int64]
     value: NDArray[np.float64]
+    contact: SharedEntries
+
+    def touched(self, arrived: int, dimension: int) -> NDArray[np.bool_]:
+        """Which components of the arrived copies some row touches (collective)."""
+        touched = np.zeros((arrived, dimension), bool)
+        touched[self.copy, self.component] = True
+        self.contact.mark(touched)
+        return touched
+
+    def entries(
+        self, columns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Row, column and value of all entries of B (collective).
+
+        Parameters
+        ----------
+        columns : (arrived, dimension)
+            Column of each component of the arrived copies.
+        """
+        row, column, value = self.contact.spread_over(columns)
+        return (
+            np.concatenate([self.row, np.flatnonzero(self.kind == RowKind.CONTACT)[row]]),
+            np.concatenate([columns[self.copy, self.component], column]),
+            np.concatenate([self.value, value]),
+        )
+
+
+class SharedEntries:
+    """Coefficients at nodes that other ranks may own, shared equally by the copies of a node.
+
+    Parameters
+    ----------
+    exchange
+        Where the copies meet.
+    entries, rows
+        Entries of so many rows of this rank, of any length; in B they have unit length.
+
+    Attributes
+    ----------
+    lengths : (rows,)
+        Length of each unscaled row on the copies.
+    """
+
+    def __init__(self, exchange: NodeExchange, entries: ContactEntries, rows: int) -> None:
+        self._entries = entries
+        self._order = np.argsort(exchange.nodes, kind="stable")
+        self._query = NodeExchange(exchange.comm, entries.node, exchange.total)
+        nodes, start, count = np.unique(
+            exchange.nodes[self._order], return_index=True, return_counts=True
+        )
+        at = np.searchsorted(nodes, self._query.nodes)
+        self._start, self._count = start[at], count[at]
+        self._components = self._query.to_owners(entries.component)
+        self.copies = self._query.from_owners(self._count)
+        square = np.bincount(entries.row, entries.value**2 / self.copies, minlength=rows)
+        self.lengths: NDArray[np.float64] = np.sqrt(square)
+
+    def mark(self, touched: NDArray[np.bool_]) -> None:
+        """Mark the components (arrived, dimension) of arrived copies the entries touch."""
+        copy, nth = self._asked_copies()
+        touched[copy, self._components[nth]] = True
+
+    def spread_over(
+        self, columns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Row, column and value on the copies, rows of unit length; `columns` as in `Rows`."""
+        comm = self._query.comm
+        most = comm.allreduce(int(self._count.max(initial=0)), op=MPI.MAX)
+        found = np.full((len(self._count), most), -1, np.int64)
+        copy, asked = self._asked_copies()
+        found[asked, self._nth(asked)] = columns[copy, self._components[asked]]
+        found = self._query.from_owners(found)
+        entry, place = np.nonzero(found >= 0)
+        row = self._entries.row[entry]
+        value = (self._entries.value / self.copies)[entry] / self.lengths[row]
+        return row, found[entry, place], value
+
+    def _asked_copies(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Arrived copies of the nodes asked for, and the question each answers."""
+        asked = np.repeat(np.arange(len(self._count)), self._count)
+        return self._order[self._start[asked] + self._nth(asked)], asked
+
+    def _nth(self, asked: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Number of each copy among those of its question."""
+        return np.arange(len(asked)) - (np.cumsum(self._count) - self._count)[asked]
 
 
 def merge_held(exchange: NodeExchange, conditions: NodeConditions) -> HeldRows:
@@ -211,43 +353,64 @@ def merge_contact(
     direction, gap = meeting.to_owners(conditions.directions), meeting.to_owners(conditions.gaps)
     pair = np.stack([meeting.nodes, source], axis=1)
     _, chosen = np.unique(pair, axis=0, return_index=True)
-    node, source, points = meeting.nodes[chosen], source[chosen], points[chosen]
-    direction, gap = direction[chosen], gap[chosen]
-
-    place = np.minimum(np.searchsorted(held.nodes, node), max(len(held.nodes) - 1, 0))
-    known = (held.nodes[place] == node) if len(held.nodes) else np.zeros(len(node), bool)
-    free = np.ones(direction.shape, bool)
-    free[known] = ~held.held[place[known]]
-    if known.any():
-        gap = gap.copy()
-        gap[known] -= np.einsum("ij,ij->i", direction[known], held.values[place[known]])
-    cut = np.where(free, direction, 0.0)
+    node, points, direction = meeting.nodes[chosen], points[chosen], direction[chosen]
+    row, component = np.nonzero(np.abs(direction) > 1e-14)
+    rows = ContactRows(
+        nodes=node,
+        points=points,
+        sources=source[chosen],
+        gaps=gap[chosen],
+        normals=-direction,
+        areas=np.full(len(node), np.nan),
+        spread=np.ones(len(node)),
+        entries=ContactEntries(row, node[row], points[row], component, direction[row, component]),
+    )
+    rows = cut_held(exchange, rows, held, length)
+    cut = np.zeros_like(rows.normals)
+    cut[rows.entries.row, rows.entries.component] = rows.entries.value
     norm = np.linalg.norm(cut, axis=1)
-    decided = norm < 1e-9
-    inside = decided & (gap < -1e-9 * length)
+    return rows.of(_tightest(rows.nodes, cut / norm[:, None], rows.gaps / norm))
+
+
+def cut_held(
+    exchange: NodeExchange, rows: ContactRows, held: HeldRows, length: float
+) -> ContactRows:
+    """Move what is held from the rows to their gaps; rows with nothing left are dropped.
+
+    Parameters
+    ----------
+    length
+        As in `merge_contact`.
+
+    Raises
+    ------
+    ContradictionError
+        Held displacements alone violate a row.
+    """
+    entries = rows.entries
+    query = NodeExchange(exchange.comm, entries.node, exchange.total)
+    component = query.to_owners(entries.component)
+    fixed, value = np.zeros(len(component), bool), np.zeros(len(component))
+    if len(held.nodes):
+        at = np.minimum(np.searchsorted(held.nodes, query.nodes), len(held.nodes) - 1)
+        fixed = (held.nodes[at] == query.nodes) & held.held[at, component]
+        value = np.where(fixed, held.values[at, component], 0.0)
+    fixed, value = query.from_owners(fixed), query.from_owners(value)
+    count = len(rows.nodes)
+    gaps = rows.gaps - np.bincount(entries.row, entries.value * value, minlength=count)
+    left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
+    decided = left < 1e-18
+    inside = decided & (gaps < -1e-9 * length)
     problem = None
     if inside.any():
-        worst = int(np.argmin(np.where(inside, gap, np.inf)))
+        worst = int(np.argmin(np.where(inside, gaps, np.inf)))
         problem = (
-            "held inside an obstacle", int(source[worst]), -1, int(node[worst]), float(-gap[worst])
+            "held in contact", int(rows.sources[worst]), -1, int(rows.nodes[worst]),
+            float(-gaps[worst]),
         )  # fmt: skip
     _raise_together(exchange, problem)
-
-    keep = ~decided
-    node, source, points, normal = node[keep], source[keep], points[keep], -direction[keep]
-    scale = 1.0 / norm[keep]
-    direction, gap = cut[keep] * scale[:, None], gap[keep] * scale
-    keep = _tightest(node, direction, gap)
-    return ContactRows(
-        nodes=node[keep],
-        points=points[keep],
-        sources=source[keep],
-        directions=direction[keep],
-        gaps=gap[keep],
-        normals=normal[keep],
-        force_scale=scale[keep],
-        copies=np.ones(int(keep.sum()), np.int64),
-    )
+    free = ContactEntries(**{name: v[~fixed] for name, v in entries.__dict__.items()})
+    return replace(rows, gaps=gaps, entries=free).of(~decided)
 
 
 def write_rows(
@@ -265,9 +428,9 @@ def write_rows(
 
     Returns
     -------
-    The rows, and the contact rows with their number of copies filled in, in row order.
+    The rows, and the contact rows, in row order, with their spread filled in.
     """
-    dimension = contact.directions.shape[1]
+    dimension = contact.normals.shape[1]
     order = np.argsort(exchange.nodes, kind="stable")
     nodes, start, copies = np.unique(exchange.nodes[order], return_index=True, return_counts=True)
     is_held = np.zeros((len(nodes), dimension), bool)
@@ -299,10 +462,12 @@ def write_rows(
                         np.zeros(len(where) * (m - 1)),
                     )
                 )  # fmt: skip
-    at = np.searchsorted(nodes, contact.nodes)
-    contact = ContactRows(**{**contact.__dict__, "copies": copies[at]})
-    parts.append(_contact_part(contact, at, start, order, dimension))
-    return _assemble(parts), contact
+    shared = SharedEntries(exchange, contact.entries, len(contact.nodes))
+    contact = replace(contact, spread=1.0 / shared.lengths)
+    none = np.zeros(0, np.int64)
+    rhs = contact.gaps * contact.spread
+    parts.append(_Part(RowKind.CONTACT, contact.nodes, rhs, none, none, none, np.zeros(0)))
+    return _assemble(parts, shared), contact
 
 
 def helmert(m: int) -> NDArray[np.float64]:
@@ -353,32 +518,7 @@ class _Part:
         )
 
 
-def _contact_part(
-    contact: ContactRows,
-    at: NDArray[np.int64],
-    start: NDArray[np.int64],
-    order: NDArray[np.int64],
-    dimension: int,
-) -> _Part:
-    """Contact rows spread over the copies of their nodes."""
-    m = contact.copies
-    row = np.repeat(np.arange(len(m)), m)
-    nth = np.arange(len(row)) - np.repeat(np.cumsum(m) - m, m)
-    copy = order[np.repeat(start[at], m) + nth]
-    value = contact.directions[row] / np.sqrt(m[row])[:, None]
-    entry, component = np.nonzero(np.abs(value) > 1e-14)
-    return _Part(
-        RowKind.CONTACT,
-        contact.nodes,
-        contact.gaps * np.sqrt(m),
-        row[entry],
-        copy[entry],
-        component,
-        value[entry, component],
-    )
-
-
-def _assemble(parts: list[_Part]) -> Rows:
+def _assemble(parts: list[_Part], contact: SharedEntries) -> Rows:
     """Number the rows by node, then kind, then as they were written."""
     kind = np.concatenate([np.full(len(p.node), p.kind, np.int8) for p in parts])
     node = np.concatenate([p.node for p in parts])
@@ -395,6 +535,7 @@ def _assemble(parts: list[_Part]) -> Rows:
         copy=np.concatenate([p.copy for p in parts]),
         component=np.concatenate([p.component for p in parts]),
         value=np.concatenate([p.value for p in parts]),
+        contact=contact,
     )
 
 

@@ -130,12 +130,12 @@ class DualProblem:
 
     @cached_property
     def spread(self) -> NDArray[np.float64]:
-        """√copies on contact rows, 1 elsewhere.
+        """One over the length of the unscaled row on contact rows, 1 elsewhere.
 
         A contact row's multiplier times it is the force, its residual over it the distance.
         """
         result = np.ones(self.size)
-        result[self.inequality] = np.sqrt(self.contact.copies)
+        result[self.inequality] = self.contact.spread
         return result
 
     def count(self, kind: RowKind) -> int:

@@ -1,7 +1,8 @@
-"""Whether each body can be in equilibrium, from its rigid motions alone.
+"""Whether bodies can be in equilibrium, from their rigid motions alone.
 
-A body is in equilibrium iff its load can be balanced by reactions of held rows (any sign) and of
-contact rows (compression only):
+Bodies that may touch each other are examined together, with the rigid motions of all of them; a
+body that touches nothing but obstacles by itself. They are in equilibrium iff the load can be
+balanced by reactions of held rows (any sign) and of contact rows (compression only):
 
     e = Dᵀ λ_D + Nᵀ λ_N,  λ_N ≥ 0,
 
@@ -30,14 +31,14 @@ ROUNDS = 200
 
 @dataclass(frozen=True, eq=False)
 class BodyBalance:
-    """What holds one body.
+    """What holds one body, or several that may touch each other.
 
     Attributes
     ----------
     free_motions : (motions, k)
         Orthonormal rigid motions no row sees: the body can slide along them.
     escape : (motions,) or None
-        The rigid motion in which the body leaves, normalised; None if it is in equilibrium.
+        The rigid motion in which they leave, normalised; None in equilibrium.
     held : bool
         Whether the held rows alone stop every rigid motion.
     """
@@ -54,16 +55,16 @@ def balance(
     load: NDArray[np.float64],
     load_scale: float,
 ) -> BodyBalance:
-    """Examine one body.
+    """Examine one body, or several together.
 
     Parameters
     ----------
     held : (rows, motions)
-        This rank's held rows applied to the body's rigid motions.
+        This rank's held rows applied to the rigid motions, those of one body after another's.
     contact : (rows, motions)
         The same for contact rows, with the direction into the obstacle.
     load : (motions,)
-        Work of all loads of the body on its rigid motions, summed over ranks.
+        Work of all loads on the rigid motions, summed over ranks.
     load_scale
         Sum of the magnitudes of the loads; smaller residuals than 1e-9 of it are round-off.
     """
@@ -76,6 +77,37 @@ def balance(
     residual = _residual(comm, contact @ allowed, allowed.T @ load, 1e-9 * load_scale)
     escape = None if residual is None else allowed @ (residual / np.linalg.norm(residual))
     return BodyBalance(free, escape, held=False)
+
+
+def holds(comm: MPI.Intracomm, held: NDArray[np.float64]) -> bool:
+    """Whether held rows (rows, motions) of all ranks alone stop every rigid motion."""
+    return _null_space(comm.allreduce(held.T @ held)).shape[1] == 0
+
+
+def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]]:
+    """Deal free motions of several bodies out to them, so that holding the shares holds all.
+
+    Parameters
+    ----------
+    free : (bodies · motions, k)
+        Motions all bodies make together.
+
+    Returns
+    -------
+    For each body orthonormal motions (motions, k_b), Σ k_b = k.
+    """
+    shares = []
+    left = free
+    for start in range(0, len(free), motions):
+        part = left[start : start + motions]
+        if left.shape[1] == 0:
+            shares.append(part)
+            continue
+        u, size, vt = np.linalg.svd(part)
+        rank = int((size > 1e-6).sum())
+        shares.append(u[:, :rank])
+        left = left @ vt[rank:].T
+    return shares
 
 
 def _residual(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from solver.tfeti.dual import DualProblem
 
@@ -80,18 +81,16 @@ def feasible_displacements(
     """The admissible û nearest to u at the nodes of the interface, and B û - c.
 
     B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
-    admissible set; where rows of one node are not orthogonal it is repeated, damped.
+    admissible set; where contact rows are not orthogonal it is repeated, damped.
     """
-    rows_at_node = _rows_sharing_a_node(problem)
+    damping = _overlap(problem)
     repaired = [u.copy(order="F") for u in displacements]
     violation = _violation(problem, repaired)
     tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, *displacements))
     for _ in range(200):
         if largest_magnitude(problem.comm, violation) <= tolerance:
             break
-        for u, change in zip(
-            repaired, problem.constraint_forces(violation / rows_at_node), strict=True
-        ):
+        for u, change in zip(repaired, problem.constraint_forces(violation / damping), strict=True):
             u -= change
         previous = largest_magnitude(problem.comm, violation)
         violation = _violation(problem, repaired)
@@ -105,11 +104,24 @@ def _violation(problem: DualProblem, displacements: list[NDArray[np.float64]]) -
     return np.where(problem.inequality, np.maximum(residual, 0.0), residual)
 
 
-def _rows_sharing_a_node(problem: DualProblem) -> NDArray[np.float64]:
-    """For each contact row the number of contact rows at its node, 1 for other rows."""
+def _overlap(problem: DualProblem) -> NDArray[np.float64]:
+    """Row sums of |B Bᵀ| over contact rows, 1 for other rows.
+
+    They bound what the corrections of rows that are not orthogonal add up to.
+    """
     result = np.ones(problem.size)
-    _, place, count = np.unique(problem.contact.nodes, return_inverse=True, return_counts=True)
-    result[problem.inequality] = count[place.reshape(-1)]
+    first = problem.B.getOwnershipRange()[0]
+    rows = (first + np.flatnonzero(problem.inequality)).astype(PETSc.IntType)
+    columns = np.arange(*problem.B.getOwnershipRangeColumn(), dtype=PETSc.IntType)
+    contact = problem.B.createSubMatrix(
+        *(PETSc.IS().createGeneral(i, comm=problem.comm) for i in (rows, columns))
+    )
+    product = contact.matMult(contact.transpose(PETSc.Mat()))
+    starts, _, values = product.getValuesCSR()
+    sums = np.bincount(
+        np.repeat(np.arange(len(rows)), np.diff(starts)), np.abs(values), minlength=len(rows)
+    )
+    result[problem.inequality] = np.maximum(sums, 1.0)
     return result
 
 

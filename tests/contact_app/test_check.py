@@ -39,7 +39,7 @@ def test_says_what_is_modelled() -> None:
         ("no_contacts", 1, "no contacts: plain conjugate gradients"),
         ("wall", 1, "one held subdomain: no gluing and no coarse problem"),
         ("wall", [2, 2, 2], "its subdomains float (Total FETI)"),
-        ("floating_in_corner", 1, "kept by its obstacles alone"),
+        ("floating_in_corner", 1, "kept by what it touches alone"),
         ("sliding", 1, "free along 3 rigid motions no load works on"),
     ],
 )

@@ -50,7 +50,8 @@ def build(nodes: list[int], given: NodeConditions, eliminate: bool = False):
     contact = merge_contact(exchange, given, held, 1.0)
     rows, contact = write_rows(exchange, held, contact, np.full(len(held.nodes), eliminate))
     B = np.zeros((len(rows.kind), len(nodes) * D))
-    np.add.at(B, (rows.row, rows.copy * D + rows.component), rows.value)
+    row, column, value = rows.entries(np.arange(len(nodes) * D).reshape(-1, D))
+    np.add.at(B, (row, column), value)
     return B, rows.rhs, rows.kind, contact
 
 
@@ -85,17 +86,18 @@ def test_the_contact_force_on_a_shared_node_is_split_among_its_copies() -> None:
     np.testing.assert_allclose(row @ np.tile(c, 3), np.sqrt(3.0))
     touching = 0.2 * np.array(c)
     assert row @ np.tile(touching, 3) == pytest.approx(rhs[kind == RowKind.CONTACT][0])
-    assert rows.copies.tolist() == [3]
+    assert rows.spread == pytest.approx([np.sqrt(3.0)])
 
 
 def test_a_node_held_and_in_contact_keeps_the_free_part_of_the_row() -> None:
     given = conditions(held=[(0, [0.1, None, None])], contact=[(0, [0.6, 0.8, 0.0], 0.5)])
     B, rhs, kind, rows = build([0], given)
     np.testing.assert_allclose(B @ B.T, np.eye(2), atol=1e-15)
-    np.testing.assert_allclose(rows.directions, [[0.0, 1.0, 0.0]])
+    np.testing.assert_allclose(B[kind == RowKind.CONTACT], [[0.0, 1.0, 0.0]])
     # 0.6 · 0.1 + 0.8 u_y ≤ 0.5
     assert rhs[kind == RowKind.CONTACT][0] == pytest.approx((0.5 - 0.06) / 0.8)
-    assert rows.force_scale[0] == pytest.approx(1.25)
+    assert rows.gaps[0] == pytest.approx(0.5 - 0.06)
+    assert rows.spread[0] == pytest.approx(1.25)
 
 
 def test_a_row_decided_by_held_values_is_dropped() -> None:
@@ -108,7 +110,7 @@ def test_a_node_held_inside_an_obstacle_is_refused() -> None:
     given = conditions(held=[(0, [0.6, 0.0, 0.0])], contact=[(0, [1.0, 0.0, 0.0], 0.5)])
     with pytest.raises(ContradictionError) as refused:
         build([0], given)
-    assert refused.value.kind == "held inside an obstacle"
+    assert refused.value.kind == "held in contact"
     assert refused.value.amount == pytest.approx(0.1)
 
 

@@ -1,0 +1,596 @@
+"""Mortar contact of two meshed surfaces: averages of the gap that non-matching meshes can meet.
+
+The pressure between two bodies is a field on the side that carries the multipliers (the contact's
+`on`), p = Σ p_j ψ_j with one value a node, and the bodies do not penetrate on the average over
+each ψ_j:
+
+    ∫ ψ_j n·(u_on - u_against) ≤ ∫ ψ_j g,    g = n·(x_against - x_on),
+
+with n the outward normal of the `on` side and x_against the point of the other side that n meets.
+Divided by W_j = ∫ ψ_j that is a mean gap, and its multiplier p_j W_j a force.
+
+Projection. Every `on` facet is taken for flat: n is constant on it and the facets of the other
+side are projected along n onto its plane, where the two are intersected (segments in 2D, convex
+polygons cut into triangles in 3D) and integrated by Gauss points that are exact for triangles and
+parallelograms (M. A. Puso, A 3D mortar method for solid mechanics, IJNME 59 (2004)). Where
+surfaces are curved the integrals see the polyhedra, whose distance from the smooth surfaces is of
+second order in the size of facets. The jump x_against - x_on has the direction of n, so that rows
+do not see any rigid motion of both bodies together: forces and moments balance to round-off.
+
+Multipliers. On facets the other side covers wholly the ψ_j are dual to the shape functions,
+∫ ψ_j φ_k = δ_jk ∫ φ_k (B. Wohlmuth, A mortar finite element method using dual spaces for the
+Lagrange multiplier, SINUM 38 (2000)): a row has one `on` node, and matching meshes reduce to node
+pairs. On facets covered in part, where dual functions grow without bound, they are the shape
+functions themselves. Both add up to one, so a constant pressure is transmitted exactly. A node
+whose share is mostly uncovered gives its rows to its neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+FACING = 0.5
+"""Facets face each other if their normals are within 60° of opposite."""
+
+COVERED = 1.0 - 1e-6
+"""Share of a facet from which it counts as covered."""
+
+WEAK = 0.1
+"""Share of a node's area below which its row is given to its neighbours."""
+
+NEGLIGIBLE = 1e-13
+"""Entries of a row, which is of order one, that are round-off."""
+
+SLIVER = 1e-13
+"""Overlaps smaller than this, relative to the facets, are round-off."""
+
+QUERIES = 200_000
+"""Points asked of the tree at a time."""
+
+# Gauss points of triangles, barycentric, and weights that add up to one: degrees 2, 4 and 8
+# (D. A. Dunavant, High degree efficient symmetrical Gaussian quadrature rules for the triangle,
+# IJNME 21 (1985)).
+_ORBITS: dict[int, list[tuple[float, tuple[float, float, float]]]] = {
+    2: [(1 / 3, (2 / 3, 1 / 6, 1 / 6))],
+    4: [
+        (0.223381589678011, (0.108103018168070, 0.445948490915965, 0.445948490915965)),
+        (0.109951743655322, (0.816847572980459, 0.091576213509771, 0.091576213509771)),
+    ],
+    8: [
+        (0.144315607677787, (1 / 3, 1 / 3, 1 / 3)),
+        (0.095091634267285, (0.081414823414554, 0.459292588292723, 0.459292588292723)),
+        (0.103217370534718, (0.658861384496480, 0.170569307751760, 0.170569307751760)),
+        (0.032458497623198, (0.898905543365938, 0.050547228317031, 0.050547228317031)),
+        (0.027230314174435, (0.008394777409958, 0.263112829634638, 0.728492392955404)),
+    ],
+}
+
+
+class SurfacesApartError(ValueError):
+    """The two sides have nothing to do with each other; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One side of a contact.
+
+    Attributes
+    ----------
+    nodes : (facets, vertices)
+        Global nodes, anticlockwise seen from outside; two in the plane, three or four in space.
+    points : (facets, vertices, 3)
+        Coordinates.
+    normals : (facets, 3)
+        Outward unit normal; of a warped quadrilateral the normal of its diagonals.
+    """
+
+    nodes: NDArray[np.int64]
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        nodes: NDArray[np.int64],
+        points: NDArray[np.float64],
+        inside: NDArray[np.float64],
+    ) -> Surface:
+        """Order and orient facets.
+
+        Parameters
+        ----------
+        nodes, points
+            As the attributes, the vertices in any order.
+        inside : (facets, 3)
+            A point of the body behind each facet.
+        """
+        order = np.lexsort(np.sort(nodes, axis=1).T)
+        nodes, points, inside = nodes[order], points[order], inside[order]
+        if nodes.shape[1] == 4:
+            nodes, points = _around(nodes, points)
+        if nodes.shape[1] == 2:
+            along = points[:, 1] - points[:, 0]
+            normals = np.stack([along[:, 1], -along[:, 0], np.zeros(len(along))], axis=1)
+        else:
+            last = points[:, 3] - points[:, 1] if nodes.shape[1] == 4 else points[:, 1]
+            first = points[:, 2] - points[:, 0]
+            if nodes.shape[1] == 3:
+                first, last = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+            normals = np.cross(first, last)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        away = points.mean(axis=1) - inside
+        inward = np.einsum("ij,ij->i", normals, away) < 0.0
+        nodes, points = nodes.copy(), points.copy()
+        nodes[inward], points[inward] = nodes[inward, ::-1], points[inward, ::-1]
+        normals[inward] *= -1.0
+        return cls(nodes, points, normals)
+
+    @property
+    def dimension(self) -> int:
+        """2 for segments, 3 for triangles and quadrilaterals."""
+        return 2 if self.nodes.shape[1] == 2 else 3
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """Mean of the vertices of each facet, (facets, 3)."""
+        return self.points.mean(axis=1)
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Largest distance of a vertex from the centre, (facets,)."""
+        away = self.points - self.centres[:, None]
+        return np.linalg.norm(away, axis=2).max(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanGaps:
+    """Rows Σ value · u[node, component] ≤ gap, one for each multiplier.
+
+    Attributes
+    ----------
+    nodes, points : (rows,), (rows, 3)
+        The `on` node a row belongs to, and where it is.
+    areas : (rows,)
+        W_j: multiplier = mean pressure times W_j.
+    gaps : (rows,)
+        Mean gap, negative where the bodies overlap.
+    normals : (rows, dimension)
+        Mean normal out of the other body: force on the `on` body for a multiplier of one.
+    row, node, component, value : (entries,)
+        The rows, sorted; values on `on` nodes add up to a mean of n.
+    entry_points : (entries, 3)
+        Coordinates of the nodes.
+    """
+
+    nodes: NDArray[np.int64]
+    points: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    row: NDArray[np.int64]
+    node: NDArray[np.int64]
+    component: NDArray[np.int64]
+    value: NDArray[np.float64]
+    entry_points: NDArray[np.float64]
+
+
+def mean_gaps(on: Surface, against: Surface) -> MeanGaps:
+    """The mortar rows of two surfaces.
+
+    Raises
+    ------
+    SurfacesApartError
+        The sides face the same way, or no facet of one projects onto one of the other.
+    """
+    i, j = _candidates(on, against)
+    cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
+    facing = cosine >= FACING
+    found = _Overlaps.of(on, against, i[facing], j[facing])
+    if len(found.i) == 0:
+        turned = _Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0])
+        if len(turned.i):
+            raise SurfacesApartError(
+                "the two sides face the same way: their outward normals must point at each other"
+            )
+        raise SurfacesApartError(
+            "the two sides never meet: no facet of the first projects, along its normal, onto a "
+            "facet of the second that faces it"
+        )
+    return _rows(on, against, found)
+
+
+# --- which facets may meet -----------------------------------------------------------------------
+
+
+def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of facets (on, against) near enough for their projections to overlap.
+
+    The facets looked for lie along the normal of an `on` facet, not farther than the nearest
+    point of facets within 60° of facing it can be. Trees of the other side's centres, one for
+    each size of facets, are asked at points along the normal, so that the work grows with the
+    gap over the size and not with its square.
+    """
+    centres, radii = on.centres, on.radii
+    middles, sizes = against.centres, against.radii
+    level = np.floor(np.log2(sizes / sizes.min() * (1.0 + 1e-9))).astype(int)
+    groups = [np.flatnonzero(level == k) for k in np.unique(level)]
+    trees = [cKDTree(middles[group]) for group in groups]
+    nearest = np.min([tree.query(centres)[0] for tree in trees], axis=0)
+    reach = 2.0 * (nearest + radii)
+    pairs: list[NDArray[np.int64]] = []
+    for group, tree in zip(groups, trees, strict=True):
+        across = radii + sizes[group].max()
+        steps = np.ceil(2.0 * reach / across).astype(np.int64) + 1
+        for part in np.array_split(np.arange(len(steps)), int(steps.sum()) // QUERIES + 1):
+            if len(part) == 0:
+                continue
+            which = np.repeat(part, steps[part])
+            nth = np.arange(len(which)) - np.repeat(np.cumsum(steps[part]) - steps[part],
+                                                    steps[part])  # fmt: skip
+            along = -reach[which] + nth * across[which]
+            asked = centres[which] + along[:, None] * on.normals[which]
+            hits = tree.query_ball_point(asked, 1.2 * across[which])
+            count = np.fromiter((len(h) for h in hits), np.int64, len(hits))
+            if count.sum() == 0:
+                continue
+            there = group[np.concatenate([np.asarray(h, np.int64) for h in hits if h])]
+            pairs.append(np.unique(np.stack([np.repeat(which, count), there], axis=1), axis=0))
+    joined = np.unique(np.concatenate(pairs), axis=0) if pairs else np.zeros((0, 2), np.int64)
+    return joined[:, 0], joined[:, 1]
+
+
+# --- overlaps and their integrals ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Overlaps:
+    """Integrals over the overlap of each pair of facets.
+
+    Attributes
+    ----------
+    i, j : (pairs,)
+        Facets of the two sides.
+    area : (pairs,)
+    own : (pairs, v, v), shared : (pairs, v, w), weight : (pairs, v), gap : (pairs, v)
+        ∫ φ_k φ_l, ∫ φ_k φ'_l with φ' of the other side, ∫ φ_k and ∫ φ_k g.
+    """
+
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    area: NDArray[np.float64]
+    own: NDArray[np.float64]
+    shared: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    gap: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, on: Surface, against: Surface, i: NDArray[np.int64], j: NDArray[np.int64]
+    ) -> _Overlaps:
+        """Project, intersect, integrate; pairs that do not overlap are dropped."""
+        frame = _frames(on)[i]
+        origin = on.centres[i][:, None]
+        here = np.einsum("pvk,pdk->pvd", on.points[i] - origin, frame)
+        there = np.einsum("pvk,pdk->pvd", against.points[j] - origin, frame)
+        flat, height = here[..., :-1], here[..., -1]
+        other, other_height = there[..., :-1], there[..., -1]
+        pair, x, w = (_segments if on.dimension == 2 else _polygons)(flat, other)
+        phi, theirs = shape(flat[pair], x), shape(other[pair], x)
+        gap = np.einsum("qv,qv->q", theirs, other_height[pair])
+        gap -= np.einsum("qv,qv->q", phi, height[pair])
+        kept, start = np.unique(pair, return_index=True)
+        if len(kept) == 0:
+            start = np.zeros(0, np.int64)
+
+        def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            weighted = values * w.reshape(-1, *(1,) * (values.ndim - 1))
+            return np.add.reduceat(weighted, start) if len(start) else weighted[:0]
+
+        return cls(
+            i=i[kept],
+            j=j[kept],
+            area=integrate(np.ones(len(w))),
+            own=integrate(phi[:, :, None] * phi[:, None, :]),
+            shared=integrate(phi[:, :, None] * theirs[:, None, :]),
+            weight=integrate(phi),
+            gap=integrate(phi * gap[:, None]),
+        ).nearest_layer(on)
+
+    def nearest_layer(self, on: Surface) -> _Overlaps:
+        """Of facets one behind the other keep the layer nearest to each `on` facet."""
+        distance = np.abs(self.gap.sum(axis=1) / self.area)
+        nearest = np.full(len(on.nodes), np.inf)
+        np.minimum.at(nearest, self.i, distance)
+        keep = distance <= nearest[self.i] + 4.0 * on.radii[self.i]
+        return _Overlaps(**{name: values[keep] for name, values in self.__dict__.items()})
+
+
+def _frames(surface: Surface) -> NDArray[np.float64]:
+    """Orthonormal axes of each facet, tangents first, the normal last, (facets, d, 3)."""
+    normals = surface.normals
+    along = surface.points[:, 1] - surface.points[:, 0]
+    along = along - np.einsum("ij,ij->i", along, normals)[:, None] * normals
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    if surface.dimension == 2:
+        return np.stack([along, normals], axis=1)
+    return np.stack([along, np.cross(normals, along), normals], axis=1)
+
+
+def _segments(
+    flat: NDArray[np.float64], other: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight."""
+    lower = np.maximum(flat.min(axis=1), other.min(axis=1))[:, 0]
+    upper = np.minimum(flat.max(axis=1), other.max(axis=1))[:, 0]
+    size = np.ptp(flat, axis=1)[:, 0]
+    pair = np.flatnonzero(upper - lower > SLIVER * size)
+    half, middle = 0.5 * (upper - lower)[pair], 0.5 * (upper + lower)[pair]
+    x = middle[:, None] + half[:, None] * np.array([-1.0, 1.0]) / np.sqrt(3.0)
+    return np.repeat(pair, 2), x.reshape(-1, 1), np.repeat(half, 2)
+
+
+def _polygons(
+    flat: NDArray[np.float64], other: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Gauss points of the overlap of convex polygons (n, v, 2): pair, coordinates, weight."""
+    polygon, count = clip(flat, other)
+    pairs, parts = [], []
+    for k in range(1, polygon.shape[1] - 1):
+        have = np.flatnonzero(count > k + 1)
+        pairs.append(have)
+        parts.append(polygon[have][:, [0, k, k + 1]])
+    pair, triangle = np.concatenate(pairs), np.concatenate(parts)
+    edges = triangle[:, 1:] - triangle[:, :1]
+    area = 0.5 * np.abs(np.linalg.det(edges))
+    size = np.ptp(flat, axis=1).max(axis=1) ** 2
+    solid = area > SLIVER * size[pair]
+    order = np.argsort(pair[solid], kind="stable")
+    pair, triangle, area = pair[solid][order], triangle[solid][order], area[solid][order]
+    barycentric, weights = _triangle_rule(_degree(flat, other))
+    x = np.einsum("gv,tvd->tgd", barycentric, triangle)
+    w = area[:, None] * weights
+    return np.repeat(pair, len(weights)), x.reshape(-1, 2), w.ravel()
+
+
+def _degree(*polygons: NDArray[np.float64]) -> int:
+    """Degree the product of shape functions of both sides needs."""
+    if all(p.shape[1] == 3 for p in polygons):
+        return 2
+    for p in polygons:
+        if p.shape[1] == 4:
+            skew = np.abs(p[:, 0] - p[:, 1] + p[:, 2] - p[:, 3]).max(initial=0.0)
+            if skew > 1e-12 * np.abs(p).max(initial=0.0):
+                return 8
+    return 4
+
+
+def _triangle_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Barycentric coordinates (points, 3) and weights of a rule."""
+    points: list[tuple[float, ...]] = []
+    weights: list[float] = []
+    for weight, orbit in _ORBITS[degree]:
+        a, b, c = orbit
+        turns = {(a, b, c), (b, c, a), (c, a, b), (a, c, b), (c, b, a), (b, a, c)}
+        points += sorted(turns)
+        weights += [weight] * len(turns)
+    barycentric, w = np.array(points), np.array(weights)
+    return barycentric / barycentric.sum(axis=1, keepdims=True), w / w.sum()
+
+
+def clip(
+    window: NDArray[np.float64], subject: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Intersect convex polygons pair by pair (Sutherland, Hodgman, CACM 17 (1974)).
+
+    Parameters
+    ----------
+    window : (n, v, 2)
+        Anticlockwise.
+    subject : (n, w, 2)
+
+    Returns
+    -------
+    Vertices (n, v + w, 2), of which the first `count` (n,) are meant.
+    """
+    n, v = window.shape[:2]
+    room = v + subject.shape[1]
+    polygon = np.zeros((n, room, 2))
+    polygon[:, : subject.shape[1]] = subject
+    count = np.full(n, subject.shape[1])
+    place = np.arange(room)
+    for edge in range(v):
+        start, end = window[:, edge, None], window[:, (edge + 1) % v, None]
+        along = end - start
+        away = polygon - start
+        side = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
+        valid = place < count[:, None]
+        following = np.where(place + 1 < count[:, None], place + 1, 0)
+        next_side = np.take_along_axis(side, following, axis=1)
+        next_point = np.take_along_axis(polygon, following[..., None], axis=1)
+        inside = side >= 0.0
+        crossing = valid & (inside != (next_side >= 0.0))
+        share = side / np.where(crossing, side - next_side, 1.0)
+        cut = polygon + share[..., None] * (next_point - polygon)
+        made = np.stack([polygon, cut], axis=2).reshape(n, -1, 2)
+        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, -1)
+        order = np.argsort(~keep, axis=1, kind="stable")[:, :room]
+        polygon = np.take_along_axis(made, order[..., None], axis=1)
+        count = np.minimum(keep.sum(axis=1), room)
+    return polygon, count
+
+
+def shape(vertices: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shape functions (q, v) of facets with vertices (q, v, d - 1) at points (q, d - 1)."""
+    if vertices.shape[1] == 2:
+        a, b = vertices[:, 0, 0], vertices[:, 1, 0]
+        t = (x[:, 0] - a) / (b - a)
+        return np.stack([1.0 - t, t], axis=1)
+    first, second = vertices[:, 1] - vertices[:, 0], vertices[:, -1] - vertices[:, 0]
+    away = x - vertices[:, 0]
+    if vertices.shape[1] == 3:
+        xi = _solve(first, second, away)
+        return np.stack([1.0 - xi[0] - xi[1], *xi], axis=1)
+    twist = vertices[:, 0] - vertices[:, 1] + vertices[:, 2] - vertices[:, 3]
+    r, s = np.full(len(x), 0.5), np.full(len(x), 0.5)
+    for _ in range(20):  # Newton; a parallelogram needs one step
+        residual = away - r[:, None] * first - s[:, None] * second - (r * s)[:, None] * twist
+        dr, ds = _solve(first + s[:, None] * twist, second + r[:, None] * twist, residual)
+        r, s = r + dr, s + ds
+        if max(np.abs(dr).max(initial=0.0), np.abs(ds).max(initial=0.0)) < 1e-15:
+            break
+    return np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
+
+
+def _solve(
+    a: NDArray[np.float64], b: NDArray[np.float64], rhs: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Solve a r + b s = rhs for many pairs of plane vectors."""
+    determinant = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    r = (rhs[:, 0] * b[:, 1] - rhs[:, 1] * b[:, 0]) / determinant
+    s = (a[:, 0] * rhs[:, 1] - a[:, 1] * rhs[:, 0]) / determinant
+    return r, s
+
+
+def _around(
+    nodes: NDArray[np.int64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Quadrilaterals in the order that goes round: the one whose diagonals span most area."""
+    orders = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]])
+    turned = points[:, orders]
+    diagonals = turned[:, :, 2:] - turned[:, :, :2]
+    area = np.linalg.norm(np.cross(diagonals[:, :, 0], diagonals[:, :, 1]), axis=-1)
+    best = orders[np.argmax(area, axis=1)]
+    rows = np.arange(len(nodes))[:, None]
+    return nodes[rows, best], points[rows, best]
+
+
+# --- rows ----------------------------------------------------------------------------------------
+
+
+def _rows(on: Surface, against: Surface, found: _Overlaps) -> MeanGaps:
+    """Multiplier functions facet by facet, their rows, and weak rows given to neighbours."""
+    d, (facets, v) = on.dimension, on.nodes.shape
+    nodes, local = np.unique(on.nodes, return_inverse=True)
+    others, other_local = np.unique(against.nodes, return_inverse=True)
+    local, other_local = local.reshape(on.nodes.shape), other_local.reshape(against.nodes.shape)
+    sizes = _areas(on)
+
+    def on_facets(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        total = np.zeros((facets, *values.shape[1:]))
+        np.add.at(total, found.i, values)
+        return total
+
+    own, weight = on_facets(found.own), on_facets(found.weight)
+    covered = on_facets(found.area) >= COVERED * sizes
+    if (on_facets(found.area) > (1.0 + 1e-3) * sizes).any():
+        raise SurfacesApartError(
+            "a facet of the first side meets two layers of the second; name a smaller part of it"
+        )
+    functions = np.tile(np.eye(v), (facets, 1, 1))  # ψ = C φ
+    functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
+    own[covered] = weight[covered, :, None] * np.eye(v)
+    shared = functions[found.i] @ found.shared
+    gap = np.einsum("pjk,pk->pj", functions[found.i], found.gap)
+
+    count = len(nodes)
+    total = np.bincount(local.ravel(), weight.ravel(), minlength=count)
+    gaps = np.bincount(local[found.i].ravel(), gap.ravel(), minlength=count)
+    touched = np.unique(found.i)
+    normals = on.normals[:, :d]
+    here = _scatter(local[touched], local[touched], own[touched], normals[touched], count, count)
+    there = _scatter(
+        local[found.i], other_local[found.j], -shared, normals[found.i], count, len(others)
+    )
+    matrix = sparse.hstack([here, there], format="csr")
+
+    share = np.bincount(local.ravel(), np.repeat(sizes / v, v), minlength=count)
+    given = _give(local, weight, total, share)
+    total, gaps, matrix = given @ total, given @ gaps, (given @ matrix).tocsr()
+    strong = np.flatnonzero(given.diagonal() > 0.0)
+
+    place = np.zeros((count, 3))
+    place[local.ravel()] = on.points.reshape(-1, 3)
+    other_place = np.zeros((len(others), 3))
+    other_place[other_local.ravel()] = against.points.reshape(-1, 3)
+    scaled = (sparse.diags(1.0 / total[strong]) @ matrix[strong]).tocsr()
+    scaled.data[np.abs(scaled.data) < NEGLIGIBLE] = 0.0
+    scaled.eliminate_zeros()
+    scaled.sort_indices()
+    entries = scaled.tocoo()
+    at, component = entries.col // d, entries.col % d
+    all_nodes, all_points = np.concatenate([nodes, others]), np.concatenate([place, other_place])
+    mean = np.zeros((len(strong), d))
+    mine = at < count
+    np.add.at(mean, (entries.row[mine], component[mine]), entries.data[mine])
+    return MeanGaps(
+        nodes=nodes[strong],
+        points=place[strong],
+        areas=total[strong],
+        gaps=gaps[strong] / total[strong],
+        normals=-mean,
+        row=entries.row.astype(np.int64),
+        node=all_nodes[at],
+        component=component.astype(np.int64),
+        value=entries.data,
+        entry_points=all_points[at],
+    )
+
+
+def _scatter(
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    blocks: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    height: int,
+    width: int,
+) -> sparse.csr_matrix:
+    """Sum of blocks (n, v, w) times normals (n, d) at rows (n, v) and nodes (n, w)."""
+    d = normals.shape[1]
+    values = blocks[..., None] * normals[:, None, None, :]
+    row = np.broadcast_to(rows[:, :, None, None], values.shape)
+    column = np.broadcast_to(
+        columns[:, None, :, None] * d + np.arange(d)[None, None, None, :], values.shape
+    )
+    shape = (height, width * d)
+    return sparse.csr_matrix((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
+
+
+def _give(
+    local: NDArray[np.int64],
+    weight: NDArray[np.float64],
+    total: NDArray,
+    share: NDArray,
+) -> sparse.csr_matrix:
+    """Matrix that adds the rows of weak nodes to those of their neighbours, (nodes, nodes).
+
+    A weak node gives to the nodes it shares facets with, in proportion to their weight there; one
+    among weak nodes only keeps its row.
+    """
+    count, v = len(total), local.shape[1]
+    some = total > 0.0
+    weak = some & (total < WEAK * share)
+    a = np.repeat(local[:, :, None], v, axis=2).ravel()
+    b = np.repeat(local[:, None, :], v, axis=1).ravel()
+    w = np.repeat(weight[:, None, :], v, axis=1).ravel()
+    link = weak[a] & some[b] & ~weak[b] & (w > 0.0)
+    gift = sparse.csr_matrix((w[link], (b[link], a[link])), shape=(count, count))
+    received = np.asarray(gift.sum(axis=0)).ravel()
+    kept = some & ~(weak & (received > 0.0))
+    scale = np.divide(1.0, received, out=np.zeros(count), where=received > 0.0)
+    return (gift @ sparse.diags(scale) + sparse.diags(kept.astype(float))).tocsr()
+
+
+def _areas(surface: Surface) -> NDArray[np.float64]:
+    """Area of each facet in its own plane, (facets,)."""
+    flat = np.einsum(
+        "pvk,pdk->pvd", surface.points - surface.centres[:, None], _frames(surface)
+    )[..., :-1]  # fmt: skip
+    if surface.dimension == 2:
+        return np.ptp(flat, axis=1)[:, 0]
+    x, y = flat[..., 0], flat[..., 1]
+    return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
