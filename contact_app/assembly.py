@@ -38,6 +38,13 @@ def lame(material: Material, plane: str | None) -> tuple[float, float]:
     return lam, mu
 
 
+def cell_moduli(
+    tags: NDArray[np.int32], materials: tuple[Material, ...], plane: str | None
+) -> NDArray[np.float64]:
+    """Lamé's λ and μ of cells by the tag of each, (2, cells)."""
+    return np.array([lame(material, plane) for material in materials]).T[:, tags]
+
+
 class Element:
     """Finite-element forms on one reference.
 
@@ -64,10 +71,10 @@ class Element:
         block_of_node[versions.cell_nodes(self.mesh).ravel()] = blocks.ravel()
         return (block_of_node[:, None] * self.dimension + np.arange(self.dimension)).ravel()
 
-    def stiffness(self, material: Material, plane: str | None) -> sparse.csr_matrix:
-        """K, (unknowns, unknowns)."""
+    def stiffness(self, materials: tuple[Material, ...], plane: str | None) -> sparse.csr_matrix:
+        """K, (unknowns, unknowns); materials by the tags of the cells."""
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        form = ufl.inner(self._stress(u, material, plane), ufl.sym(ufl.grad(v))) * self._dx
+        form = ufl.inner(self._stress(u, materials, plane), ufl.sym(ufl.grad(v))) * self._dx
         matrix = assemble_matrix(versions.compile_form(form))
         matrix.assemble()
         K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
@@ -115,10 +122,21 @@ class Element:
         per_volume = sparse.diags(1.0 / np.repeat(self.cell_volumes(), d * d))
         return (per_volume @ operator)[:, self.unknowns].tocsr()
 
-    def _stress(self, u: Any, material: Material, plane: str | None) -> Any:
-        lam, mu = (fem.Constant(self.mesh, PETSc.ScalarType(m)) for m in lame(material, plane))
+    def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:
+        if len(materials) == 1:
+            moduli = lame(materials[0], plane)
+            lam, mu = (fem.Constant(self.mesh, PETSc.ScalarType(m)) for m in moduli)
+        else:
+            lam, mu = map(self._cellwise, cell_moduli(self.reference.tags, materials, plane))
         strain = ufl.sym(ufl.grad(u))
         return lam * ufl.tr(strain) * ufl.Identity(self.dimension) + 2.0 * mu * strain
+
+    def _cellwise(self, values: NDArray[np.float64]) -> Any:
+        """A function with one value in each cell."""
+        space = versions.cellwise_scalars(self.mesh)
+        function = fem.Function(space)
+        function.x.array[versions.dof_nodes(space).ravel()] = values
+        return function
 
     def _constant(self, vector: NDArray[np.float64]) -> Any:
         return fem.Constant(self.mesh, np.asarray(vector, dtype=PETSc.ScalarType))
@@ -137,13 +155,19 @@ class Element:
 
 
 def stress(
-    gradient: NDArray[np.float64], material: Material, plane: str | None
+    gradient: NDArray[np.float64], moduli: NDArray[np.float64], plane: str | None
 ) -> NDArray[np.float64]:
-    """Stress (…, 6), in the order of `STRESS_COMPONENTS`, of displacement gradients (…, d, d).
+    """Stress (…, cells, 6), in the order of `STRESS_COMPONENTS`, of displacement gradients.
 
     In the plane yz and xz vanish; zz does too in plane stress.
+
+    Parameters
+    ----------
+    gradient : (…, cells, d, d)
+    moduli : (2, cells)
+        Lamé's λ and μ.
     """
-    lam, mu = lame(material, plane)
+    lam, mu = moduli
     strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
     volumetric = lam * np.trace(strain, axis1=-2, axis2=-1)
     result = np.zeros((*gradient.shape[:-2], 6))

@@ -121,13 +121,11 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         f"  {partition.cells:,} cells, {partition.nodes:,} nodes, {dofs:,} degrees of freedom",
     ]
     for i, body in enumerate(scene.bodies):
-        mesh = body.mesh
-        cells = " x ".join(map(str, mesh.cells))
-        lines.append(
-            f"body {body.name}: box {_vector(mesh.lower)} to {_vector(mesh.upper)} of {cells} "
-            f"{'cubes' if mesh.cell == 'tetrahedron' else 'cells'} ({mesh.cell}), "
-            f"Young's modulus {body.material.young:g}, Poisson's ratio {body.material.poisson:g}"
+        materials = "; ".join(
+            f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}" for m in body.materials
         )
+        lines.append(f"body {body.name}: {body.mesh.describe()}, {materials}")
+        lines += [f"  {note}" for note in body.mesh.notes]
         lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
     for condition in scene.displacements:
         held = ", ".join(
@@ -226,7 +224,7 @@ def _groups(scene: Scene, known: Outline) -> list[Group]:
     """Subdomains of this rank by shape and material."""
     members: dict[tuple, list[int]] = {}
     for local, s in enumerate(known.partition.subdomains):
-        key: tuple = (id(s.reference), scene.bodies[s.body].material)
+        key: tuple = (id(s.reference), scene.bodies[s.body].materials)
         if known.eliminated[s.body]:
             key = (*key, s.body)
         members.setdefault(key, []).append(local)

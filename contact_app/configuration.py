@@ -16,8 +16,10 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     BaseModel,
     ConfigDict,
+    Discriminator,
     Field,
     PrivateAttr,
+    Tag,
     ValidationError,
     WithJsonSchema,
     field_validator,
@@ -99,11 +101,41 @@ class Box(Model):
     )
 
 
+class Rotation(Model):
+    """A turn about a line through the origin."""
+
+    angle: Number = Field(description="Degrees, counter-clockwise seen against the axis.")
+    axis: Numbers | None = Field(None, description="Direction of the axis, 3D only.")
+
+
 class Mesh(Model):
-    """Where a body's mesh comes from."""
+    """Where a body's mesh comes from: a box or a file, which may be scaled, turned and moved."""
 
     box: Box | None = Field(None, description="A box of equal cells.")
-    file: str | None = Field(None, description="A mesh file (not available yet).")
+    file: str | None = Field(
+        None,
+        description="A mesh file meshio reads (Gmsh .msh and others), from the directory of this "
+        "file on; physical groups become names of boundaries and materials.",
+    )
+    group: str | Annotated[list[str], Field(min_length=1)] | None = Field(
+        None, description="Cell groups of the file that make this body; all cells unless given."
+    )
+    scale: Positive = Field(1.0, description="Factor of the file's coordinates, above 0; first.")
+    rotate: Rotation | None = Field(
+        None, description="Turn about the origin: {angle, axis}; after scaling."
+    )
+    translate: Numbers | None = Field(None, description="Displacement (length); last.")
+
+    @field_validator("group", mode="wrap")
+    @classmethod
+    def _group(cls, value: Any, check: Callable[[Any], Any]) -> Any:
+        try:
+            return check(value)
+        except ValidationError:
+            raise PydanticCustomError(
+                "told", "is {value}; allowed: the name of a group of cells or a list of them",
+                {"value": _shown(value)},
+            ) from None  # fmt: skip
 
 
 class Material(Model):
@@ -111,6 +143,12 @@ class Material(Model):
 
     young: Positive = Field(description="Young's modulus (force per area), above 0.")
     poisson: Number = Field(description="Poisson's ratio, -1 < ν < 0.5.")
+
+
+def _material_form(value: Any) -> str:
+    """Which of the two forms of `material` was meant."""
+    groups = isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values())
+    return "{groups}" if groups else "{one}"
 
 
 class Boundary(Model):
@@ -126,23 +164,17 @@ class Body(Model):
     """An elastic body."""
 
     name: str = Field(description="Name by which conditions and contacts refer to it.")
-    mesh: Mesh = Field(description="Where the mesh comes from: {box: …}.")
+    mesh: Mesh = Field(description="Where the mesh comes from: {box: …} or {file: …}.")
     degree: int = Field(1, description="Polynomial degree of the displacement; 1.")
-    material: Material = Field(description="{young, poisson}.")
+    material: Annotated[
+        Annotated[Material, Tag("{one}")] | Annotated[dict[str, Material], Tag("{groups}")],
+        Discriminator(_material_form),
+    ] = Field(description="{young, poisson}, or {group: {young, poisson}, …} by cell group.")
     boundaries: dict[str, Boundary] = Field(
         default_factory=dict,
-        description="Named parts of the surface; boxes also know x-, x+, y-, y+, z-, z+.",
+        description="Named parts of the surface; boxes also know x-, x+, y-, y+, z-, z+, and "
+        "meshes from files their groups of facets.",
     )
-
-    @field_validator("material", mode="before")
-    @classmethod
-    def _material(cls, value: Any) -> Any:
-        if isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values()):
-            raise PydanticCustomError(
-                "told", "by tag needs a mesh from a file, which is not available yet; a box takes "
-                "{form}", {"form": "{young, poisson}"},
-            )  # fmt: skip
-        return value
 
 
 class Condition(Model):
@@ -210,7 +242,8 @@ class Split(Model):
     """A decomposition asked for."""
 
     subdomains: Annotated[int, Field(ge=1)] | Counts = Field(
-        description="A number: that many by graph partitioning. A list: sub-boxes along each axis."
+        description="A number: that many by graph partitioning. A list: sub-boxes along each axis; "
+        "a mesh from a file is cut into as many by graph partitioning."
     )
 
     @field_validator("subdomains", mode="wrap")

@@ -87,14 +87,15 @@ class ErrorEstimator:
 
     def _distance(self, number: int, u: Array, recovered: Array) -> Array:
         """∫ e : C⁻¹ : e over the members of a class, e = σ* - σ_h and e = σ_h, (2,)."""
-        cells, D = self.recovery.cells[number], self.recovery.D[number]
+        cells = self.recovery.cells[number]
         weights, values, slopes = versions.tabulated(cells.element.mesh, 2)
-        root = np.linalg.cholesky(np.linalg.inv(D))  # e : C⁻¹ : e = |rootᵀ e|²
         field = u.reshape(len(cells.points), cells.dimension, -1).swapaxes(1, 2)
-        # vertex by vertex the same: from root's components of σ* to those at the points
-        nodal = np.einsum("qv,st->vsqt", values, root).reshape(values.shape[1] * len(D), -1)
         total = np.zeros(2)
         for rows, shape, part in cells.batches(u.shape[1]):
+            D = self.recovery.D[number][cells.tags[rows[0]]]
+            root = np.linalg.cholesky(np.linalg.inv(D))  # e : C⁻¹ : e = |rootᵀ e|²
+            # vertex by vertex the same: from root's components of σ* to those at the points
+            nodal = np.einsum("qv,st->vsqt", values, root).reshape(values.shape[1] * len(D), -1)
             gradients, volume = cells.gradients(shape, slopes)
             weight = np.repeat(np.sqrt(weights * volume), len(D), axis=1)
             operator = stress_operator(gradients, root.T @ D @ self.recovery.V)

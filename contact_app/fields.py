@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.assembly import stress, von_mises
+from contact_app.assembly import cell_moduli, stress, von_mises
 from contact_app.model import Model, boundary_facets
 from contact_app.solve import Solution
 
@@ -149,14 +149,15 @@ def cell_fields(model: Model, solution: Solution) -> CellFields:
     d, scene = model.scene.dimension, model.scene
     by_class = []
     largest = np.zeros(2)
-    for element, material, u in zip(
+    for element, materials, u in zip(
         model.elements, model.materials, solution.displacements, strict=True
     ):
         gradient = (element.gradient_operator() @ u).T.reshape(u.shape[1], -1, d, d)
         transposed = np.swapaxes(gradient, -1, -2)
         strain, rotation = 0.5 * (gradient + transposed), 0.5 * (gradient - transposed)
         largest = np.maximum(largest, [np.abs(strain).max(), np.abs(rotation).max()])
-        by_class.append(stress(gradient, material, scene.plane))
+        moduli = cell_moduli(element.reference.tags, materials, scene.plane)
+        by_class.append(stress(gradient, moduli, scene.plane))
     stresses = [by_class[cls][column] for cls, column in model.place]
     joined = np.concatenate(stresses) if stresses else np.zeros((0, 6))
     starts = model.partition.cell_starts

@@ -48,10 +48,11 @@ def model_warnings(
                     f"{sagitta:.2g}, which the linearised gap leaves out"
                 )
     for body in scene.bodies:
-        if scene.plane != "stress" and body.material.poisson > LOCKING_POISSON:
+        poisson = max(material.poisson for material in body.materials)
+        if scene.plane != "stress" and poisson > LOCKING_POISSON:
             warnings.append(
                 f"{body.name}: first-order cells lock as Poisson's ratio nears 0.5 "
-                f"(it is {body.material.poisson:g}): displacements come out too small"
+                f"(it is {poisson:g}): displacements come out too small"
             )
     lost = comm.allreduce(nodes.without_area)
     if lost:

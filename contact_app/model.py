@@ -33,7 +33,7 @@ from contact_app.scene import (
     Traction,
 )
 from contact_app.timings import Timings
-from meshes import BoxShape, Partition, Subdomain, decompose
+from meshes import Partition, Subdomain, decompose
 from solver.tfeti.classes import subdomain_class
 from solver.tfeti.coarse import CoarseProblem, petsc_rows
 from solver.tfeti.constraints import (
@@ -69,7 +69,7 @@ class Model:
     elements
         Finite-element forms of each class, for stresses and areas.
     materials
-        Material of each class.
+        Materials of each class, by the tags of its cells.
     exchange
         Where the copies of surface nodes meet; `copies` gives their subdomain and local node.
     notes
@@ -81,7 +81,7 @@ class Model:
     problem: DualProblem
     place: NDArray[np.int64]
     elements: tuple[Element, ...]
-    materials: tuple[Material, ...]
+    materials: tuple[tuple[Material, ...], ...]
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -101,11 +101,6 @@ class Model:
         return NodeExchange(self.comm, np.concatenate(nodes), self.partition.nodes)
 
 
-def box_shapes(scene: Scene) -> list[BoxShape]:
-    """The bodies' boxes as meshes know them."""
-    return [BoxShape(b.mesh.lower, b.mesh.upper, b.mesh.cells, b.mesh.cell) for b in scene.bodies]
-
-
 def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     """Cut the scene's bodies into subdomains.
 
@@ -115,7 +110,8 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
         The decomposition asked for is impossible.
     """
     try:
-        return decompose(box_shapes(scene), scene.decomposition.subdomains, comm)
+        shapes = [body.mesh.shape() for body in scene.bodies]
+        return decompose(shapes, scene.decomposition.subdomains, comm)
     except ValueError as error:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
 
@@ -212,7 +208,7 @@ def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = Non
         scene, partition, surface, exchange, rows, contact, supports, loads, lifting, elements,
         all(b.held for b in balances), timings,
     )  # fmt: skip
-    notes = []
+    notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
     for body, found in zip(scene.bodies, balances, strict=True):
         if found.free_motions.shape[1]:
             notes.append(
@@ -638,7 +634,7 @@ def _dual_problem(
     for local, s in enumerate(partition.subdomains):
         lifted = lifting[local]
         held_key = None if lifted is None else lifted[0].tobytes()
-        key = (id(s.reference), scene.bodies[s.body].material, held_key)
+        key = (id(s.reference), scene.bodies[s.body].materials, held_key)
         groups.setdefault(key, []).append(local)
 
     place = np.empty((len(partition.subdomains), 2), np.int64)

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn, Protocol
 
 import numpy as np
 
@@ -31,6 +31,9 @@ SHORTEST_EDGE = 1e-15
 LONGEST_CELL = 1e4
 """Longest over shortest edge of a cell; beyond, round-off hides the short edge's stiffness."""
 
+PIECE_NODES = 2000
+"""Nodes of a subdomain of a mesh from a file, for the estimate of memory."""
+
 NEAREST_HALF = 1e-6
 """Distance of Poisson's ratio from 0.5 and -1, where the stiffness grows beyond all bounds."""
 
@@ -43,6 +46,55 @@ class Material:
     poisson: float
 
 
+class BodyMesh(Protocol):
+    """What anyone may ask of a body's mesh, wherever it comes from."""
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes."""
+
+    @property
+    def cell(self) -> str:
+        """Cell type: triangle, quadrilateral, tetrahedron or hexahedron."""
+
+    @property
+    def lower(self) -> tuple[float, ...]:
+        """Smallest coordinates."""
+
+    @property
+    def upper(self) -> tuple[float, ...]:
+        """Largest coordinates."""
+
+    @property
+    def nodes(self) -> int:
+        """Nodes."""
+
+    @property
+    def total_cells(self) -> int:
+        """Cells."""
+
+    @property
+    def boundaries(self) -> tuple[str, ...]:
+        """Names of the parts of the surface the mesh itself knows."""
+
+    @property
+    def congruent(self) -> bool:
+        """Whether `auto` cuts it into equal parts, which share one factor."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was repaired or left out, a sentence each."""
+
+    def shape(self) -> Any:
+        """What `meshes.decompose` cuts."""
+
+    def describe(self) -> str:
+        """A phrase for reports."""
+
+    def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
+        """Why the body of this name cannot be cut into so many parts; empty where it can."""
+
+
 @dataclass(frozen=True)
 class Box:
     """A box of equal cells between two corners."""
@@ -51,6 +103,14 @@ class Box:
     upper: tuple[float, ...]
     cells: tuple[int, ...]
     cell: str
+
+    congruent: ClassVar[bool] = True
+    notes: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes."""
+        return len(self.cells)
 
     @property
     def nodes(self) -> int:
@@ -62,15 +122,49 @@ class Box:
         """Cells of the mesh."""
         return math.prod(self.cells) * CELLS_PER_CUBE.get(self.cell, 1)
 
+    @property
+    def boundaries(self) -> tuple[str, ...]:
+        """The faces."""
+        return FACES[: 2 * self.dimension]
 
-@dataclass(frozen=True)
+    def shape(self) -> Any:
+        """The box as `meshes` knows it."""
+        from meshes import BoxShape
+
+        return BoxShape(self.lower, self.upper, self.cells, self.cell)
+
+    def describe(self) -> str:
+        """A phrase for reports."""
+        lower, upper = (", ".join(f"{v:g}" for v in p) for p in (self.lower, self.upper))
+        cells = " x ".join(map(str, self.cells))
+        unit = "cubes" if self.cell == "tetrahedron" else "cells"
+        return f"box ({lower}) to ({upper}) of {cells} {unit} ({self.cell})"
+
+    def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
+        """Why the body of this name cannot be cut into so many parts; empty where it can."""
+        for axis, (part, cells) in enumerate(zip(parts, self.cells, strict=True)):
+            if part > cells:
+                where = f"along {'xyz'[axis]}, where {name} has {cells} cells"
+                return f"asks for {part} sub-boxes {where}"
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
 class Body:
-    """An elastic body; `boundaries` holds those defined by an expression."""
+    """An elastic body.
+
+    Attributes
+    ----------
+    materials
+        By the number each cell of the mesh is tagged with; a box has one.
+    boundaries
+        Those defined by an expression.
+    """
 
     name: str
-    mesh: Box
+    mesh: BodyMesh
     degree: int
-    material: Material
+    materials: tuple[Material, ...]
     boundaries: dict[str, Expression]
 
 
@@ -278,16 +372,15 @@ class _Builder:
             )
         if body.degree != 1:
             self._fail((*path, "degree"), f"is {body.degree}; only 1 is available so far")
-        if body.mesh.file is not None:
-            self._fail((*path, "mesh", "file"), "is not available yet; use `box`")
-        if body.mesh.box is None:
-            self._fail((*path, "mesh"), "needs `box: {lower, upper, cells, cell}`")
-        mesh = self._box(body.mesh.box, (*path, "mesh", "box"))
+        mesh = self._mesh(body.mesh, (*path, "mesh"))
+        materials, mesh = self._materials(body, mesh, (*path, "material"))
         boundaries = {}
         for name, boundary in body.boundaries.items():
             at = (*path, "boundaries", name)
-            if name in FACES:
-                self._fail(at, f"redefines {name}, a face every box knows; choose another name")
+            if name in mesh.boundaries:
+                self._fail(
+                    at, f"redefines {name}, which the mesh knows already; choose another name"
+                )
             if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_+-]{0,99}", name):
                 self._fail(
                     at,
@@ -299,26 +392,82 @@ class _Builder:
                 boundaries[name] = Expression.parse(boundary.where, variables)
             except ExpressionError as error:
                 self._fail((*at, "where"), str(error))
-        poisson = body.material.poisson
+        return Body(
+            name=body.name,
+            mesh=mesh,
+            degree=body.degree,
+            materials=materials,
+            boundaries=boundaries,
+        )
+
+    def _materials(
+        self, body: c.Body, mesh: BodyMesh, path: tuple[str | int, ...]
+    ) -> tuple[tuple[Material, ...], BodyMesh]:
+        """The materials of a body, and its mesh with each cell tagged by the number of its own."""
+        given = body.material
+        if isinstance(given, c.Material):
+            return (self._material(given, path),), mesh
+        if body.mesh.box is not None:
+            self._fail(path, "by tag needs a mesh from a file; a box takes {young, poisson}")
+        from meshes import MeshError
+
+        materials = tuple(self._material(m, (*path, name)) for name, m in given.items())
+        try:
+            return materials, mesh.tagged(tuple(given))  # type: ignore[attr-defined]
+        except MeshError as error:
+            self._fail(path, str(error))
+
+    def _material(self, material: c.Material, path: tuple[str | int, ...]) -> Material:
+        poisson = material.poisson
         if not -1.0 < poisson < 0.5:
             self._fail(
-                (*path, "material", "poisson"),
+                (*path, "poisson"),
                 f"is {poisson:g}; an isotropic solid needs -1 < ν < 0.5 "
                 "(nearly incompressible: ν ≤ 0.4999, and mind the certificate's warning)",
             )
         if min(0.5 - poisson, 1.0 + poisson) < NEAREST_HALF:
             self._fail(
-                (*path, "material", "poisson"),
+                (*path, "poisson"),
                 f"is within {NEAREST_HALF:g} of {0.5 if poisson > 0 else -1}, where round-off "
                 "would decide the answer; at most 0.4999 is recommended",
             )
-        return Body(
-            name=body.name,
-            mesh=mesh,
-            degree=body.degree,
-            material=Material(body.material.young, poisson),
-            boundaries=boundaries,
+        return Material(material.young, poisson)
+
+    def _mesh(self, mesh: c.Mesh, path: tuple[str | int, ...]) -> BodyMesh:
+        if (mesh.box is None) == (mesh.file is None):
+            both = "has both; exactly one of" if mesh.box else "needs"
+            self._fail(path, f"{both} `box: {{lower, upper, cells, cell}}` or `file: part.msh`")
+        if mesh.box is not None:
+            for key in ("group", "scale", "rotate", "translate"):
+                if key in mesh.model_fields_set:
+                    self._fail((*path, key), "belongs to a mesh from a file; a box has corners")
+            return self._box(mesh.box, (*path, "box"))
+        return self._file(mesh, path)
+
+    def _file(self, mesh: c.Mesh, path: tuple[str | int, ...]) -> BodyMesh:
+        from meshes import MeshError, Placement, load_mesh  # dolfinx, which boxes need later only
+
+        axis: Any = (0.0, 0.0, 1.0)
+        if mesh.rotate is not None and mesh.rotate.axis is not None:
+            if self.dimension == 2:
+                self._fail((*path, "rotate", "axis"), "has no place in 2D; give the angle alone")
+            axis = self._direction(mesh.rotate.axis, (*path, "rotate", "axis"))
+        elif mesh.rotate is not None and self.dimension == 3:
+            self._fail((*path, "rotate"), "needs an axis in 3D: {axis: [0, 0, 1], angle: 90}")
+        placement = Placement(
+            scale=mesh.scale,
+            axis=axis,
+            angle=mesh.rotate.angle if mesh.rotate else 0.0,
+            translation=self._space(
+                mesh.translate or (0.0,) * self.dimension, (*path, "translate"), "a translation"
+            ),
         )
+        groups = [mesh.group] if isinstance(mesh.group, str) else mesh.group or []
+        file = self.c.source.parent / str(mesh.file)
+        try:
+            return load_mesh(file, self.dimension, placement, groups)
+        except MeshError as error:
+            self._fail((*path, "file"), f"is {file}, which {error}")
 
     def _box(self, box: c.Box, path: tuple[str | int, ...]) -> Box:
         lower = self._vector(box.lower, (*path, "lower"), "a corner")
@@ -362,22 +511,29 @@ class _Builder:
 
     def _memory(self, decomposition: Decomposition) -> None:
         """Refuse what cannot fit: the mesh, and factors of subdomains that are too large."""
-        bodies = self.bodies
-        dofs = sum(b.mesh.nodes for b in bodies) * self.dimension
+        bodies, d = self.bodies, self.dimension
+        dofs = sum(b.mesh.nodes for b in bodies) * d
         parts = decomposition.subdomains
-        factors: tuple[tuple[float, int], ...] = ()
-        if isinstance(parts, tuple):  # congruent: one factor for each body
-            each = math.prod(parts)
-            factors = tuple((b.mesh.nodes * self.dimension / each, self.dimension) for b in bodies)
-        elif parts is not None:
-            factors = ((dofs / parts, self.dimension),) * min(parts, 1000)
-        needed, available = needed_bytes(dofs, factors=factors), available_bytes()
+        factors: list[tuple[float, int]] = []
+        for body in bodies:
+            unknowns = float(body.mesh.nodes * d)
+            if isinstance(parts, int):
+                factors += [(dofs / parts, d)] * min(math.ceil(parts / len(bodies)), 1000)
+            elif isinstance(parts, tuple):  # congruent sub-boxes: one factor for each body
+                count = math.prod(parts)
+                factors += [(unknowns / count, d)] * (1 if body.mesh.congruent else count)
+            elif not body.mesh.congruent:
+                count = max(1, round(body.mesh.nodes / PIECE_NODES))
+                factors += [(unknowns / count, d)] * count
+        needed, available = needed_bytes(dofs, factors=tuple(factors)), available_bytes()
         if needed > available:
             largest = int(np.argmax([float(b.mesh.nodes) for b in bodies]))
+            key = ("box", "cells") if self.c.bodies[largest].mesh.box else ("file",)
             self._fail(
-                ("bodies", largest, "mesh", "box", "cells"),
-                f"make {float(dofs):.3g} degrees of freedom in all, which need about "
-                f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available",
+                ("bodies", largest, "mesh", *key),
+                f"{'make' if len(key) == 2 else 'makes'} {float(dofs):.3g} degrees of freedom in "
+                f"all, which need about {needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are "
+                "available",
             )
 
     def _name(self, text: str, path: tuple[str | int, ...]) -> int:
@@ -392,7 +548,7 @@ class _Builder:
         if not dot or not boundary:
             self._fail(path, f"is {text!r}; it has the form body.boundary, e.g. {self.names[0]}.x-")
         body = self._name(name, path)
-        known = [*FACES[: 2 * self.dimension], *self.bodies[body].boundaries]
+        known = [*self.bodies[body].mesh.boundaries, *self.bodies[body].boundaries]
         if boundary not in known:
             near = difflib.get_close_matches(boundary, known, 1)
             hint = f"; did you mean {name}.{near[0]}?" if near else ""
@@ -510,13 +666,9 @@ class _Builder:
                 f"{self.dimension}",
             )
         for body in self.bodies:
-            for axis, (part, cells) in enumerate(zip(parts, body.mesh.cells, strict=True)):
-                if part > cells:
-                    self._fail(
-                        ("decomposition", "subdomains"),
-                        f"asks for {part} sub-boxes along {'xyz'[axis]}, where {body.name} has "
-                        f"{cells} cells",
-                    )
+            why = body.mesh.uncuttable(tuple(parts), body.name)
+            if why:
+                self._fail(("decomposition", "subdomains"), why)
         return Decomposition(tuple(parts))
 
     def _some_load(

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from meshes.subdomains import Reference, Subdomain
+from meshes.unstructured import CellMesh, Topology
 
 SIDES = (("x-", 0, 0), ("x+", 0, 1), ("y-", 1, 0), ("y+", 1, 1), ("z-", 2, 0), ("z+", 2, 1))
 """Name, axis and end of each side of a box."""
@@ -80,13 +81,34 @@ class BoxShape:
         corners = [np.zeros(2), lengths]
         return dmesh.create_rectangle(MPI.COMM_SELF, corners, list(self.cells), cell_type)
 
+    def cell_mesh(self) -> CellMesh:
+        """The whole box cell by cell, its nodes numbered by their place in the lattice."""
+        reference = Reference.of(self.mesh(), self.cell)
+        lattice = self.lattice(reference.points)
+        number = lattice @ self.strides
+        points = np.empty((self.nodes, self.dimension))
+        points[number] = reference.points[:, : self.dimension] + np.array(self.lower)
+        place = np.empty_like(lattice)
+        place[number] = lattice
+        cells = number[reference.cells]
+        topology = Topology.of(cells, self.cell)
+        return CellMesh(
+            cell=self.cell,
+            points=points,
+            cells=cells,
+            topology=topology,
+            sides=sides_of(self, place, topology.facets),
+            groups={},
+            tags=reference.tags,
+        )
+
     def lattice(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """Lattice indices (n, dimension) of points (n, 3) measured from the lower corner."""
         return np.rint(points[:, : self.dimension] / self.spacing).astype(np.int64)
 
 
 def sides_of(
-    box: BoxShape, lattice: NDArray[np.int64], facets: NDArray[np.int32]
+    box: BoxShape, lattice: NDArray[np.int64], facets: NDArray[Any]
 ) -> dict[str, NDArray[np.int32]]:
     """Rows of `facets` (nodes each) on each side of a box, given the lattice index of nodes."""
     found = {}

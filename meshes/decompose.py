@@ -14,11 +14,19 @@ import numpy as np
 from mpi4py import MPI
 
 from meshes.box import BoxShape, split_regularly
-from meshes.graph import place_piece, split_by_graph
+from meshes.graph import Piece, place_piece, split_by_graph
 from meshes.subdomains import Partition, Subdomain, owned_range
+from meshes.unstructured import CellMesh
+
+Shape = BoxShape | CellMesh
+"""What a body is made of."""
 
 WHOLE_BODY_NODES = 1500
 """Bodies of up to this many nodes stay whole: one small factor beats any gluing."""
+
+PIECE_NODES = 2000
+"""Nodes of a subdomain that `auto` makes of a mesh: each has a factor of its own, so fewer and
+larger ones than of a box cost more to factor than they save in gluing."""
 
 EDGE_GROWTH = 1.25
 """`auto` makes sub-boxes of about this times √n cells along an edge, in a box of n along each.
@@ -29,7 +37,7 @@ number; in a sweep over 20³ and 40³ cells the cheapest sub-boxes had 5³ and 8
 
 
 def decompose(
-    boxes: Sequence[BoxShape],
+    shapes: Sequence[Shape],
     subdomains: None | int | tuple[int, ...],
     comm: MPI.Intracomm,
 ) -> Partition:
@@ -37,35 +45,59 @@ def decompose(
 
     Parameters
     ----------
-    boxes
-        One box a body.
+    shapes
+        One box or mesh a body; on ranks other than the first a mesh serves for its sizes only.
     subdomains
-        None: regular splits of a size chosen here. A tuple: sub-boxes of every body along each
-        axis. A number: graph partitions, the number shared among the bodies by their cells.
+        None: regular splits of boxes, graph partitions of meshes, of a size chosen here. A tuple:
+        sub-boxes of every box along each axis, and as many in all by graph partition of every
+        mesh. A number: graph partitions, the number shared among the bodies by their cells.
 
     Raises
     ------
     ValueError
-        More subdomains than cells along an axis, or fewer subdomains than ranks.
+        More subdomains than cells, or fewer subdomains than ranks.
     """
-    first_node = np.cumsum([0, *(box.nodes for box in boxes)], dtype=np.int64)
-    first_cell = np.cumsum([0, *(box.total_cells for box in boxes)], dtype=np.int64)
-    if isinstance(subdomains, int):
-        counts, local = _by_graph(boxes, subdomains, first_node, comm)
-    else:
-        counts, local = _by_splits(boxes, subdomains, first_node, comm)
+    first_node = np.cumsum([0, *(shape.nodes for shape in shapes)], dtype=np.int64)
+    first_cell = np.cumsum([0, *(shape.total_cells for shape in shapes)], dtype=np.int64)
+    plans = _plans(shapes, subdomains, comm)
+    pieces = {b: p for b, p in enumerate(plans) if isinstance(p, int)}
+    cut: dict[int, list[Piece]] = {}
+    if comm.rank == 0:
+        cut = {b: split_by_graph(_cell_mesh(shapes[b]), parts) for b, parts in pieces.items()}
+    found = comm.bcast({b: len(p) for b, p in cut.items()})
+    counts = [found[b] if b in found else math.prod(p) for b, p in enumerate(plans)]  # type: ignore[arg-type]
+    starts = np.cumsum([0, *counts])
+    begin, end = _share(int(starts[-1]), comm)
+    mine = _dealt(cut, starts, comm) if pieces else {}
+    references: dict[Any, Any] = {}
+    local: list[Subdomain] = []
+    for body, (shape, plan) in enumerate(zip(shapes, plans, strict=True)):
+        start, node = int(starts[body]), int(first_node[body])
+        numbers = range(max(begin, start), min(end, int(starts[body + 1])))
+        if isinstance(plan, tuple):
+            assert isinstance(shape, BoxShape)
+            local += split_regularly(shape, plan, body, start, node, numbers, references)
+        else:
+            local += [place_piece(mine[n], body, n, node, references) for n in numbers]
     sizes = [len(s.reference.cells) for s in local]
     before = comm.exscan(sum(sizes)) or 0
     return Partition(
         comm=comm,
-        dimension=boxes[0].dimension,
+        dimension=shapes[0].dimension,
         subdomains=tuple(local),
-        count=sum(counts),
+        count=int(starts[-1]),
         subdomains_of_body=tuple(counts),
         first_node=first_node,
         first_cell=first_cell,
         cell_starts=before + np.cumsum([0, *sizes], dtype=np.int64)[:-1],
     )
+
+
+def choose_parts(nodes: int, at_least: int = 1) -> int:
+    """Subdomains of a mesh for `decomposition: auto`; one for a small body."""
+    if nodes <= WHOLE_BODY_NODES:
+        return at_least
+    return max(at_least, round(nodes / PIECE_NODES))
 
 
 def choose_split(box: BoxShape, at_least: int = 1) -> tuple[int, ...]:
@@ -102,61 +134,57 @@ def _near_even(cells: int, wish: float) -> int:
     return min(cells, max(1, round(wish)))
 
 
-def _by_splits(
-    boxes: Sequence[BoxShape],
-    parts: tuple[int, ...] | None,
-    first_node: np.ndarray,
-    comm: MPI.Intracomm,
-) -> tuple[list[int], list[Subdomain]]:
-    needed = -(-comm.size // len(boxes))
-    splits = [parts or choose_split(box, needed) for box in boxes]
-    for split, box in zip(splits, boxes, strict=True):
-        for axis, (wanted, cells) in enumerate(zip(split, box.cells, strict=True)):
-            if wanted > cells:
-                raise ValueError(
-                    f"{wanted} subdomains along {'xyz'[axis]}, where the box has only {cells} cells"
-                )
-    counts = [math.prod(split) for split in splits]
-    begin, end = _share(sum(counts), comm)
-    references: dict[Any, Any] = {}
-    local: list[Subdomain] = []
-    start = 0
-    for body, (box, split, count) in enumerate(zip(boxes, splits, counts, strict=True)):
-        numbers = range(max(begin, start), min(end, start + count))
-        local += split_regularly(
-            box, split, body, start, int(first_node[body]), numbers, references
-        )
-        start += count
-    return counts, local
-
-
-def _by_graph(
-    boxes: Sequence[BoxShape], total: int, first_node: np.ndarray, comm: MPI.Intracomm
-) -> tuple[list[int], list[Subdomain]]:
-    weights = np.array([box.total_cells for box in boxes], dtype=float)
-    wanted = np.maximum(1, np.rint(total * weights / weights.sum())).astype(int)
-    for parts, box in zip(wanted, boxes, strict=True):
-        if parts > box.total_cells:
-            raise ValueError(f"{parts} subdomains of a body that has only {box.total_cells} cells")
-    pieces = None
-    if comm.rank == 0:
-        pieces = [split_by_graph(box, int(n)) for box, n in zip(boxes, wanted, strict=True)]
-    counts = comm.bcast([len(p) for p in pieces] if pieces is not None else None)
-    begin, end = _share(sum(counts), comm)
-    places = [(body, k) for body, count in enumerate(counts) for k in range(count)]
-    if pieces is not None:
-        for rank in range(1, comm.size):
-            first, last = sum(counts) * rank // comm.size, sum(counts) * (rank + 1) // comm.size
-            comm.send([pieces[body][k] for body, k in places[first:last]], dest=rank)
-        mine = [pieces[body][k] for body, k in places[begin:end]]
+def _plans(
+    shapes: Sequence[Shape], subdomains: None | int | tuple[int, ...], comm: MPI.Intracomm
+) -> list[int | tuple[int, ...]]:
+    """How each body is cut: a tuple of sub-boxes along each axis, or a number of graph parts."""
+    plans: list[int | tuple[int, ...]] = []
+    if isinstance(subdomains, int):
+        weights = np.array([shape.total_cells for shape in shapes], dtype=float)
+        wanted = np.maximum(1, np.rint(subdomains * weights / weights.sum()))
+        plans = [int(n) for n in wanted]
     else:
-        mine = comm.recv(source=0)
-    references: dict[Any, Any] = {}
-    local = [
-        place_piece(piece, places[n][0], n, int(first_node[places[n][0]]), references)
-        for n, piece in zip(range(begin, end), mine, strict=True)
-    ]
-    return counts, local
+        needed = -(-comm.size // len(shapes))
+        for shape in shapes:
+            if isinstance(shape, BoxShape):
+                plans.append(subdomains or choose_split(shape, needed))
+            elif subdomains:
+                plans.append(math.prod(subdomains))
+            else:
+                plans.append(choose_parts(shape.nodes, needed))
+    for shape, plan in zip(shapes, plans, strict=True):
+        if isinstance(plan, int):
+            if plan > shape.total_cells:
+                raise ValueError(
+                    f"{plan} subdomains of a body that has only {shape.total_cells} cells"
+                )
+            continue
+        assert isinstance(shape, BoxShape)
+        for axis, (parts, cells) in enumerate(zip(plan, shape.cells, strict=True)):
+            if parts > cells:
+                raise ValueError(
+                    f"{parts} subdomains along {'xyz'[axis]}, where the box has only {cells} cells"
+                )
+    return plans
+
+
+def _cell_mesh(shape: Shape) -> CellMesh:
+    return shape.cell_mesh() if isinstance(shape, BoxShape) else shape
+
+
+def _dealt(
+    cut: dict[int, list[Piece]], starts: np.ndarray, comm: MPI.Intracomm
+) -> dict[int, Piece]:
+    """Pieces of this rank by subdomain number; rank 0 has cut them."""
+    if comm.rank:
+        received: dict[int, Piece] = comm.recv(source=0)
+        return received
+    by_number = {int(starts[b]) + k: piece for b, p in cut.items() for k, piece in enumerate(p)}
+    total = int(starts[-1])
+    for rank in range(1, comm.size):
+        numbers = range(total * rank // comm.size, total * (rank + 1) // comm.size)
+        comm.send({n: by_number[n] for n in numbers if n in by_number}, dest=rank)
+    return by_number
 
 
 def _share(total: int, comm: MPI.Intracomm) -> tuple[int, int]:

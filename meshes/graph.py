@@ -20,56 +20,42 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from meshes import versions
-from meshes.box import BoxShape, sides_of
-from meshes.subdomains import Reference, Subdomain
+from meshes.subdomains import VTK_ORDER, Reference, Subdomain
+from meshes.unstructured import CellMesh
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A subdomain as it travels from the partitioning rank: plain arrays.
 
-    `cells` are local nodes in dolfinx's order; `exterior` and `boundaries` list facets by their
-    sorted local nodes.
+    `cells` are local nodes in VTK order; `tags` number the material of each cell; `exterior` and
+    `boundaries` list facets by their sorted local nodes.
     """
 
     cell: str
     cells: NDArray[np.int64]
+    tags: NDArray[np.int32]
     points: NDArray[np.float64]
     nodes: NDArray[np.int64]
     exterior: NDArray[np.int64]
     boundaries: dict[str, NDArray[np.int64]]
 
 
-def split_by_graph(box: BoxShape, parts: int) -> list[Piece]:
-    """Partition the mesh of a box into `parts` subdomains or a few more.
+def split_by_graph(mesh: CellMesh, parts: int) -> list[Piece]:
+    """Partition a mesh into `parts` subdomains or a few more.
 
     Returns
     -------
     Pieces with node numbers counted from zero; more than `parts` where a part was not connected
     through facets.
     """
-    mesh = box.mesh()
-    reference = Reference.of(mesh, box.cell)
-    lattice = box.lattice(reference.points)
-    sides = sides_of(box, lattice, reference.facets)
-    cells = versions.cell_nodes(mesh)
-    pairs, facet_cell = _dual_graph(mesh, reference.facet_entities)
-    label = facet_connected_parts(pairs, len(cells), parts)
-    points = reference.points[:, : box.dimension] + np.array(box.lower)
-    number = lattice @ box.strides
-
+    topology = mesh.topology
+    label = facet_connected_parts(topology.pairs, mesh.total_cells, parts)
+    facet_label = label[topology.facet_cells]
     order = np.argsort(label, kind="stable")
     starts = np.searchsorted(label[order], np.arange(label.max() + 2))
     return [
-        _piece(
-            box.cell,
-            cells[np.sort(order[a:b])],
-            points,
-            number,
-            reference.facets,
-            label[facet_cell] == part,
-            sides,
-        )
+        _piece(mesh, order[a:b], facet_label == part)
         for part, (a, b) in enumerate(zip(starts[:-1], starts[1:], strict=True))
     ]
 
@@ -113,10 +99,11 @@ def place_piece(
     local = piece.points - origin
     scale = max(float(np.ptp(local, axis=0).max()), np.finfo(float).tiny)
     shape = np.rint(local / scale * 1e10).astype(np.int64)
-    key = (piece.cell, scale, shape.tobytes(), piece.cells.tobytes())
+    key = (piece.cell, scale, shape.tobytes(), piece.cells.tobytes(), piece.tags.tobytes())
     if key not in references:
+        cells = piece.cells[:, VTK_ORDER[piece.cell]]  # this order is its own inverse
         references[key] = Reference.of(
-            versions.create_mesh(piece.cells, local, piece.cell), piece.cell
+            versions.create_mesh(cells, local, piece.cell), piece.cell, piece.tags
         )
     reference = references[key]
     given = np.asarray(reference.mesh.geometry.input_global_indices)
@@ -143,18 +130,6 @@ def _rows_of(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.
     return place[label[len(table) :]]
 
 
-def _dual_graph(
-    mesh: Any, surface: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Pairs of cells that share a facet, and the cell of each surface facet."""
-    dimension = mesh.topology.dim
-    mesh.topology.create_connectivity(dimension - 1, dimension)
-    links, offsets = versions.adjacency(mesh.topology.connectivity(dimension - 1, dimension))
-    inner = np.flatnonzero(np.diff(offsets) == 2)
-    pairs = np.stack([links[offsets[inner]], links[offsets[inner] + 1]], axis=1)
-    return pairs.astype(np.int64), links[offsets[surface]]
-
-
 def _symmetric(pairs: NDArray[np.int64], size: int) -> sparse.csr_matrix:
     ones = np.ones(2 * len(pairs), dtype=np.int8)
     rows = np.concatenate([pairs[:, 0], pairs[:, 1]])
@@ -162,29 +137,30 @@ def _symmetric(pairs: NDArray[np.int64], size: int) -> sparse.csr_matrix:
     return sparse.csr_matrix((ones, (rows, cols)), shape=(size, size))
 
 
-def _piece(
-    cell: str,
-    cells: NDArray[np.int32],
-    points: NDArray[np.float64],
-    number: NDArray[np.int64],
-    facets: NDArray[np.int32],
-    own: NDArray[np.bool_],
-    sides: dict[str, NDArray[np.int32]],
-) -> Piece:
-    """Cut one subdomain out of a mesh: its cells, nodes and its share of the body's surface."""
+def _piece(mesh: CellMesh, rows: NDArray[np.int64], own: NDArray[np.bool_]) -> Piece:
+    """Cut one subdomain out of a mesh: its cells, nodes and its share of the body's surface.
+
+    Parameters
+    ----------
+    rows
+        Its cells, ascending.
+    own
+        Which facets of the mesh's surface are its own.
+    """
+    cells = mesh.cells[rows]
     used, local = np.unique(cells, return_inverse=True)
-    local = local.reshape(cells.shape).astype(np.int64)
-    place = np.full(len(points), -1, dtype=np.int64)
+    place = np.full(mesh.nodes, -1, dtype=np.int64)
     place[used] = np.arange(len(used))
 
-    def mine(rows: NDArray[np.int32]) -> NDArray[np.int64]:
-        return np.sort(place[facets[rows[own[rows]]]], axis=1)
+    def mine(rows: NDArray[Any]) -> NDArray[np.int64]:
+        return np.sort(place[mesh.topology.facets[rows[own[rows]]]], axis=1)
 
     return Piece(
-        cell=cell,
-        cells=local,
-        points=points[used],
-        nodes=number[used],
-        exterior=mine(np.arange(len(facets), dtype=np.int32)),
-        boundaries={name: mine(rows) for name, rows in sides.items()},
+        cell=mesh.cell,
+        cells=local.reshape(cells.shape).astype(np.int64),
+        tags=mesh.tags[rows],
+        points=mesh.points[used],
+        nodes=used,
+        exterior=mine(np.arange(len(own))),
+        boundaries={name: mine(rows) for name, rows in mesh.sides.items()},
     )

@@ -45,6 +45,8 @@ class Reference:
         Nodes of the facets on the surface of the subdomain.
     facet_entities : (facets,)
         The same facets as entities of `mesh`.
+    tags : (cells,)
+        Number of each cell's material among those of the body, in the order of `cells`.
     """
 
     mesh: Any
@@ -53,20 +55,31 @@ class Reference:
     cells: NDArray[np.int32]
     facets: NDArray[np.int32]
     facet_entities: NDArray[np.int32]
+    tags: NDArray[np.int32]
 
     @classmethod
-    def of(cls, mesh: Any, cell: str) -> Reference:
-        """Describe a dolfinx mesh on one process."""
+    def of(cls, mesh: Any, cell: str, tags: NDArray[np.int32] | None = None) -> Reference:
+        """Describe a dolfinx mesh on one process.
+
+        Parameters
+        ----------
+        tags
+            Numbers of the materials of the cells the mesh was made from, in their order; all 0
+            unless given.
+        """
         dimension = mesh.topology.dim
         mesh.topology.create_connectivity(dimension - 1, dimension)
         entities = np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
+        cells = versions.cell_nodes(mesh)[:, VTK_ORDER[cell]]
+        given = np.zeros(len(cells), np.int32) if tags is None else tags
         return cls(
             mesh=mesh,
             cell=cell,
             points=mesh.geometry.x.copy(),
-            cells=versions.cell_nodes(mesh)[:, VTK_ORDER[cell]],
+            cells=cells,
             facets=versions.facet_nodes(mesh, entities).reshape(len(entities), -1),
             facet_entities=entities,
+            tags=given if tags is None else given[versions.original_cells(mesh)],
         )
 
 

@@ -33,6 +33,11 @@ def cellwise_space(mesh: Any, components: int) -> Any:
     return fem.VectorFunctionSpace(mesh, ("DG", 0), dim=components)
 
 
+def cellwise_scalars(mesh: Any) -> Any:
+    """Piecewise constant space with one value a cell."""
+    return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("DG", 0))
+
+
 def coordinate_element(cell: str, dimension: int) -> Any:
     """First-order coordinate element, as `create_mesh` expects it."""
     if _MODERN:
@@ -55,6 +60,11 @@ def cell_nodes(mesh: Any) -> NDArray[np.int32]:
     if _MODERN:
         return np.asarray(dofmap)
     return dofmap.array.reshape(dofmap.num_nodes, -1)
+
+
+def original_cells(mesh: Any) -> NDArray[np.int32]:
+    """Number each cell of a mesh had in the array `create_mesh` was given."""
+    return np.asarray(mesh.topology.original_cell_index)
 
 
 def dof_nodes(space: Any) -> NDArray[np.int32]:

@@ -28,7 +28,6 @@ from petsc4py import PETSc
 
 from contact_app.assembly import Element
 from contact_app.environment import peak_rss_gb
-from contact_app.scene import Material
 from contact_app.studies.cube import cube_scene
 from meshes.subdomains import Reference
 from solver.tfeti.kernels import rigid_motions
@@ -40,14 +39,14 @@ RTOL = 1e-8
 def run(method: str, cells: int) -> dict[str, Any]:
     """Solve the cube of ``cells``³ hexahedra by one method; seconds from mesh to solution."""
     scene = cube_scene(cells, 1)
-    material: Material = scene.bodies[0].material
+    materials = scene.bodies[0].materials
     begin = time.perf_counter()
     box = dmesh.create_box(
         MPI.COMM_SELF, [np.zeros(3), np.ones(3)], [cells] * 3, dmesh.CellType.hexahedron
     )
     element = Element(Reference.of(box, "hexahedron"), 3)
     points, facets = element.reference.points, element.reference.facets
-    K = element.stiffness(material, None)
+    K = element.stiffness(materials, None)
     top = np.flatnonzero((points[facets][:, :, 2] > 1 - 1e-9).all(axis=1)).astype(np.int32)
     load = element.traction(top, np.array(scene.tractions[0].vector))
     free = np.repeat(points[:, 2] > 1e-9, 3)

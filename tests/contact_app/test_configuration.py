@@ -57,7 +57,7 @@ def refused(path: Path, *overrides: str) -> str:
 
 def test_numbers_of_yaml_1_2_reach_the_scene(file: Path) -> None:
     scene = build_scene(load(file, ["bodies.0.material.young=2E5", f"{BOX}.upper=[1e-3, .5, 2]"]))
-    assert scene.bodies[0].material.young == 200_000.0
+    assert scene.bodies[0].materials[0].young == 200_000.0
     assert scene.bodies[0].mesh.upper == (0.001, 0.5, 2)
 
 
@@ -137,7 +137,7 @@ WRONG = [
     (f"{BOX}.cell=hexahedra", "did you mean hexahedron?"),
     (f"{BOX}.cell=triangle", "in 3D hexahedron or tetrahedron is allowed"),
     ("bodies.0.mesh={}", "needs `box:"),
-    ("bodies.0.mesh.file=part.msh", "mesh.file is not available yet; use `box`"),
+    ("bodies.0.mesh.file=part.msh", "bodies[0].mesh has both; exactly one of `box"),
     ("bodies.0.degree=2", "only 1 is available"),
     ("bodies.0.material={steel: {young: 1, poisson: 0.3}}", "by tag needs a mesh from a file"),
     # names

@@ -1,0 +1,218 @@
+"""Read a mesh file: what meshio finds in it, as cells of one type with named groups.
+
+Names come from Gmsh's physical groups (formats 2.2 and 4.1), from the sets of other formats
+(Abaqus, MED, …), or, where groups have numbers only, are those numbers as text. Groups of cells of
+the body's dimension are parts of its volume, groups one dimension lower parts of its surface;
+sets of nodes stand for the facets they enclose.
+
+Cells with nodes amid their edges keep their corners: edges are taken as straight.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.unstructured import FACETS, MeshError
+
+
+@dataclass(frozen=True)
+class CellKind:
+    """A cell type by our name, with its number of corners and meshio's names by order."""
+
+    name: str
+    dimension: int
+    corners: int
+    first: str
+    second: tuple[str, ...]
+
+
+KINDS = (
+    CellKind("triangle", 2, 3, "triangle", ("triangle6",)),
+    CellKind("quadrilateral", 2, 4, "quad", ("quad8", "quad9")),
+    CellKind("tetrahedron", 3, 4, "tetra", ("tetra10",)),
+    CellKind("hexahedron", 3, 8, "hexahedron", ("hexahedron20", "hexahedron27")),
+)
+FACET_CORNERS = {
+    "line": 2, "line3": 2, "triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4,
+}  # fmt: skip
+"""Corners of the cells that can be facets."""
+
+NUMBERED = ("gmsh:physical", "medit:ref", "cell_tags")
+"""Cell data that numbers groups, as meshio calls it in the formats that have it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FileContent:
+    """Cells of one type and the groups of a file, before any check or repair.
+
+    Attributes
+    ----------
+    points : (nodes, 3)
+    cells : (cells, corners)
+        In VTK order; nodes may be unused.
+    cell_groups
+        Ascending rows of `cells` by name.
+    facet_groups
+        Corner nodes of facets by name, (facets, corners).
+    point_groups
+        Nodes by name.
+    notes
+        What was left out, a sentence each.
+    """
+
+    kind: CellKind
+    points: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    cell_groups: dict[str, NDArray[np.int64]]
+    facet_groups: dict[str, NDArray[np.int64]]
+    point_groups: dict[str, NDArray[np.int64]]
+    notes: tuple[str, ...]
+
+
+def read_file(path: Path, dimension: int) -> FileContent:
+    """Read the cells of a dimension and the groups from a mesh file.
+
+    Raises
+    ------
+    MeshError
+        There is no such file, it cannot be read, or it holds no cells of one usable type.
+    """
+    mesh = _meshio(path)
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or len(points) == 0:
+        raise MeshError("holds no points")
+    if points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    if not np.isfinite(points).all():
+        raise MeshError("has a node whose coordinates are not finite numbers")
+    for block in mesh.cells:
+        used = np.asarray(block.data)
+        if used.size and not (0 <= used.min() and used.max() < len(points)):
+            raise MeshError(f"has a {block.type} that names a node the file does not define")
+    kind = _kind(mesh, dimension)
+    names = (kind.first, *kind.second)
+    mine = [i for i, block in enumerate(mesh.cells) if block.type in names]
+    cells = np.concatenate([_corners(mesh.cells[i], kind.corners) for i in mine])
+    notes = []
+    if any(mesh.cells[i].type != kind.first for i in mine):
+        notes.append("cells have nodes amid their edges: only corners are used, edges are straight")
+    facet_types = {n for n, c in FACET_CORNERS.items() if c == len(FACETS[kind.name][0])}
+    facets = [i for i, block in enumerate(mesh.cells) if block.type in facet_types]
+    starts = dict(zip(mine, np.cumsum([0, *(len(mesh.cells[i]) for i in mine)]), strict=False))
+
+    cell_groups: dict[str, list[NDArray[np.int64]]] = {}
+    facet_groups: dict[str, list[NDArray[np.int64]]] = {}
+    lower = set()
+    for name, block, rows in _groups(mesh):
+        if block in starts:
+            cell_groups.setdefault(name, []).append(starts[block] + rows)
+        elif block in facets:
+            corners = FACET_CORNERS[mesh.cells[block].type]
+            facet_groups.setdefault(name, []).append(_corners(mesh.cells[block], corners)[rows])
+        else:
+            lower.add(name)
+    for name in sorted(lower - set(cell_groups) - set(facet_groups)):
+        notes.append(f"the group {name!r} holds neither cells nor facets of them: left out")
+    return FileContent(
+        kind=kind,
+        points=points,
+        cells=cells,
+        cell_groups={name: np.unique(np.concatenate(r)) for name, r in cell_groups.items()},
+        facet_groups={name: np.concatenate(r) for name, r in facet_groups.items()},
+        point_groups={
+            str(name): np.unique(np.asarray(nodes, dtype=np.int64))
+            for name, nodes in (mesh.point_sets or {}).items()
+        },
+        notes=tuple(notes),
+    )
+
+
+def _meshio(path: Path) -> Any:
+    """What meshio reads; its own messages, and its calls of `sys.exit`, become errors."""
+    if not path.is_file():
+        raise MeshError("is not a file" if path.exists() else "does not exist")
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            return meshio.read(path)
+    except SystemExit:
+        reason = said.getvalue()
+    except MemoryError:
+        raise
+    except Exception as error:  # a reader may fail in any way on a file that is not what it seems
+        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    reason = re.sub(r"\x1b\[[0-9;]*m", "", reason)
+    if "Incompatible cell data 'gmsh:physical'" in reason:
+        raise MeshError(
+            "has some cells in physical groups and some in none, which cannot be read in this "
+            "format; let Gmsh save grouped elements only (Mesh.SaveAll = 0) or write version 2.2"
+        )
+    reason = " ".join(reason.replace(str(path), path.name).split())
+    if "Could not deduce file format" in reason:
+        endings = ".msh, .vtu, .vtk, .xdmf, .med, .inp, .bdf, .mesh"
+        raise MeshError(f"has an ending no mesh format is known by; {endings} and others are")
+    raise MeshError(f"cannot be read as a mesh ({reason[:200]})")
+
+
+def _kind(mesh: Any, dimension: int) -> CellKind:
+    """The one type of cell of a dimension in a file."""
+    count: dict[str, int] = {}
+    for block in mesh.cells:
+        count[block.type] = count.get(block.type, 0) + len(block.data)
+    known = [k for k in KINDS if k.dimension == dimension]
+    present = {t: n for t, n in count.items() if n and _dimension(mesh, t) == dimension}
+    found = [k for k in known if any(t in present for t in (k.first, *k.second))]
+    allowed = " or ".join(f"{k.first} ({', '.join(k.second)})" for k in known)
+    listing = ", ".join(f"{n} {t}" for t, n in count.items() if n) or "no cells"
+    higher = {t for t, n in count.items() if n and _dimension(mesh, t) > dimension}
+    if higher:
+        raise MeshError(
+            f"holds {listing}: {', '.join(sorted(higher))} have no place in a scene of dimension "
+            f"{dimension}; set dimension: 3 or mesh the plane alone"
+        )
+    if not present:
+        hint = "; in Gmsh mesh in 3D and put the volumes into a physical group" * (dimension == 3)
+        raise MeshError(
+            f"holds {listing}, and none of dimension {dimension}; allowed: {allowed}{hint}"
+        )
+    if len(found) != 1 or any(t not in (found[0].first, *found[0].second) for t in present):
+        mixed = ", ".join(f"{n} {t}" for t, n in present.items())
+        raise MeshError(f"holds {mixed}; the cells of a body are of one type: {allowed}")
+    return found[0]
+
+
+def _dimension(mesh: Any, name: str) -> int:
+    return next(int(block.dim) for block in mesh.cells if block.type == name)
+
+
+def _corners(block: Any, corners: int) -> NDArray[np.int64]:
+    return np.asarray(block.data, dtype=np.int64)[:, :corners]
+
+
+def _groups(mesh: Any) -> list[tuple[str, int, NDArray[np.int64]]]:
+    """Name, block and rows of every group of cells; a group may come up more than once."""
+    found = []
+    for name, blocks in (mesh.cell_sets or {}).items():
+        if name.startswith("gmsh:"):
+            continue
+        for i, rows in enumerate(blocks):
+            if rows is not None and len(rows):
+                found.append((str(name), i, np.asarray(rows, dtype=np.int64)))
+    named = {(int(v[0]), int(v[1])): n for n, v in (mesh.field_data or {}).items() if len(v) == 2}
+    for key in NUMBERED:
+        for i, numbers in enumerate((mesh.cell_data or {}).get(key, [])):
+            numbers = np.asarray(numbers).ravel()
+            for number in np.unique(numbers[numbers != 0]):
+                rows = np.flatnonzero(numbers == number)
+                name = named.get((int(number), int(mesh.cells[i].dim)), str(number))
+                found.append((name, i, rows))
+    return found

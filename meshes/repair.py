@@ -1,0 +1,376 @@
+"""From the content of a file to a mesh that can be computed with: repaired, checked, reported.
+
+Repaired and reported: nodes no cell uses are dropped, nodes at one place become one, cells turned
+inside out are turned back, cells given twice count once. Refused: cells without volume or folded
+into themselves, cells that overlap, nodes that hang on a neighbour's edge or face, and a body
+that falls apart into pieces which share no facet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from meshes.read import FileContent, read_file
+from meshes.unstructured import CellMesh, MeshError, Topology
+
+SAME_PLACE = 1e-9
+"""Distance over the size of the body below which two nodes are one."""
+
+SAME_PLACE_EDGE = 1e-3
+"""The same over the shortest edge, so that no cell collapses."""
+
+FLAT = 1e-9
+"""Extent along z over the size of the body below which a mesh lies in a plane."""
+
+EMPTY = 1e-12
+"""Volume over the cube (area over the square) of the longest edge that counts as none."""
+
+HANGING = 1e-6
+"""Distance to a facet over its size below which a node that is not one of its own hangs on it."""
+
+EDGES = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetrahedron": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
+    "hexahedron": (
+        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
+        (0, 4), (1, 5), (2, 6), (3, 7),
+    ),
+}  # fmt: skip
+
+CORNERS = {
+    "triangle": ((0, 1, 2),),
+    "quadrilateral": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)),
+    "tetrahedron": ((0, 1, 2, 3),),
+    "hexahedron": (
+        (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7),
+        (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
+    ),
+}  # fmt: skip
+"""A vertex and its neighbours along the axes at which the Jacobian of a cell is looked at."""
+
+REVERSED = {
+    "triangle": (0, 2, 1),
+    "quadrilateral": (0, 3, 2, 1),
+    "tetrahedron": (0, 2, 1, 3),
+    "hexahedron": (4, 5, 6, 7, 0, 1, 2, 3),
+}
+"""Vertices of a cell in the order that turns it inside out."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How the content of a file is put into the scene: scaled, then turned, then moved.
+
+    Attributes
+    ----------
+    scale
+        Factor of the coordinates.
+    axis, angle
+        Direction a rotation turns about, and degrees.
+    translation
+        Displacement in the unit of length of the scene.
+    """
+
+    scale: float = 1.0
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    angle: float = 0.0
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Move points (n, 3); Rodrigues' formula."""
+        placed = self.scale * points
+        if self.angle:
+            k = np.array(self.axis) / np.linalg.norm(self.axis)
+            radians = np.deg2rad(self.angle)
+            placed = (
+                np.cos(radians) * placed
+                + np.sin(radians) * np.cross(k, placed)
+                + (1.0 - np.cos(radians)) * (placed @ k)[:, None] * k
+            )
+        return placed + np.array(self.translation)
+
+
+def load_mesh(
+    path: Path,
+    dimension: int,
+    placement: Placement | None = None,
+    groups: Iterable[str] = (),
+) -> CellMesh:
+    """Read a mesh file and make it fit to compute with.
+
+    Parameters
+    ----------
+    dimension
+        2 or 3: cells of this dimension make the body.
+    placement
+        How it is scaled, turned and moved.
+    groups
+        Cell groups that make the body; all cells unless given.
+
+    Raises
+    ------
+    MeshError
+        With what is wrong and what would do.
+    """
+    content = read_file(path, dimension)
+    notes = list(content.notes)
+    chosen = _chosen(content, tuple(groups))
+    cells = content.cells[chosen]
+    points = content.points
+    if dimension == 2:
+        points = _in_the_plane(points, cells, notes)
+    points = (placement or Placement())(points)[:, :dimension]
+
+    used = np.unique(cells)
+    idle = len(points) - len(used)
+    if idle and len(chosen) == len(content.cells) and not _has_midsides(content):
+        notes.append(f"{idle} nodes belong to no cell: dropped")
+    rename = np.full(len(points), -1, np.int64)
+    same, merged = _same_place(points[used], cells, used, content.kind.name)
+    rename[used] = same
+    first = np.unique(same, return_index=True)[1]
+    points = points[used][first]
+    if merged:
+        notes.append(f"{merged} nodes lie where another one does: merged")
+    cells = rename[cells]
+
+    cells, rows, doubled = _once(cells)
+    if doubled and not content.cell_groups:
+        notes.append(f"{doubled} cells are given twice: counted once")
+    turned = _turn(points, cells, content.kind.name)
+    if turned:
+        notes.append(f"{turned} cells were inside out (negative volume): turned")
+
+    topology = Topology.of(cells, content.kind.name)
+    if topology.crowded:
+        raise MeshError(
+            f"has {topology.crowded} facets that more than two cells share: its cells overlap"
+        )
+    _refuse_hanging(points, topology)
+    _refuse_pieces(points, cells, topology)
+    place = np.full(len(content.cells), -1, np.int64)
+    place[chosen] = rows
+    sides = _sides(content, rename, topology, notes)
+    return CellMesh(
+        cell=content.kind.name,
+        points=points,
+        cells=cells,
+        topology=topology,
+        sides=sides,
+        groups={
+            name: np.unique(place[members][place[members] >= 0])
+            for name, members in content.cell_groups.items()
+        },
+        tags=np.zeros(len(cells), np.int32),
+        name=path.name,
+        notes=tuple(notes),
+    )
+
+
+def _chosen(content: FileContent, groups: tuple[str, ...]) -> NDArray[np.int64]:
+    """Rows of the cells that make the body."""
+    if not groups:
+        return np.arange(len(content.cells))
+    for name in groups:
+        if name not in content.cell_groups:
+            known = ", ".join(content.cell_groups) or "none"
+            raise MeshError(f"has no group of cells named {name!r} (known: {known})")
+    return np.unique(np.concatenate([content.cell_groups[name] for name in groups]))
+
+
+def _has_midsides(content: FileContent) -> bool:
+    return any("amid their edges" in note for note in content.notes)
+
+
+def _in_the_plane(
+    points: NDArray[np.float64], cells: NDArray[np.int64], notes: list[str]
+) -> NDArray[np.float64]:
+    """The points with z = 0, where they have one z."""
+    used = points[np.unique(cells)]
+    size = np.ptp(used, axis=0).max()
+    if np.ptp(used[:, 2]) > FLAT * size:
+        raise MeshError(
+            f"reaches from z = {used[:, 2].min():g} to {used[:, 2].max():g}; a scene of "
+            "dimension 2 takes a mesh in a plane of constant z"
+        )
+    if abs(used[0, 2]) > FLAT * size:
+        notes.append(f"the mesh lies at z = {used[0, 2]:g}: taken to lie at z = 0")
+    flat = points.copy()
+    flat[:, 2] = 0.0
+    return flat
+
+
+def _same_place(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    used: NDArray[np.int64],
+    cell: str,
+) -> tuple[NDArray[np.int64], int]:
+    """Number of each used node when nodes at one place are one; and how many were too many."""
+    local = np.searchsorted(used, cells)
+    edges = points[local[:, np.array(EDGES[cell])]]
+    lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
+    size = float(np.ptp(points, axis=0).max())
+    shortest = float(lengths[lengths > SAME_PLACE * size].min(initial=size))
+    reach = min(SAME_PLACE * size, SAME_PLACE_EDGE * shortest)
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    count = len(points)
+    if len(pairs) == 0:
+        return np.arange(count), 0
+    graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    number, label = connected_components(graph, directed=False)
+    first = np.unique(label, return_index=True)[1]  # numbered as the first of them was
+    renumber = np.empty(number, np.int64)
+    renumber[np.argsort(first)] = np.arange(number)
+    return renumber[label], count - number
+
+
+def _once(
+    cells: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Cells without repetitions, the row each given cell has among them, repetitions."""
+    ordered = np.sort(cells, axis=1)
+    order = np.lexsort(ordered.T[::-1])
+    new = np.ones(len(cells), bool)
+    new[1:] = (ordered[order][1:] != ordered[order][:-1]).any(axis=1)
+    if new.all():
+        return cells, np.arange(len(cells)), 0
+    leader = np.empty(len(cells), np.int64)
+    leader[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]  # lexsort is stable
+    kept = np.unique(leader)
+    return cells[kept], np.searchsorted(kept, leader), len(cells) - len(kept)
+
+
+def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> int:
+    """Turn cells that are inside out (in place) and count them; refuse empty and folded ones."""
+    edges = points[cells[:, np.array(EDGES[cell])]]
+    longest = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2).max(axis=1)
+    corners = points[cells[:, np.array(CORNERS[cell])]]
+    jacobian = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1])
+    least = EMPTY * longest[:, None] ** points.shape[1]
+    empty = (np.abs(jacobian) <= least).any(axis=1)
+    if empty.any():
+        raise MeshError(_which(points, cells, empty, f"{cell}s without volume, or with a flat "
+                               "corner"))  # fmt: skip
+    inside_out = (jacobian < 0.0).all(axis=1)
+    folded = (jacobian < 0.0).any(axis=1) & ~inside_out
+    if folded.any():
+        raise MeshError(
+            _which(points, cells, folded, f"{cell}s folded into themselves, or with their nodes "
+                   "in another order than the format's")
+        )  # fmt: skip
+    cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
+    return int(inside_out.sum())
+
+
+def _which(
+    points: NDArray[np.float64], cells: NDArray[np.int64], bad: NDArray[np.bool_], what: str
+) -> str:
+    centre = points[cells[np.flatnonzero(bad)[0]]].mean(axis=0)
+    at = ", ".join(f"{v:g}" for v in centre)
+    return f"has {int(bad.sum())} {what}; the first is at ({at})"
+
+
+def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:
+    """Refuse nodes that lie on a facet of the surface without being one of its corners."""
+    facets = topology.facets
+    surface = np.unique(facets)
+    corners = points[facets]
+    centre = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    near = cKDTree(points[surface]).query_ball_point(centre, radius * (1.0 + HANGING))
+    count = np.fromiter(map(len, near), np.int64, len(near))
+    row = np.repeat(np.arange(len(facets)), count)
+    node = surface[np.concatenate([np.asarray(n, np.int64) for n in near])]
+    other = (facets[row] != node[:, None]).all(axis=1)
+    row, node = row[other], node[other]
+    split = ((0, 1),) if facets.shape[1] == 2 else ((0, 1, 2), (0, 2, 3))[: facets.shape[1] - 2]
+    on = np.zeros(len(row), bool)
+    for part in split:
+        on |= _lies_on(points[node], corners[row][:, np.array(part)], radius[row])
+    if on.any():
+        place = ", ".join(f"{v:g}" for v in points[node[on][0]])
+        raise MeshError(
+            f"has {len(np.unique(node[on]))} hanging nodes: they lie on an edge or face of a cell "
+            f"that does not have them as corners, the first at ({place}); make the mesh conforming "
+            "(in Gmsh: BooleanFragments or Coherence before meshing)"
+        )
+
+
+def _lies_on(
+    x: NDArray[np.float64], simplex: NDArray[np.float64], size: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether points (n, d) lie on segments or triangles (n, d or less, d)."""
+    origin, axes = simplex[:, 0], simplex[:, 1:] - simplex[:, :1]
+    gram = axes @ np.swapaxes(axes, 1, 2)
+    right = np.einsum("nkd,nd->nk", axes, x - origin)
+    sound = np.linalg.det(gram) > 0.0
+    weights = np.full(right.shape, np.nan)
+    weights[sound] = np.linalg.solve(gram[sound], right[sound][..., None])[..., 0]
+    foot = origin + np.einsum("nk,nkd->nd", weights, axes)
+    inside = (weights >= -HANGING).all(axis=1) & (weights.sum(axis=1) <= 1.0 + HANGING)
+    return np.asarray(inside & (np.linalg.norm(x - foot, axis=1) <= HANGING * size))
+
+
+def _refuse_pieces(
+    points: NDArray[np.float64], cells: NDArray[np.int64], topology: Topology
+) -> None:
+    """Refuse a body whose cells do not hang together through facets."""
+    a, b = topology.pairs.T
+    graph = sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
+    number, label = connected_components(graph, directed=False)
+    if number == 1:
+        return
+    sizes = np.bincount(label)
+    smallest = int(np.argmin(sizes))
+    centre = points[cells[label == smallest]].reshape(-1, points.shape[1]).mean(axis=0)
+    at = ", ".join(f"{v:g}" for v in centre)
+    raise MeshError(
+        f"falls into {number} pieces that share no facet, the smallest of {sizes[smallest]} cells "
+        f"about ({at}); each piece is a body of its own: choose its cells by `group`"
+    )
+
+
+def _sides(
+    content: FileContent,
+    rename: NDArray[np.int64],
+    topology: Topology,
+    notes: list[str],
+) -> dict[str, NDArray[np.int32]]:
+    """Rows of the surface facets in each group; groups without any are left out."""
+    surface = np.sort(topology.facets, axis=1)
+    sides = {}
+    for name, facets in content.facet_groups.items():
+        nodes = np.sort(rename[facets], axis=1)
+        nodes = np.unique(nodes[nodes[:, 0] >= 0], axis=0)
+        both = np.concatenate([surface, nodes])
+        order = np.lexsort(both.T[::-1])
+        follows = (both[order][1:] == both[order][:-1]).all(axis=1)
+        rows = np.sort(order[:-1][follows])  # stable: the surface facet stands first
+        if len(rows) < len(nodes):
+            notes.append(
+                f"{len(nodes) - len(rows)} of {len(nodes)} facets of the group {name!r} are not "
+                "on the surface of the body: left out"
+            )
+        if len(rows):
+            sides[name] = rows.astype(np.int32)
+    for name, nodes in content.point_groups.items():
+        if name in sides:
+            continue
+        within = np.zeros(rename.max() + 1, bool)
+        within[rename[nodes][rename[nodes] >= 0]] = True
+        rows = np.flatnonzero(within[topology.facets].all(axis=1))
+        if len(rows):
+            sides[name] = rows.astype(np.int32)
+        else:
+            notes.append(f"the nodes of {name!r} enclose no facet of the surface: left out")
+    return sides

@@ -1,0 +1,193 @@
+"""Meshes given cell by cell: arrays of points, cells and named groups, and their topology.
+
+A facet that one cell has is on the surface; two cells that have a facet in common are neighbours.
+Both follow from sorting the facets of all cells by their nodes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class MeshError(ValueError):
+    """A mesh that cannot be used; the text says why and what would do."""
+
+
+FACETS = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetrahedron": ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
+    "hexahedron": (
+        (0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7),
+    ),
+}  # fmt: skip
+"""Vertices of each facet of a cell, vertices of the cell in VTK order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """What the cells of a mesh have to do with each other.
+
+    Attributes
+    ----------
+    facets : (facets, vertices a facet)
+        Nodes of the facets on the surface.
+    facet_cells : (facets,)
+        The cell each of them belongs to.
+    pairs : (pairs, 2)
+        Cells that share a facet.
+    crowded
+        Facets that more than two cells have: none in a mesh that fills space once.
+    """
+
+    facets: NDArray[np.int64]
+    facet_cells: NDArray[np.int64]
+    pairs: NDArray[np.int64]
+    crowded: int
+
+    @classmethod
+    def of(cls, cells: NDArray[np.int64], cell: str) -> Topology:
+        """Topology of cells (cells, vertices) in VTK order."""
+        table = np.array(FACETS[cell])
+        facets = cells[:, table].reshape(-1, table.shape[1])
+        owner = np.repeat(np.arange(len(cells)), len(table))
+        ordered = np.sort(facets, axis=1)
+        order = np.lexsort(ordered.T[::-1])
+        ordered = ordered[order]
+        new = np.ones(len(ordered), bool)
+        new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+        start = np.flatnonzero(new)
+        count = np.diff(np.append(start, len(ordered)))
+        single, double = order[start[count == 1]], start[count == 2]
+        single.sort()
+        return cls(
+            facets=facets[single],
+            facet_cells=owner[single],
+            pairs=np.stack([owner[order[double]], owner[order[double + 1]]], axis=1),
+            crowded=int((count > 2).sum()),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CellMesh:
+    """A mesh of one body, cell by cell.
+
+    Attributes
+    ----------
+    cell
+        ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+    points : (nodes, dimension)
+        Coordinates, in the unit of length of the scene.
+    cells : (cells, vertices)
+        Nodes of each cell in VTK order.
+    topology
+        Its surface and neighbours.
+    sides
+        Rows of ``topology.facets`` by the name of a part of the surface.
+    groups
+        Cells by the name of a part of the volume, ascending.
+    tags : (cells,)
+        Number of each cell's material among those of the body.
+    name
+        Where it comes from, for reports.
+    notes
+        What was repaired or left out when it was read, a sentence each.
+    """
+
+    cell: str
+    points: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    topology: Topology
+    sides: Mapping[str, NDArray[np.int32]]
+    groups: Mapping[str, NDArray[np.int64]]
+    tags: NDArray[np.int32]
+    name: str = "mesh"
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes."""
+        return self.points.shape[1]
+
+    @property
+    def nodes(self) -> int:
+        """Nodes."""
+        return len(self.points)
+
+    @property
+    def total_cells(self) -> int:
+        """Cells."""
+        return len(self.cells)
+
+    @cached_property
+    def lower(self) -> tuple[float, ...]:
+        """Smallest coordinates of any node."""
+        return tuple(float(v) for v in self.points.min(axis=0))
+
+    @cached_property
+    def upper(self) -> tuple[float, ...]:
+        """Largest coordinates of any node."""
+        return tuple(float(v) for v in self.points.max(axis=0))
+
+    @property
+    def boundaries(self) -> tuple[str, ...]:
+        """Names of the parts of the surface the mesh itself knows."""
+        return tuple(self.sides)
+
+    @property
+    def congruent(self) -> bool:
+        """Whether it is cut into equal parts: only by chance."""
+        return False
+
+    def tagged(self, groups: Sequence[str]) -> CellMesh:
+        """The same mesh, each cell tagged with the number of its group among these.
+
+        Raises
+        ------
+        MeshError
+            There is no such group, or a cell is in two of them or in none.
+        """
+        tags = np.full(self.total_cells, -1, np.int32)
+        known = ", ".join(self.groups) or "none"
+        for number, name in enumerate(groups):
+            rows = self.groups.get(name)
+            if rows is None or len(rows) == 0:
+                raise MeshError(
+                    f"names the group {name!r}; {self.name} has no such cells in this body "
+                    f"(groups of cells: {known})"
+                )
+            taken = tags[rows] >= 0
+            if taken.any():
+                other = groups[tags[rows[np.argmax(taken)]]]
+                raise MeshError(
+                    f"gives {int(taken.sum())} cells two materials: they are in the groups "
+                    f"{other!r} and {name!r}"
+                )
+            tags[rows] = number
+        bare = int((tags < 0).sum())
+        if bare:
+            raise MeshError(
+                f"leaves {bare} of {self.total_cells} cells without a material (groups of cells in "
+                f"{self.name}: {known})"
+            )
+        return replace(self, tags=tags)
+
+    def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
+        """Why the body of this name cannot be cut into so many parts; empty where it can."""
+        if math.prod(parts) > self.total_cells:
+            return f"asks for {math.prod(parts)} parts, where {name} has {self.total_cells} cells"
+        return ""
+
+    def shape(self) -> CellMesh:
+        """What is cut into subdomains: the mesh itself."""
+        return self
+
+    def describe(self) -> str:
+        """A phrase for reports."""
+        return f"{self.name} of {self.total_cells:,} cells ({self.cell})"

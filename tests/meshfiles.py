@@ -1,0 +1,100 @@
+"""Mesh files for the tests: blocks of distorted cells with named groups, written by meshio.
+
+Nodes are numbered in a random order and moved at random inside the block (so facets of hexahedra
+inside are not plane); triangles and tetrahedra come from cutting the distorted cells. The left
+half (x < ½) is the group ``soft``, the right half ``hard``; each face is a group by the name a box
+would give it, with ``bottom`` the lowest one.
+"""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+MESHIO = {
+    "triangle": "triangle",
+    "quadrilateral": "quad",
+    "tetrahedron": "tetra",
+    "hexahedron": "hexahedron",
+}
+FACET = {
+    "triangle": "line",
+    "quadrilateral": "line",
+    "tetrahedron": "triangle",
+    "hexahedron": "quad",
+}
+FACETS = {
+    "triangle": [(0, 1), (1, 2), (2, 0)],
+    "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
+    "tetrahedron": [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)],
+    "hexahedron": [
+        (0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7),
+    ],
+}  # fmt: skip
+# a hexahedron along its diagonal 0-6: six tetrahedra that fit their neighbours'
+TETRAHEDRA = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
+
+
+def dimension(cell: str) -> int:
+    return 2 if cell in ("triangle", "quadrilateral") else 3
+
+
+def block(cell: str, n: int, distort: float = 0.2, seed: int = 1) -> meshio.Mesh:
+    """The unit block of about n cells along each axis, an even number."""
+    random = np.random.default_rng(seed)
+    d = dimension(cell)
+    axes = np.meshgrid(*[np.arange(n + 1)] * d, indexing="ij")
+    lattice = np.stack([a.ravel() for a in axes], axis=1)
+    points = lattice / n
+    inside = ((lattice > 0) & (lattice < n)).all(axis=1) & (lattice[:, 0] * 2 != n)
+    points[inside] += distort / n * random.uniform(-1, 1, (inside.sum(), d))
+    order = random.permutation(len(points))
+    number = np.empty((n + 1,) * d, int)
+    number.ravel()[order] = np.arange(len(points))
+    points = points[order]
+
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    if d == 3:
+        corners = [(*c, z) for z in (0, 1) for c in corners]
+    first = np.array(list(itertools.product(range(n), repeat=d)))
+    cells = np.stack([number[tuple((first + c).T)] for c in np.array(corners)], axis=1)
+    if cell == "triangle":
+        cells = cells[:, [(0, 1, 2), (0, 2, 3)]].reshape(-1, 3)
+    if cell == "tetrahedron":
+        cells = cells[:, TETRAHEDRA].reshape(-1, 4)
+    cells = cells[random.permutation(len(cells))]
+    if d == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    return named(cell, points, cells)
+
+
+def named(cell: str, points: np.ndarray, cells: np.ndarray) -> meshio.Mesh:
+    """A mesh whose halves and faces of the unit block have names."""
+    d = dimension(cell)
+    facets = cells[:, FACETS[cell]].reshape(-1, len(FACETS[cell][0]))
+    field_data = {"soft": [1, d], "hard": [2, d]}
+    parts, numbers = [], []
+    for k, (axis, side) in enumerate(itertools.product(range(d), (0, 1)), start=11):
+        on = facets[(np.abs(points[facets][..., axis] - side) < 1e-12).all(axis=1)]
+        parts.append(on)
+        numbers.append(np.full(len(on), k))
+        field_data["xyz"[axis] + "-+"[side]] = [k, d - 1]
+    soft = points[cells][..., 0].mean(axis=1) < 0.5
+    return meshio.Mesh(
+        points,
+        [(MESHIO[cell], cells), (FACET[cell], np.concatenate(parts))],
+        cell_data={"gmsh:physical": [np.where(soft, 1, 2), np.concatenate(numbers)],
+                   "gmsh:geometrical": [np.where(soft, 1, 2), np.concatenate(numbers)]},
+        field_data={name: np.array(v) for name, v in field_data.items()},
+    )  # fmt: skip
+
+
+def write(
+    mesh: meshio.Mesh, path: Path, file_format: str | None = "gmsh22", **options: object
+) -> Path:
+    """Write a mesh; Gmsh 2.2 unless told otherwise (None: by the ending)."""
+    meshio.write(path, mesh, file_format=file_format, **options)
+    return path
