@@ -173,9 +173,7 @@ class Cells:
         return np.einsum("cqri,qrv->cqiv", inverse, slopes), np.abs(np.linalg.det(jacobian))
 
     def batches(self, members: int) -> list[tuple[NDArray[np.int64], NDArray[np.int64], slice]]:
-        """Cells of one material to work on at once: (rows, rows that stand for their shapes,
-        members).
-        """
+        """Cells of one material to work on at once: (rows, rows that give shapes, members)."""
         result = []
         groups = [(rows, rows[:1]) for rows in self.shapes]
         if not groups:
