@@ -9,6 +9,7 @@ it stands.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +39,10 @@ PATIENCE = 16
 
 FACES = 15
 """Active sets tried before SMALBE goes on."""
+
+OUTSIDE = 10.0
+"""Residual that conjugate gradients leave, over the part of the right-hand side that rounding
+puts outside the range of P, which no step can remove."""
 
 TIGHTENINGS = 12
 """How often a solve without outer iterations is continued with a tenfold smaller residual."""
@@ -125,9 +130,15 @@ class _Face:
         self.problem = problem
         self.glued = problem.face(touching)
         self.qp = BoxQP(self.glued.projected, self.glued.rhs)
-        self.preconditioner = LumpedPreconditioner(self.glued, norm)
+        # no penalty here: steps that leave the range of P would meet no curvature
+        self.preconditioner = LumpedPreconditioner(self.glued, math.inf)
         self.x: NDArray[np.float64] | None = None
         self.counts = Counts()
+        assert self.glued.coarse is not None
+        outside = np.empty(problem.size)
+        self.glued.coarse.apply(self.glued.rhs, outside)
+        square = problem.comm.allreduce(float(outside @ outside))
+        self.unreachable = OUTSIDE * math.sqrt(square)
 
     def start_from(self, multiplier: NDArray[np.float64]) -> None:
         """Begin at the nearest multiplier in equilibrium."""
@@ -140,7 +151,7 @@ class _Face:
         result = replace(
             inner,
             rtol=rtol,
-            atol=self.glued.round_off,
+            atol=max(self.glued.round_off, self.unreachable),
             preconditioner=self.preconditioner,
             max_iterations=inner.max_iterations - self.counts.inner,
         ).solve(self.qp, x0=self.x, monitor=monitor)

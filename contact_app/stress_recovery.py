@@ -42,6 +42,9 @@ FLAT = 1e-4
 """Determinant of a patch's moments, scaled to a unit diagonal, above which they determine a linear
 polynomial: 1 for a symmetric patch, 0 for one whose cell centres lie in a plane."""
 
+SYMMETRIC = 1e-9
+"""Scaled moments below it vanish: the cells around the node balance each other."""
+
 WEAK = 1e-2
 """Directions of a fit below this share of the strongest are left out."""
 
@@ -193,7 +196,8 @@ BATCH = 100_000
 
 def at_cells(values: Array, nodes: NDArray[np.int32]) -> Array:
     """Values (nodes, members, k) at the vertices of cells, (members, cells, vertices · k)."""
-    return np.swapaxes(values, 0, 1)[:, nodes].reshape(values.shape[1], len(nodes), -1)
+    by_member = np.ascontiguousarray(np.swapaxes(values, 0, 1))
+    return by_member[:, nodes].reshape(values.shape[1], len(nodes), -1)
 
 
 def apply(operator: Array, values: Array) -> Array:
@@ -297,9 +301,12 @@ class StressRecovery:
         root = np.sqrt(np.einsum("nii->ni", A))
         scale = root[:, :, None] * root[:, None, :]
         A /= scale
-        done = np.linalg.det(A) > FLAT
-        fit = np.zeros_like(A)
-        fit[done] = np.linalg.inv(A[done])
+        fit = np.broadcast_to(np.eye(size), A.shape).copy()
+        done = np.ones(len(A), bool)
+        skew = np.flatnonzero(np.abs(A - fit).max(axis=(1, 2)) > SYMMETRIC)
+        done[skew] = np.linalg.det(A[skew]) > FLAT
+        skew = skew[done[skew]]
+        fit[skew] = np.linalg.inv(A[skew])
         continuations = []
         while True:
             counts = [
@@ -393,8 +400,10 @@ class StressRecovery:
             @ arrived
         )
         P, q = sums[:, : s * s], sums[:, s * s :]
-        kinds, kind = np.unique(np.round(P, 9), axis=0, return_inverse=True)
-        inverse = np.linalg.pinv(kinds.reshape(-1, s, s), rcond=WEAK, hermitian=True)
+        # many nodes have the same P: a face or an edge of a box
+        key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)
+        _, first, kind = np.unique(key, return_index=True, return_inverse=True)
+        inverse = np.linalg.pinv(P[first].reshape(-1, s, s), rcond=WEAK, hermitian=True)
         missing = q - np.einsum("nij,nj->ni", P.reshape(-1, s, s), recovered[number])
         recovered[number] += np.einsum("nij,nj->ni", inverse[kind.reshape(-1)], missing)
 
