@@ -106,10 +106,9 @@ class ErrorEstimator:
         return total
 
 
-def touching_nodes(model: Model, solution: Solution) -> NDArray[np.bool_]:
-    """Owned nodes that an obstacle pushes."""
-    problem, exchange = model.problem, model.node_exchange
-    touching = np.zeros(exchange.last - exchange.first, bool)
-    pushed = solution.multiplier[problem.inequality] > 0.0
-    touching[problem.contact.nodes[pushed] - exchange.first] = True
-    return touching
+def touching_nodes(model: Model, solution: Solution) -> list[NDArray[np.bool_]]:
+    """Nodes that an obstacle or another body pushes, (nodes, members) of each class."""
+    problem = model.problem
+    pushing = np.where(problem.inequality, solution.multiplier, 0.0)
+    forces = problem.constraint_forces(pushing)
+    return [f.reshape(-1, problem.dimension, f.shape[1]).any(axis=1) for f in forces]

@@ -5,9 +5,9 @@ where those of first-order cells converge faster than elsewhere; its value at th
 recovered stress σ* (Zienkiewicz & Zhu, *The superconvergent patch recovery and a posteriori error
 estimates*, IJNME 33, 1992). Where a node has too few cells for that, on the surface, the
 polynomials of its neighbours are continued to it. On the surface σ* n is known as well: it is the
-traction where one is given, zero where nothing is, and along the obstacle zero where the body
-touches without friction. The smallest change of σ* at the node that meets these (in the least
-squares where they contradict each other, as at the edge of a load) is made.
+traction where one is given, zero where nothing is, and has no part along the surface where the
+body touches without friction. The smallest change of σ* at the node that meets these (in the
+least squares where they contradict each other, as at the edge of a load) is made.
 
 Sums over cells are made subdomain by subdomain and meet at the owner of each node, so that σ*
 depends neither on the decomposition nor on the number of ranks. Bodies share no nodes: stresses
@@ -340,14 +340,16 @@ class StressRecovery:
             result.append(stress)
         return result
 
-    def __call__(self, displacements: Sequence[Array], touching: NDArray[np.bool_]) -> list[Array]:
+    def __call__(
+        self, displacements: Sequence[Array], touching: Sequence[NDArray[np.bool_]]
+    ) -> list[Array]:
         """σ* at nodes, (nodes, members, components) of each class.
 
         Parameters
         ----------
         displacements : one (n, members) array a class
-        touching : (owned nodes,)
-            Nodes that an obstacle pushes.
+        touching : one (nodes, members) array a class
+            Nodes that an obstacle or another body pushes.
         """
         copies, size = self._copies, self.dimension + 1
         stresses = self.centre_stresses(displacements)
@@ -369,16 +371,15 @@ class StressRecovery:
         self._meet_tractions(recovered, touching)
         return copies.spread(recovered)
 
-    def _meet_tractions(self, recovered: Array, touching: NDArray[np.bool_]) -> None:
+    def _meet_tractions(self, recovered: Array, touching: Sequence[NDArray[np.bool_]]) -> None:
         """Change σ* at surface nodes as little as their tractions ask for."""
         s, exchange = len(self.V), self._copies.exchange
         nodes, known = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
-        touch = exchange.from_owners(touching[self._copies.place])
         for local, subdomain in enumerate(self.model.partition.subdomains):
             if len(subdomain.exterior):
-                at = slice(self._copies.starts[local], self._copies.starts[local + 1])
-                cells = self.cells[self.model.place[local, 0]]
-                facets, equations = self._equations(subdomain, cells, touch[at])
+                cls, column = self.model.place[local]
+                touch = touching[cls][:, column]
+                facets, equations = self._equations(subdomain, self.cells[cls], touch)
                 at_node, place = np.unique(facets, return_inverse=True)
                 place = place.reshape(facets.shape)
                 incidence = sparse.csr_matrix(
@@ -427,9 +428,11 @@ class StressRecovery:
                 rows = boundary_facets(subdomain, body, pressure.boundary)
                 load[rows] -= pressure.value * normal[rows]
         pushed = touch[subdomain.reference.facets].any(axis=1)
-        for contact in scene.contacts:
-            if contact.body == subdomain.body:
-                rows = boundary_facets(subdomain, body, contact.boundary)
+        sides = [(t.body, t.boundary) for t in scene.touching]
+        sides += [(pair.other, pair.other_boundary) for pair in scene.pairs]
+        for number, boundary in sides:
+            if number == subdomain.body:
+                rows = boundary_facets(subdomain, body, boundary)
                 n = normal[rows[pushed[rows]]]
                 known[rows[pushed[rows]]] = np.eye(d) - n[:, :, None] * n[:, None, :]
         for condition in scene.displacements:

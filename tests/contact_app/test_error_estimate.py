@@ -11,6 +11,7 @@ from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.test_convergence import column, confined_modulus
 from tests.contact_app.test_ranks import summary_of
+from tests.contact_app.test_two_bodies import stack
 
 CELLS = scenes.CELLS_3D + scenes.CELLS_2D
 
@@ -45,6 +46,12 @@ def test_zero_where_the_mesh_is_exact(cell: str) -> None:
     assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(30.0)
     assert solved.accuracy.discretisation < 1e-9
     assert solved.accuracy.algebraic < 1e-6
+
+
+def test_zero_where_two_bodies_share_a_constant_stress() -> None:
+    solved = solve(stack("hexahedron", "tetrahedron", (2, 3)), [2, 1, 2], tolerance=1e-12)
+    assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(10.0)
+    assert solved.accuracy.discretisation < 1e-9
 
 
 def test_zero_where_nothing_is_strained() -> None:
