@@ -7,21 +7,27 @@ An expansion is one small frozen object that moves an iterate to a feasible poin
   fixed, ᾱ = α_u/‖A‖; approximately optimal (optapprox), ᾱ = α_u/‖A‖ · dᵀg/dᵀd; or optimal (opt),
   ᾱ = α_u dᵀg/dᵀAd, with one more product. ``gfgr``: along g^f, with the length from d = g^r.
 * :class:`ProjectedCG`: the full CG step, projected.
-* :class:`SafeguardedCG`: the same, with a guaranteed descent, at no more products. From the half
-  step x½, where the cost is below that at x, the segment to the projected CG step is feasible,
-  and all its points keep the bound that x½ met. Whether the cost falls along it is known before
-  any product; where it does not, the segment of the standard expansion, d = α g^r, is taken
-  instead, along which it always does. The product that plain ``projcg`` spends on the new
-  gradient is spent on Ad: it gives the gradient everywhere on the segment, so that a step which
-  would raise the cost ends at the minimum on the segment.
+* :class:`SafeguardedCG`: the same, with a guaranteed descent. From the half step x½, the last
+  feasible point of the CG step, the straight way to the projected CG step is feasible, and all its
+  points keep the bound that x½ met. The product that plain ``projcg`` spends on the new gradient
+  is spent on Ad, d the way: it gives cost and gradient everywhere on it. Where the projected CG
+  step raises the cost, the way ends at its minimum, or the way of the standard expansion,
+  d = α g^r, is taken, whichever is lower; the product that would tell which is spent only where
+  what is known leaves it open.
 
-Descent. Let D = ½ g^rᵀg^f/‖A‖ at x½ (g^r for the length 1/‖A‖), the decrease that Dostál's
-theory guarantees for the standard expansion. The segment is followed only if gᵀd ≥ 2κD and
-(gᵀd)² ≥ κ ‖d‖² g^rᵀg^f; then the minimum on it lies at least κD below f(x½), for it is either at
-the end of the segment, ½ gᵀd ≥ κD below, or inside, (gᵀd)²/(2 dᵀAd) ≥ κD below. The end is taken
-without a line search only if it is as far below itself. So every expansion decreases the cost by
-at least κ times what the proof of MPRGP's R-linear convergence asks of it. (‖A‖ is replaced by the
-largest ‖Ap‖/‖p‖ seen; it is a lower bound, which makes the first test stricter.)
+Descent. Let δ = f(x) - f(x½) and D = ½ g^rᵀg^f/‖A‖ at x½ (g^r for the length 1/‖A‖): Dostál's
+theory guarantees that the standard expansion decreases the cost by δ + D, and the proof of MPRGP's
+R-linear convergence asks no more of an expansion than a fixed part of that. The projected CG step
+is taken if it decreases the cost by κ(δ + D). Else the cost falls by at least as much as on the
+way of the standard expansion, which is D/1.9 or more below x½: gᵀd ≥ ‖d‖²/α puts the minimum
+inside the way (gᵀd)²/(2 dᵀAd) ≥ gᵀd/(2α‖A‖), the end ½ gᵀd below, and g^r for the length 1.9/‖A‖
+is at least g^r for 1/‖A‖ over 1.9. (‖A‖ is replaced by the largest ‖Ap‖/‖p‖ seen where it is not
+known; it is a lower bound, which makes D larger.)
+
+Losing to the standard expansion. It ends at most m(gᵀd', c) below x½, d' its way, c any lower bound
+of d'ᵀAd' and m(s, c) the largest of ts - ½t²c for 0 ≤ t ≤ 1. By Cauchy and Schwarz
+c = (dᵀAd')²/dᵀAd will do, and Ad is known. So a minimum on the way to the projected CG step that
+is m(gᵀd', c) below x½ cannot lose, and no product is spent to see it.
 """
 
 from __future__ import annotations
@@ -137,7 +143,7 @@ class ProjectedCG:
 
 @dataclass(frozen=True)
 class SafeguardedCG:
-    """Projection of the CG step, cut or replaced where the cost would rise.
+    """Projection of the CG step, cut or replaced where the cost would rise (see the module).
 
     Attributes
     ----------
@@ -159,23 +165,56 @@ class SafeguardedCG:
         """Nothing: ‖A‖ is learnt on the way."""
 
     def expand(self, it: Iterate, alpha_cg: float, alpha_f: float) -> None:
-        """Half step, then the segment, with a line search where the cost asks for it."""
+        """Half step, then the way that descends."""
         if it.largest == 0.0:  # no curvature seen at all: to the bound, and look again
             it.advance(alpha_f, restart=True, snap=True)
             return
         if math.isinf(alpha_cg):
             alpha_cg = alpha_f + 10.0 / it.largest
-        slope, square, decrease = it.half_step_and_aim(alpha_f, self.reach * alpha_cg)
-        if slope < self.kappa * decrease / it.largest or slope**2 < self.kappa * decrease * square:
-            it.aim_reduced(self.standard / it.largest)
-        if decrease == 0.0:  # no free component is left that could move
+        half = alpha_f * (it.slope - 0.5 * alpha_f * it.curvature)  # δ
+        slope, product = it.half_step_and_aim(alpha_f, self.reach * alpha_cg)
+        if product == 0.0:  # no free component is left that could move
             it.restart()
             return
+        guaranteed = 0.5 * product / it.largest  # D
+        enough = self.kappa * (half + guaranteed) - half
+        hopeless = slope < enough  # the cost is convex: no product can show that it falls enough
+        if hopeless:
+            it.aim_reduced(self.standard / it.largest_known)
+            enough = self.kappa * guaranteed
         length, _ = it.probe()
-        end = it.slope - 0.5 * it.curvature  # decrease of the cost at the end of the segment
-        if end >= 0.5 * self.kappa * decrease / it.largest:
+        if it.slope - 0.5 * it.curvature >= enough:
             length = 1.0
+        elif not hopeless:
+            length = self._lowest(it)
         it.advance(min(length, 1.0), restart=True, snap=True)
+
+    def _lowest(self, it: Iterate) -> float:
+        """Aim at the lower of the minima on the way p and on that of the standard expansion.
+
+        Returns the length at which it lies.
+        """
+        length, lower = minimum(it.slope, it.curvature)
+        curvature = it.curvature
+        slope, mixed = it.aim_reduced_beside(self.standard / it.largest_known)
+        bound = mixed**2 / curvature if curvature > 0.0 else 0.0
+        if lower < minimum(slope, bound)[1]:
+            it.probe()
+            standard, lowest = minimum(it.slope, it.curvature)
+            if lowest > lower:
+                return standard
+        it.take_back()
+        return length
+
+
+def minimum(slope: float, curvature: float) -> tuple[float, float]:
+    """Where t slope - ½ t² curvature is largest for 0 ≤ t ≤ 1, and how large.
+
+    >>> minimum(1.0, 2.0)
+    (0.5, 0.25)
+    """
+    length = 0.0 if slope <= 0.0 else 1.0 if slope >= curvature else slope / curvature
+    return length, length * (slope - 0.5 * length * curvature)
 
 
 LENGTHS: dict[str, Length] = {"optapprox": optapprox, "opt": opt}

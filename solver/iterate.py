@@ -99,6 +99,7 @@ class Iterate:
         self.b_norm = 0.0
         self._norm = norm
         self._fresh = False  # p is the preconditioned free gradient itself
+        self._beside = (0.0, 0.0, 0.0)
         self._marked: tuple[Vector, Vector] | None = None
         self._began = perf_counter()
 
@@ -118,6 +119,11 @@ class Iterate:
         if self.largest > 1.01 * self._norm:
             self._norm = self.largest
         return self._norm or 1.0  # a zero Hessian: the half step alone moves to the bounds
+
+    @property
+    def largest_known(self) -> float:
+        """‖A‖ where it is known, else the largest ‖Ap‖/‖p‖ seen: no product is spent on it."""
+        return max(self.largest, self._norm or 0.0)
 
     # ------------------------------------------------------------------ passes
 
@@ -235,15 +241,15 @@ class Iterate:
         for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
             block.reduced(self.alpha, out[rows])
 
-    def half_step_and_aim(self, alpha_f: float, target: float) -> tuple[float, float, float]:
+    def half_step_and_aim(self, alpha_f: float, target: float) -> tuple[float, float]:
         """Take the half step; aim p from there at the projection of the step of length target.
 
-        Leaves p = x½ - P(x - target p) and returns gᵀp, ‖p‖² and g^rᵀg^f there, g^r for the
-        length 1/``largest``.
+        Leaves p = x½ - P(x - target p) and returns gᵀp and g^rᵀg^f there, g^r for the length
+        1/``largest``.
         """
         self._drift(alpha_f)
         sums = np.zeros(5)
-        slope = square = standard = 0.0
+        slope = standard = 0.0
         for block in self.blocks:
             block.project_into(target, out=block.trial)
             block.step_to_bound(alpha_f)
@@ -252,12 +258,11 @@ class Iterate:
             block.split()
             np.subtract(block.x, block.trial, out=block.p)
             slope += float(np.dot(block.g, block.p))
-            square += float(np.dot(block.p, block.p))
             block.reduced(1.0 / self.largest, out=block.s)
             standard += float(np.dot(block.s, block.free))
             self._add_squares(sums, block)
-        slope, square, standard = self._take(sums, slope, square, standard)
-        return slope, square, standard
+        slope, standard = self._take(sums, slope, standard)
+        return slope, standard
 
     def anticipate(self) -> bool:
         """Whether a step of length 1 along the remembered curvature would leave the box."""
@@ -291,6 +296,29 @@ class Iterate:
         for block in self.blocks:
             block.reduced(alpha, out=block.p)
             np.multiply(block.p, alpha, out=block.p)
+
+    def aim_reduced_beside(self, alpha: float) -> tuple[float, float]:
+        """p = α g^r, with what p and Ap were kept for :meth:`take_back`; gᵀp and pᵀAp_before.
+
+        They are kept where g^c and g^f stood, which the next step splits anew.
+        """
+        self._beside = self.slope, self.curvature, self.product_norm
+        slope = mixed = 0.0
+        for block in self.blocks:
+            np.copyto(block.chopped, block.p)
+            block.reduced(alpha, out=block.p)
+            np.multiply(block.p, alpha, out=block.p)
+            np.copyto(block.free, block.Ap)
+            slope += float(np.dot(block.g, block.p))
+            mixed += float(np.dot(block.Ap, block.p))
+        slope, mixed = self.reduction.sums(slope, mixed)
+        return slope, mixed
+
+    def take_back(self) -> None:
+        """P and Ap as they were before :meth:`aim_reduced_beside`."""
+        self.slope, self.curvature, self.product_norm = self._beside
+        np.copyto(self.p, self.chopped)
+        np.copyto(self.Ap, self.free)
 
     # ------------------------------------------------------------------ bookkeeping
 

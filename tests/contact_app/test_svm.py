@@ -115,7 +115,8 @@ def test_duality_gap_closes(tmp_path, loss, C):
     assert 0.6 < report["training_accuracy"] <= 1.0
     counts = report["counts"]
     steps = counts["cg"] + 2 * counts["expansion"] + counts["proportioning"]
-    assert counts["hessian"] == 1 + steps
+    # the safeguard may spend one more where a projected CG step raises the cost
+    assert 0 <= counts["hessian"] - 1 - steps <= 0.1 * counts["expansion"]
 
 
 @pytest.mark.parametrize("loss", ["l1", "l2"])

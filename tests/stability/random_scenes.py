@@ -100,19 +100,22 @@ class _Draw:
         )
         faces = [f"{axis}{side}" for axis in "xyz"[:d] for side in "-+"]
         faces = [faces[i] for i in self.random.permutation(len(faces))]
-        self.conditions(made, name, faces, size, stiff)
-        for _ in range(int(self.random.integers(0, 4))):
-            # rarely the face that may be held: its nodes are in the obstacle's way, or not at all
-            face = self.choice(faces if self.chance(0.1) else faces[1:])
+        held = self.choice(("all", "some", "none"), [0.6, 0.25, 0.15])
+        # rarely the face that is held: its nodes are in the obstacle's way, or not at all
+        touching = [self.choice(faces if self.chance(0.1) else faces[1:]) for _ in range(3)]
+        touching = touching[: int(self.random.integers(0, 4))]
+        seated = held != "all" and self.chance(0.7)
+        if seated:  # in a corner, pressed into it
+            touching = [f"{axis}{self.choice('-+')}" for axis in "xyz"[:d]]
+        self.hold(made, name, faces, held, size)
+        self.load(made, name, faces, size, stiff, touching if seated else None)
+        for face in touching:
             made["contacts"].append(
                 {"on": f"{name}.{face}", "obstacle": self.obstacle(face, lower, upper)}
             )
 
-    def conditions(
-        self, made: Config, name: str, faces: list[str], size: np.ndarray, stiff: float
-    ) -> None:
+    def hold(self, made: Config, name: str, faces: list[str], held: str, size: np.ndarray) -> None:
         d = self.dimension
-        held = self.choice(("all", "some", "none"), [0.5, 0.3, 0.2])
         value: list[float | None]
         if held == "all":
             moved = self.random.normal(size=d) * self.strain * size * self.chance(0.3)
@@ -126,11 +129,26 @@ class _Draw:
                 value = [None] * d
                 value[int(self.random.integers(d))] = 0.0
                 made["conditions"].append({"on": f"{name}.{faces[1]}", "displacement": value})
-        stress = stiff * self.strain
+
+    def load(
+        self,
+        made: Config,
+        name: str,
+        faces: list[str],
+        size: np.ndarray,
+        stiff: float,
+        seats: list[str] | None,
+    ) -> None:
+        d, stress = self.dimension, stiff * self.strain
+        force = self.random.normal(size=d) * stress / size.max()
+        if seats is not None:
+            towards = np.array([1.0 if face[1] == "+" else -1.0 for face in seats])
+            force = towards * self.random.uniform(0.2, 1.0, d) * stress / size
+            made["conditions"].append({"in": name, "force": _floats(force)})
+            return
         traction = self.random.normal(size=d) * stress
         made["conditions"].append({"on": f"{name}.{faces[1]}", "traction": _floats(traction)})
         if self.chance(0.3):
-            force = self.random.normal(size=d) * stress / size.max()
             made["conditions"].append({"in": name, "force": _floats(force)})
         if self.chance(0.2):
             pressure = float(self.random.normal() * stress)
@@ -145,7 +163,8 @@ class _Draw:
         center[axis] = upper[axis] if face[1] == "+" else lower[axis]
         corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))))
         extent = float(np.max(upper - lower))
-        gap = float(self.choice((0.0, 0.0, 1.0, -0.3)) * self.strain * (upper - lower)[axis])
+        share = self.choice((0.0, 1.0, -0.3), [0.45, 0.4, 0.15])
+        gap = float(share * self.strain * (upper - lower)[axis])
         kind = self.choice(("plane", "tilted", "sphere", "hollow", "cylinder"))
         if kind == "cylinder" and d == 2:
             kind = "plane"
