@@ -124,6 +124,7 @@ def subdomain_class(
         if symmetry is None or how is BlockKind.NONE:
             inverse = GeneralisedInverse(stiffness, kernel, fixing)
         else:
+            stiffness = symmetry.average(stiffness)
             inverse = SymmetricInverse(stiffness, kernel, fixing, symmetry)
     block: Block | None = None
     if how is not BlockKind.NONE:

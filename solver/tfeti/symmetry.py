@@ -48,6 +48,22 @@ class Symmetry:
         """The unknowns and their mirror images, sorted."""
         return np.unique(self.images[:, unknowns])
 
+    def average(self, stiffness: sparse.csr_matrix) -> sparse.csr_matrix:
+        """The mean of S K Sᵀ over the group: K without the round-off that breaks the symmetry.
+
+        Coordinates have round-off of their own, so cells that should be mirror images differ in
+        their last digits; a slender body multiplies the difference by its condition.
+        """
+        h = 1
+        while h < self.order:  # the generators are the elements with one bit set
+            image, sign = self.images[h], self.signs[h].astype(float)
+            S = sparse.csr_matrix((sign, (image, np.arange(len(image)))), stiffness.shape)
+            stiffness = 0.5 * (stiffness + S @ stiffness @ S.T)
+            h *= 2
+        result = stiffness.tocsr()
+        result.sort_indices()
+        return result
+
     def bases(self, unknowns: NDArray[np.int64]) -> list[sparse.csc_matrix]:
         """Orthonormal bases V_χ on some unknowns, closed under reflection: (m, m_χ) each.
 

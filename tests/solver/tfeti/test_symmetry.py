@@ -112,3 +112,15 @@ def test_split_inverse_is_the_inverse(cells: tuple[int, ...]) -> None:
     y = np.empty_like(x)
     block.apply(x, y)
     np.testing.assert_allclose(y, x @ whole, atol=1e-10)
+
+
+def test_averaging_removes_what_breaks_the_symmetry() -> None:
+    points, K = springs((3, 2, 1))
+    symmetry = find_symmetry(points, 3, K)
+    assert symmetry is not None
+    noise = 1e-3 * np.random.default_rng(3).normal(size=K.shape) * (K.toarray() != 0)
+    mean = symmetry.average((K + sparse.csr_matrix(noise + noise.T)).tocsr())
+    assert abs(mean - K).max() > 1e-5
+    for image, sign in zip(symmetry.images, symmetry.signs, strict=True):
+        S = sparse.coo_matrix((sign.astype(float), (image, np.arange(len(image)))), K.shape).tocsr()
+        assert abs(S @ mean @ S.T - mean).max() < 1e-15 * abs(K).max()
