@@ -27,7 +27,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.tfeti.constraints import RowKind
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual import DualProblem, interface_slices
 from solver.tfeti.feasible import feasible_displacements
 
 NUMBERS = (
@@ -118,7 +118,8 @@ def certify(
     """
     comm = problem.comm
     contact, glued = problem.inequality, ~problem.inequality
-    residual = problem.constraint_values(displacements) - problem.c
+    interface = problem.on_interface(displacements)
+    residual = problem.residual(interface)
     slack = residual / problem.spread
     largest = _largest_displacement(problem, displacements)
     unit = largest or 1.0
@@ -126,11 +127,14 @@ def certify(
     imbalance, energy = _equilibrium(problem, multiplier, displacements)
     contact_forces = multiplier[contact] * problem.spread[contact]
     load = _load(problem, multiplier, contact_forces)
-    repaired, repaired_residual = feasible_displacements(problem, displacements)
+    repaired, repaired_residual = feasible_displacements(problem, interface)
     gap = -float(multiplier[contact] @ np.minimum(repaired_residual[contact], 0.0))
-    for cls, u, better in zip(problem.classes, displacements, repaired, strict=True):
-        change = better - u
-        gap += 0.5 * float(np.sum(change * (cls.stiffness @ change)))
+    repaired -= interface
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        change = repaired[part].reshape(cls.members, -1)
+        for members in cls.batches():
+            some = change[members].T.copy()
+            gap += 0.5 * float(np.vdot(some, cls.interface_stiffness @ some))
     complementarity = float(np.abs(contact_forces * slack[contact]).sum())
     work = float(multiplier @ residual)
     gap, complementarity, work = (
@@ -160,25 +164,35 @@ def _equilibrium(
 ) -> tuple[float, float]:
     """‖K u - f + Bᵀ λ‖ over free unknowns, and the energy ½ a(u,u) - l(u)."""
     sums = np.zeros(2)
-    for cls, u, load, force in zip(
+    forces = problem.constraint_forces(multiplier)
+    for cls, part, u, load in zip(
         problem.classes,
+        interface_slices(problem.classes),
         displacements,
         problem.forces,
-        problem.constraint_forces(multiplier),
         strict=True,
     ):
-        Ku = cls.stiffness @ u
-        residual = (Ku - load + force)[cls.free]
-        sums += np.sum(residual**2), np.sum(u * (0.5 * Ku - load))
+        force = forces[part].reshape(cls.members, -1)
+        for members in cls.batches():
+            some = u[:, members].copy()
+            Ku = cls.stiffness @ some
+            sums[1] += np.vdot(some, 0.5 * Ku - load[:, members])
+            Ku -= load[:, members]
+            Ku[cls.interface] += force[members].T
+            sums[0] += np.sum(Ku[cls.free] ** 2)
     square, energy = problem.comm.allreduce(sums)
     return float(np.sqrt(square)), float(energy)
 
 
 def _largest_displacement(problem: DualProblem, displacements: list[NDArray[np.float64]]) -> float:
     squares = [
-        (u.reshape(-1, problem.dimension, u.shape[1]) ** 2).sum(axis=1) for u in displacements
+        (u[:, members].reshape(-1, problem.dimension, u[:, members].shape[1]) ** 2)
+        .sum(axis=1)
+        .max()
+        for cls, u in zip(problem.classes, displacements, strict=True)
+        for members in cls.batches()
     ]
-    return float(np.sqrt(_max(problem.comm, *squares)))
+    return float(np.sqrt(_max(problem.comm, np.array(squares))))
 
 
 def _load(

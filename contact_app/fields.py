@@ -78,7 +78,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     loaded = (force > 0.0) & (share > 0.0)
     pressure = np.zeros(size)
     np.add.at(pressure, at[loaded], force[loaded] / share[loaded])
-    penetration = problem.constraint_values(solution.displacements) - problem.c
+    penetration = problem.residual(problem.on_interface(solution.displacements))
     gap = np.full(size, np.inf)
     np.minimum.at(gap, at, -penetration[rows] / contact.spread)
     gap[np.isinf(gap)] = np.nan

@@ -26,7 +26,7 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
 from solver.tfeti.preconditioner import LumpedPreconditioner
 from solver.tfeti.recovery import displacements as recover
-from solver.tfeti.recovery import kernel_coefficients
+from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 
 NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
@@ -112,14 +112,14 @@ class _Start:
     x, equality_force : (dual,)
         Homogenised multiplier and t = Cᵀ μ, to start SMALBE from or to recover an answer.
     displacements
-        u, one array a class.
+        u on the interface.
     residual : (dual,)
         B u - c: the penetration on contact rows.
     """
 
     x: NDArray[np.float64]
     equality_force: NDArray[np.float64]
-    displacements: list[NDArray[np.float64]]
+    displacements: NDArray[np.float64]
     residual: NDArray[np.float64]
 
 
@@ -166,7 +166,7 @@ class _Face:
         assert self.x is not None
         multiplier = glued.offset + self.x
         alpha = kernel_coefficients(glued, multiplier, None)
-        u = recover(glued, multiplier, alpha)
+        u = interface_displacements(glued, multiplier, alpha)
         # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
         force, kernel_part = np.empty(problem.size), np.empty(problem.size)
         problem.F.apply(multiplier, force)
@@ -174,7 +174,7 @@ class _Face:
         problem.coarse.apply(force, force)
         problem.coarse.extend(alpha, kernel_part)
         force -= kernel_part
-        residual = problem.constraint_values(u) - problem.c
+        residual = problem.residual(u)
         return _Start(multiplier - problem.offset, force, u, residual)
 
 
@@ -202,7 +202,7 @@ def _without_contact(
             return start, replace(solution, reason=reason), face.counts
         penetration = np.where(problem.inequality, start.residual, 0.0).max(initial=0.0)
         penetration = problem.comm.allreduce(float(penetration), op=MPI.MAX)
-        if penetration > rtol * largest_magnitude(problem.comm, *start.displacements):
+        if penetration > rtol * largest_magnitude(problem.comm, start.displacements):
             return start, None, face.counts
     solution = certified_answer(problem, start.x, start.equality_force, options)
     return start, solution if solution.certificate.passed else None, face.counts
@@ -236,7 +236,7 @@ def _active_sets(
             break
         state = face.state()
         multiplier = problem.offset + state.x
-        largest = largest_magnitude(problem.comm, *state.displacements)
+        largest = largest_magnitude(problem.comm, state.displacements)
         crossed = state.residual > options.tolerance * 1e-2 * largest
         following = problem.inequality & np.where(touching, multiplier > 0.0, crossed)
         if not problem.comm.allreduce(int((following != touching).sum())):
@@ -353,7 +353,7 @@ def _largest_displacement(problem: DualProblem, state: OuterState) -> float:
     """Estimate of the largest displacement from an iterate far from the solution."""
     multiplier = problem.offset + state.x
     alpha = kernel_coefficients(problem, multiplier, state.transposed_multiplier)
-    return largest_magnitude(problem.comm, *recover(problem, multiplier, alpha))
+    return largest_magnitude(problem.comm, interface_displacements(problem, multiplier, alpha))
 
 
 def _sum(a: Counts, b: Counts) -> Counts:

@@ -7,7 +7,9 @@ sparse solves with a column for each member.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,9 @@ from solver.tfeti.generalised_inverse import (
 )
 from solver.tfeti.kernels import check_kernel, fixing_nodes, orthonormal_kernel
 from solver.tfeti.symmetry import find_symmetry
+
+MEMBERS_AT_ONCE = 128
+"""Members whose full vectors are worked on together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +64,16 @@ class SubdomainClass:
     def unknowns(self) -> int:
         """Unknowns of one member."""
         return self.stiffness.shape[0]
+
+    @cached_property
+    def interface_stiffness(self) -> sparse.csr_matrix:
+        """K between interface unknowns, (i, i)."""
+        return self.stiffness[self.interface][:, self.interface]
+
+    def batches(self) -> Iterator[slice]:
+        """Members a few at a time, for work whose temporaries should stay small."""
+        for begin in range(0, self.members, MEMBERS_AT_ONCE):
+            yield slice(begin, min(begin + MEMBERS_AT_ONCE, self.members))
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """K⁺ on full vectors, (n, s) to (n, s); held unknowns stay zero."""

@@ -169,21 +169,25 @@ def _kernel_matrix(
     columns: int,
 ) -> PETSc.Mat:
     """R on interface unknowns, (interface, kernels), one dense block a subdomain."""
-    first, total = comm.exscan(columns) or 0, comm.allreduce(columns)
-    width, places, values = [], [], []
+    first = comm.exscan(columns) or 0
+    widths = [np.full(members * R.shape[0], R.shape[1], PETSc.IntType) for members, R in kernels]
+    begins = np.zeros(interface + 1, PETSc.IntType)
+    np.cumsum(np.concatenate(widths or [begins[:0]]), out=begins[1:])
+    places, values = np.empty(begins[-1], PETSc.IntType), np.empty(begins[-1])
+    end = 0
     for members, R in kernels:
-        m, k = R.shape
-        width.append(np.full(members * m, k))
-        place = first + k * np.arange(members)[:, None, None] + np.arange(k)
-        places.append(np.broadcast_to(place, (members, m, k)).reshape(-1))
-        values.append(np.broadcast_to(R, (members, m, k)).reshape(-1))
+        (m, k), begin, end = R.shape, end, end + members * R.size
+        place = first + k * np.arange(members, dtype=PETSc.IntType)[:, None, None] + np.arange(k)
+        places[begin:end].reshape(members, m, k)[:] = place
+        values[begin:end].reshape(members, m, k)[:] = R
         first += members * k
-    indptr = np.concatenate([[0], np.cumsum(np.concatenate(width))]) if width else np.zeros(1, int)
-    local = sparse.csr_matrix(
-        (np.concatenate(values or [np.zeros(0)]), np.concatenate(places or [np.zeros(0, int)]),
-         indptr), shape=(interface, total),
-    )  # fmt: skip
-    return petsc_rows(comm, local, columns)
+    matrix = PETSc.Mat().createAIJ(
+        ((interface, PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
+        csr=(begins, places, values),
+        comm=comm,
+    )
+    matrix.assemble()
+    return matrix
 
 
 def petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> PETSc.Mat:

@@ -50,12 +50,14 @@ class DualOperator:
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """F x."""
         self.B.multTranspose(petsc_vec(x, self.comm), petsc_vec(self._loads, self.comm))
+        self.solve_interface(self._loads, self._displacements)
+        self.B.mult(petsc_vec(self._displacements, self.comm), petsc_vec(out, self.comm))
+
+    def solve_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """K⁺ between interface vectors."""
         for cls, part in zip(self.classes, self._slices, strict=True):
             shape = (cls.members, len(cls.interface))
-            cls.apply_interface(
-                self._loads[part].reshape(shape), self._displacements[part].reshape(shape)
-            )
-        self.B.mult(petsc_vec(self._displacements, self.comm), petsc_vec(out, self.comm))
+            cls.apply_interface(loads[part].reshape(shape), out[part].reshape(shape))
 
 
 def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
@@ -143,12 +145,22 @@ class DualProblem:
         return int(self.comm.allreduce(int((self.kinds == kind).sum())))
 
     @cached_property
+    def free_displacements(self) -> NDArray[np.float64]:
+        """K⁺ f on the interface; members without a load are not solved for."""
+        result = np.zeros(self.B.getLocalSize()[1])
+        for cls, part, load in zip(
+            self.classes, interface_slices(self.classes), self.loads, strict=True
+        ):
+            loaded = np.flatnonzero(load.any(axis=0))
+            if len(loaded):
+                mine = result[part].reshape(cls.members, -1)
+                mine[loaded] = cls.solve(load[:, loaded])[cls.interface].T
+        return result
+
+    @cached_property
     def d(self) -> NDArray[np.float64]:
         """d = B K⁺ f - c."""
-        displacements = [
-            cls.solve(load) for cls, load in zip(self.classes, self.loads, strict=True)
-        ]
-        return self.constraint_values(displacements) - self.c
+        return self.residual(self.free_displacements)
 
     @cached_property
     def offset(self) -> NDArray[np.float64]:
@@ -206,27 +218,26 @@ class DualProblem:
             return None
         return np.where(self.inequality, -self.offset, -np.inf)
 
-    def constraint_values(self, displacements: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """B u for displacements (n, members) of each class."""
-        interface = np.empty(self.B.getLocalSize()[1])
+    def on_interface(self, displacements: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """The interface vector of displacements, (n, members) of each class."""
+        result = np.empty(self.B.getLocalSize()[1])
         for cls, part, u in zip(
             self.classes, interface_slices(self.classes), displacements, strict=True
         ):
-            interface[part] = u[cls.interface].T.ravel()
-        result = np.empty(self.size)
-        self.B.mult(petsc_vec(interface, self.comm), petsc_vec(result, self.comm))
+            result[part].reshape(cls.members, -1)[:] = u[cls.interface].T
         return result
 
-    def constraint_forces(self, multiplier: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Bᵀ λ as (n, members) arrays, one a class."""
-        interface = np.empty(self.B.getLocalSize()[1])
-        self.B.multTranspose(petsc_vec(multiplier, self.comm), petsc_vec(interface, self.comm))
-        forces = []
-        for cls, part in zip(self.classes, interface_slices(self.classes), strict=True):
-            full = np.zeros((cls.unknowns, cls.members), order="F")
-            full[cls.interface] = interface[part].reshape(cls.members, -1).T
-            forces.append(full)
-        return forces
+    def residual(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
+        """B u - c for displacements on the interface: jumps, and penetration on contact rows."""
+        result = np.empty(self.size)
+        self.B.mult(petsc_vec(interface, self.comm), petsc_vec(result, self.comm))
+        return result - self.c
+
+    def constraint_forces(self, multiplier: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Bᵀ λ, an interface vector."""
+        result = np.empty(self.B.getLocalSize()[1])
+        self.B.multTranspose(petsc_vec(multiplier, self.comm), petsc_vec(result, self.comm))
+        return result
 
     def face(self, touching: NDArray[np.bool_]) -> DualProblem:
         """The problem in which these contact rows hold with equality and the others are empty.
@@ -242,7 +253,7 @@ class DualProblem:
         keep = np.where(self.inequality & ~touching, 0.0, 1.0)
         B = self.B.copy()
         B.diagonalScale(L=petsc_vec(keep, self.comm))
-        return replace(
+        face = replace(
             self,
             B=B,
             c=self.c * keep,
@@ -250,6 +261,8 @@ class DualProblem:
             contact=self.contact.none(),
             coarse=None if self.coarse is None else self.coarse.weighted(keep),
         )
+        vars(face)["free_displacements"] = self.free_displacements  # the loads are the same
+        return face
 
     def kernel_slices(self) -> list[slice]:
         """Where the kernels of each class live in a coarse vector."""

@@ -76,32 +76,28 @@ def _balance(
 
 
 def feasible_displacements(
-    problem: DualProblem, displacements: list[NDArray[np.float64]]
-) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """The admissible û nearest to u at the nodes of the interface, and B û - c.
+    problem: DualProblem, displacements: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The admissible û nearest to u, both on the interface, and B û - c.
 
     B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
-    admissible set; where contact rows are not orthogonal it is repeated, damped.
+    admissible set; where contact rows are not orthogonal it is repeated, damped. Inside the
+    subdomains û = u.
     """
     damping = _overlap(problem)
-    repaired = [u.copy(order="F") for u in displacements]
-    violation = _violation(problem, repaired)
-    tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, *displacements))
+    repaired = displacements.copy()
+    residual = problem.residual(repaired)
+    tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, displacements))
+    previous = np.inf
     for _ in range(200):
-        if largest_magnitude(problem.comm, violation) <= tolerance:
+        violation = np.where(problem.inequality, np.maximum(residual, 0.0), residual)
+        size = largest_magnitude(problem.comm, violation)
+        if size <= tolerance or size > 0.99 * previous:
             break
-        for u, change in zip(repaired, problem.constraint_forces(violation / damping), strict=True):
-            u -= change
-        previous = largest_magnitude(problem.comm, violation)
-        violation = _violation(problem, repaired)
-        if largest_magnitude(problem.comm, violation) > 0.99 * previous:
-            break
-    return repaired, problem.constraint_values(repaired) - problem.c
-
-
-def _violation(problem: DualProblem, displacements: list[NDArray[np.float64]]) -> NDArray:
-    residual = problem.constraint_values(displacements) - problem.c
-    return np.where(problem.inequality, np.maximum(residual, 0.0), residual)
+        repaired -= problem.constraint_forces(violation / damping)
+        residual = problem.residual(repaired)
+        previous = size
+    return repaired, residual
 
 
 def _overlap(problem: DualProblem) -> NDArray[np.float64]:

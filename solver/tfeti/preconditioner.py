@@ -38,9 +38,7 @@ class LumpedPreconditioner:
         self.comm, self.B, self.coarse, self.rho = problem.comm, problem.B, problem.coarse, rho
         self._slices = interface_slices(problem.classes)
         self._shapes = [(c.members, len(c.interface)) for c in problem.classes]
-        self._stiffness = [
-            _fastest(c.stiffness[c.interface][:, c.interface]) for c in problem.classes
-        ]
+        self._stiffness = [_fastest(c.interface_stiffness) for c in problem.classes]
         interface = problem.B.getLocalSize()[1]
         self._jumps, self._forces = np.empty(interface), np.empty(interface)
         self._q, self._p = np.empty(problem.size), np.empty(problem.size)

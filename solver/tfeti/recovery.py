@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual import DualProblem, interface_slices
 
 
 def kernel_coefficients(
@@ -41,22 +41,48 @@ def kernel_coefficients(
     return problem.coarse.coefficients(residual)
 
 
+def interface_displacements(
+    problem: DualProblem, multiplier: NDArray[np.float64], alpha: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """u on the interface, for the price of one application of F."""
+    result = np.empty_like(problem.free_displacements)
+    problem.F.solve_interface(problem.constraint_forces(multiplier), result)
+    np.subtract(problem.free_displacements, result, out=result)
+    for cls, part, lift, kernel in zip(
+        problem.classes,
+        interface_slices(problem.classes),
+        problem.lifting,
+        problem.kernel_slices(),
+        strict=True,
+    ):
+        mine = result[part].reshape(cls.members, -1)
+        mine += alpha[kernel].reshape(cls.members, -1) @ cls.kernel[cls.interface].T
+        mine += lift[cls.interface].T
+    return result
+
+
 def displacements(
     problem: DualProblem, multiplier: NDArray[np.float64], alpha: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
     """u of every subdomain of this rank, (n, members) a class."""
     result = []
     forces = problem.constraint_forces(multiplier)
-    for cls, load, lift, force, part in zip(
+    for cls, interface, kernel, load, lift in zip(
         problem.classes,
+        interface_slices(problem.classes),
+        problem.kernel_slices(),
         problem.loads,
         problem.lifting,
-        forces,
-        problem.kernel_slices(),
         strict=True,
     ):
-        u = cls.solve(load - force) + lift
-        if cls.kernel.shape[1]:
-            u += cls.kernel @ alpha[part].reshape(cls.members, -1).T
+        force = forces[interface].reshape(cls.members, -1)
+        motion = alpha[kernel].reshape(cls.members, -1)
+        u = np.empty(load.shape, order="F")
+        for members in cls.batches():
+            net = load[:, members].copy(order="F")
+            net[cls.interface] -= force[members].T
+            u[:, members] = cls.solve(net)
+            u[:, members] += lift[:, members]
+            u[:, members] += cls.kernel @ motion[members].T
         result.append(u)
     return result
