@@ -26,6 +26,7 @@ from contact_app.model import Model
 from contact_app.solve import Solution
 from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
 from meshes import versions
+from solver.tfeti.dual import interface_slices
 
 Array = NDArray[np.float64]
 
@@ -111,4 +112,9 @@ def touching_nodes(model: Model, solution: Solution) -> list[NDArray[np.bool_]]:
     problem = model.problem
     pushing = np.where(problem.inequality, solution.multiplier, 0.0)
     forces = problem.constraint_forces(pushing)
-    return [f.reshape(-1, problem.dimension, f.shape[1]).any(axis=1) for f in forces]
+    touching = []
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        pushed = np.zeros((cls.unknowns, cls.members), bool)
+        pushed[cls.interface] = forces[part].reshape(cls.members, -1).T != 0.0
+        touching.append(pushed.reshape(-1, problem.dimension, cls.members).any(axis=1))
+    return touching
