@@ -40,8 +40,12 @@ FACING = 0.5
 COVERED = 1.0 - 1e-6
 """Share of a facet from which it counts as covered."""
 
-WEAK = 0.1
-"""Share of a node's area below which its row is given to its neighbours."""
+WEAK = 0.01
+"""Share of a node's area below which its row is given to its neighbours.
+
+Such rows are nearly those of their neighbours, and the multipliers nearly undetermined; but rows
+that are not nearly so must stay, since a small body may stand on the nodes of one facet.
+"""
 
 NEGLIGIBLE = 1e-13
 """Entries of a row, which is of order one, that are round-off."""
@@ -416,8 +420,8 @@ def clip(
         crossing = valid & (inside != (next_side >= 0.0))
         share = side / np.where(crossing, side - next_side, 1.0)
         cut = polygon + share[..., None] * (next_point - polygon)
-        made = np.stack([polygon, cut], axis=2).reshape(n, -1, 2)
-        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, -1)
+        made = np.stack([polygon, cut], axis=2).reshape(n, 2 * room, 2)
+        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, 2 * room)
         order = np.argsort(~keep, axis=1, kind="stable")[:, :room]
         polygon = np.take_along_axis(made, order[..., None], axis=1)
         count = np.minimum(keep.sum(axis=1), room)

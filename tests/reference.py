@@ -4,7 +4,9 @@ The tests compare the application with this module, so it shares nothing with it
 description of the scene: every body is meshed as a whole on one process, dolfinx assembles one
 stiffness per body, held components are eliminated, and the quadratic programme
 
-    min ½ uᵀ K u - fᵀ u   subject to   B u ≤ g,      a row of B is -nᵀ at one node,
+    min ½ uᵀ K u - fᵀ u   subject to   B u ≤ g,
+
+a row of B being -nᵀ at one node or, between two bodies, one of `tests.mortar_reference`,
 
 is solved in the primal variable by the proximal method of multipliers: the k-th step minimises
 
@@ -23,7 +25,7 @@ SNES ``vinewtonrsls`` with a direct solver, contact being a bound on a displacem
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,8 @@ from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
+
+from tests import mortar_reference
 
 NEW_DOLFINX = hasattr(fem, "functionspace")
 
@@ -64,7 +68,7 @@ class System:
     prescribed : ndarray, shape (n·dim,)
         Their values; zero elsewhere.
     contact : csr_matrix, shape (rows, n·dim)
-        Rows -nᵀ of the non-penetration conditions.
+        Rows of the non-penetration conditions.
     gap, contact_node : ndarray, shape (rows,)
     """
 
@@ -259,6 +263,19 @@ class _AssembledBody:
         self.load += vector.array
         vector.destroy()
 
+    def facets_on(self, boundary: str, first: int) -> list[mortar_reference.Facet]:
+        """Facets of the surface on a named boundary, nodes counted from `first`."""
+        d = self.dimension
+        outer = np.sort(mesh.exterior_facet_indices(self.domain.topology))
+        inside = self.points[:, :d].mean(axis=0)
+        facets = []
+        for entity in outer:
+            entities = np.array([entity], dtype=np.int32)
+            nodes = fem.locate_dofs_topological(self.space, d - 1, entities)
+            if _on(self.body, boundary, self.points[nodes]).all():
+                facets.append(mortar_reference.facet(nodes, self.points[nodes, :d], inside))
+        return [replace(f, nodes=tuple(n + first for n in f.nodes)) for f in facets]
+
     def nodes_on(self, boundary: str) -> np.ndarray:
         """Surface nodes on a named boundary."""
         nodes = self.surface[_on(self.body, boundary, self.points[self.surface])]
@@ -302,6 +319,19 @@ def assemble(scene: Any) -> System:
         rows.append(sp.csr_matrix((values, (count, columns)), shape=(nodes.size, dofs)))
         gaps.append(gap)
         contact_nodes.append(nodes)
+
+    for item in scene.pairs:
+        found, gap, _ = mortar_reference.mortar_rows(
+            bodies[item.body].facets_on(item.boundary, first_node[item.body]),
+            bodies[item.other].facets_on(item.other_boundary, first_node[item.other]),
+        )
+        matrix = sp.lil_matrix((len(found), dofs))
+        for row, node in enumerate(found):
+            for there, vector in found[node].items():
+                matrix[row, there * dimension + np.arange(dimension)] = vector
+        rows.append(matrix.tocsr())
+        gaps.append(np.array([gap[node] for node in found]))
+        contact_nodes.append(np.array(list(found)))
 
     return System(
         dimension=dimension,

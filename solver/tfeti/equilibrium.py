@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from scipy.linalg import qr
 from scipy.optimize import lsq_linear
 
 ROUNDS = 200
@@ -105,7 +106,8 @@ def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]
             continue
         u, size, vt = np.linalg.svd(part)
         rank = int((size > 1e-6).sum())
-        shares.append(u[:, :rank])
+        onto = u[:, :rank] @ u[:, :rank].T  # pivoting prefers motions along axes
+        shares.append(qr(onto, pivoting=True)[0][:, :rank])
         left = left @ vt[rank:].T
     return shares
 
