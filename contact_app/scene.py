@@ -283,12 +283,6 @@ class Scene:
         """All contacts, as contact rows count their sources: obstacles first, then pairs."""
         return (*self.contacts, *self.pairs)
 
-    @property
-    def contact_boundaries(self) -> tuple[tuple[int, str], ...]:
-        """Body and boundary of every side of a contact."""
-        sides = [(t.body, t.boundary) for t in self.touching]
-        return (*sides, *((p.other, p.other_boundary) for p in self.pairs))
-
 
 def build_scene(configuration: c.Configuration) -> Scene:
     """Resolve a configuration.

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
-from tests import scenes
-from tests.comparison import solve
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from tests import reference, scenes
+from tests.comparison import in_order_of, solve
+from tests.contact_app.test_ranks import summary_of
 
 YOUNG, POISSON, PRESSURE = 900.0, 0.25, 10.0
 
@@ -66,3 +71,179 @@ def test_contact_patch(lower: str, upper: str, n: tuple[int, int], split: int) -
     assert solution.summary["solution"]["contact_force"] == [0, 0, 0]
     (force,) = solution.summary["solution"]["pair_forces"].values()
     np.testing.assert_allclose(force[u.shape[1] - 1], PRESSURE, rtol=1e-9)
+
+
+# The upper block, with cells of its own, reaches over the lower one or stands on part of it.
+PLACES = {"larger": (-0.3, 1.35), "smaller": (0.33, 0.71), "overhanging": (0.33, 1.33)}
+
+
+def placed(cell: str, n: tuple[int, int], place: str, swapped: bool, gap: float) -> scenes.Config:
+    """A stack whose upper block has another width; `swapped`, its pressure lives below."""
+    made = stack(cell, cell, n, gap=gap)
+    box, d = made["bodies"][1]["mesh"]["box"], scenes.dimension(cell)
+    for corner, value in zip(("lower", "upper"), PLACES[place], strict=True):
+        box[corner] = [value] * (d - 1) + box[corner][d - 1 :]
+    if swapped:
+        (contact,) = made["contacts"]
+        made["contacts"] = [{"on": contact["against"], "against": contact["on"]}]
+    return made
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(
+    ("cell", "n"),
+    [
+        ("quadrilateral", (3, 5)), ("triangle", (8, 5)), ("hexahedron", (2, 3)),
+        ("tetrahedron", (3, 2)),
+    ],
+)  # fmt: skip
+def test_against_the_reference(cell: str, n: tuple[int, int], place: str, swapped: bool) -> None:
+    """The undecomposed problem with mortar rows of another making: energy, u, and pressure."""
+    made = placed(cell, n, place, swapped, gap=0.001)
+    known = reference.solve(scenes.build(made))
+    solution = solve(made, 3, tolerance=1e-10)
+    assert solution.summary["certificate"]["passed"]
+    assert solution.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
+    u = in_order_of(known, solution)
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
+    assert solution.summary["decomposition"]["contact"] == len(known.multiplier)
+    force = solution.nodes.contact_pressure.sum()
+    assert force > 0
+    load = np.array(next(iter(solution.summary["solution"]["pair_forces"].values())))
+    assert np.abs(load).sum() == pytest.approx(known.multiplier.sum(), rel=1e-7)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize("split", [1, 4])
+def test_a_body_held_by_another_alone(cell: str, split: int) -> None:
+    """The upper block may slide, which nothing drives; its force goes through the lower one."""
+    solution = solve(stack(cell, cell, (3, 4), held=False), split)
+    touching = np.isfinite(solution.nodes.gap)
+    np.testing.assert_allclose(solution.nodes.contact_pressure[touching], PRESSURE, rtol=1e-7)
+    assert any("upper can move freely" in w for w in solution.summary["certificate"]["warnings"])
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_a_body_that_tips_over_the_edge_of_another(cell: str) -> None:
+    made = stack(cell, cell, (3, 4), held=False)
+    box, d = made["bodies"][1]["mesh"]["box"], scenes.dimension(cell)
+    box["lower"], box["upper"] = [0.6] * (d - 1) + [1], [1.6] * (d - 1) + [2]
+    with pytest.raises(NoEquilibriumError, match="nothing stops upper from leaving") as caught:
+        solve(made)
+    assert "a turn about" in str(caught.value)
+
+
+def test_two_bodies_that_leave_together() -> None:
+    """Pushed sideways, the upper block takes the lower one along, which slides on rollers."""
+    made = stack("quadrilateral", "quadrilateral", (3, 4), held=False)
+    made["conditions"] = [
+        {"on": "lower.y-", "displacement": [None, 0.0]},
+        {"on": "upper.y+", "pressure": PRESSURE},
+    ]
+    solution = solve(made)  # both slide freely, each is held once
+    warnings = solution.summary["certificate"]["warnings"]
+    assert sum("can move freely" in w for w in warnings) == 2
+    made["conditions"].append({"on": "upper.x+", "traction": [1.0, 0.0]})
+    with pytest.raises(NoEquilibriumError, match=r"upper from leaving along \+x"):
+        solve(made)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_interference(cell: str) -> None:
+    """Two columns (ν = 0) too long for the room between two walls share the overlap."""
+    overlap, d = 0.01, scenes.dimension(cell)
+    made = stack(cell, cell, (2, 3), gap=-overlap)
+    for body in made["bodies"]:
+        body["material"]["poisson"] = 0.0
+    up = scenes.up(cell)
+    values = [None] * (d - 1) + [0.0]
+    made["conditions"][1] = {"on": f"upper.{up}", "displacement": values}
+    solution = solve(made, [2] * d)
+    assert solution.summary["solution"]["max_contact_pressure"] == pytest.approx(
+        YOUNG * overlap / 2, rel=1e-7
+    )
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_an_initial_gap(closed: bool) -> None:
+    """The upper column (EA = 900, ν = 0) is pulled down by 0.01 through a gap."""
+    gap = 0.004 if closed else 0.02
+    made = stack("hexahedron", "hexahedron", (2, 3), gap=gap)
+    for body in made["bodies"]:
+        body["material"]["poisson"] = 0.0
+    made["conditions"][1] = {"on": "upper.z+", "displacement": [None, None, -0.01]}
+    if closed:
+        solution = solve(made)
+        pressure = solution.summary["solution"]["max_contact_pressure"]
+        assert pressure == pytest.approx(YOUNG * 0.006 / 2, rel=1e-7)
+    else:
+        solution = solve(made)
+        assert solution.summary["solution"]["active_contacts"] == 0
+        gaps = solution.nodes.gap[np.isfinite(solution.nodes.gap)]
+        np.testing.assert_allclose(gaps, gap - 0.01, rtol=1e-7)
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"on": "upper.z-", "against": "lower.z-"}, "face the same way"),
+    ({"on": "upper.x+", "against": "lower.z+"}, "never meet"),
+    ({"on": "upper.z-", "against": "lower.spot"}, "against: no whole facet"),
+    ({"on": "upper.spot", "against": "lower.z+"}, "on: no whole facet"),
+]
+
+
+@pytest.mark.parametrize(("contact", "message"), REFUSED)
+def test_sides_that_cannot_touch(contact: dict[str, Any], message: str) -> None:
+    made = stack("hexahedron", "hexahedron", (2, 3))
+    for body in made["bodies"]:
+        body["boundaries"] = {"spot": {"where": "abs(x) + abs(y) < 1e-9"}}
+    made["contacts"] = [contact]
+    with pytest.raises(ConfigurationError, match=r"contacts\[0\].*" + message):
+        solve(made)
+
+
+def test_a_pair_is_given_once() -> None:
+    made = stack("hexahedron", "hexahedron", (2, 3))
+    made["contacts"].append({"on": "lower.z+", "against": "upper.z-"})
+    with pytest.raises(ConfigurationError, match=r"contacts\[1\] repeats contacts\[0\]"):
+        solve(made)
+
+
+def test_held_sides_of_both_bodies_that_overlap() -> None:
+    made = stack("quadrilateral", "quadrilateral", (2, 3), gap=-0.01)
+    made["conditions"] = [
+        {"on": "lower.y+", "displacement": [0.0, 0.0]},
+        {"on": "upper.y-", "displacement": [0.0, 0.0]},
+    ]
+    with pytest.raises(NoEquilibriumError, match="into the other body"):
+        solve(made)
+
+
+def test_ranks(tmp_path: Path) -> None:
+    made = placed("hexahedron", (3, 4), "overhanging", swapped=False, gap=0.0)
+    made["decomposition"] = {"subdomains": 5}
+    one, two = [summary_of(made, tmp_path, ranks) for ranks in (1, 2)]
+    assert two["decomposition"]["contact"] == one["decomposition"]["contact"]
+    for key in ("energy", "max_displacement", "max_contact_pressure"):
+        assert two["solution"][key] == pytest.approx(one["solution"][key], rel=1e-8), key
+    forces = [s["solution"]["pair_forces"]["contacts[0]"] for s in (one, two)]
+    np.testing.assert_allclose(*forces, atol=1e-8)
+
+
+def test_many_bodies_in_a_tower() -> None:
+    """Five floating slabs, each on the next, on a floor: every joint carries the same force."""
+    bodies = [
+        scenes.block("quadrilateral", n, f"slab{k}", (0, 0, k), (1, 1, k + 1))
+        for k, n in enumerate((2, 3, 5, 4, 3))
+    ]
+    contacts: list[scenes.Config] = [
+        {"on": f"slab{k + 1}.y-", "against": f"slab{k}.y+"} for k in range(4)
+    ]
+    contacts.append({"on": "slab0.y-", "obstacle": scenes.plane("quadrilateral", (0, 0, 0),
+                                                                 (0, 0, 1))})  # fmt: skip
+    load = {"on": "slab4.y+", "pressure": PRESSURE}
+    solution = solve(scenes.config("quadrilateral", bodies, [load], contacts))
+    touching = np.isfinite(solution.nodes.gap)
+    np.testing.assert_allclose(solution.nodes.contact_pressure[touching], PRESSURE, rtol=1e-6)
+    for force in solution.summary["solution"]["pair_forces"].values():
+        np.testing.assert_allclose(force, [0, PRESSURE, 0], atol=1e-7)
