@@ -116,11 +116,16 @@ class Cells:
     def first_moments(self) -> list[sparse.csr_matrix]:
         """Operators that sum over the cells of a node: 1 and the offset of the centre by axis."""
         centres = self.points[self.nodes].mean(axis=1)
-        offsets = [
-            (self.around @ sparse.diags(x) - sparse.diags(y) @ self.around).tocsr()
-            for x, y in zip(centres.T, self.points.T, strict=True)
+        pattern = self.around
+        node = np.repeat(np.arange(len(self.points)), np.diff(pattern.indptr))
+        offsets = (centres[pattern.indices] - self.points[node]).T  # zeros stay entries
+        return [
+            pattern,
+            *(
+                sparse.csr_matrix((x, pattern.indices, pattern.indptr), shape=pattern.shape)
+                for x in offsets
+            ),
         ]
-        return [self.around, *offsets]
 
     @cached_property
     def second_moments(self) -> Array:

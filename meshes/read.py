@@ -112,7 +112,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
     cell_groups: dict[str, list[NDArray[np.int64]]] = {}
     facet_groups: dict[str, list[NDArray[np.int64]]] = {}
     lower = set()
-    for name, block, rows in _groups(mesh):
+    for name, block, rows in _groups(mesh, _gmsh_names(path)):
         if block in starts:
             cell_groups.setdefault(name, []).append(starts[block] + rows)
         elif block in facets:
@@ -198,7 +198,9 @@ def _corners(block: Any, corners: int) -> NDArray[np.int64]:
     return np.asarray(block.data, dtype=np.int64)[:, :corners]
 
 
-def _groups(mesh: Any) -> list[tuple[str, int, NDArray[np.int64]]]:
+def _groups(
+    mesh: Any, names: dict[tuple[int, int], str]
+) -> list[tuple[str, int, NDArray[np.int64]]]:
     """Name, block and rows of every group of cells; a group may come up more than once."""
     found = []
     for name, blocks in (mesh.cell_sets or {}).items():
@@ -207,12 +209,36 @@ def _groups(mesh: Any) -> list[tuple[str, int, NDArray[np.int64]]]:
         for i, rows in enumerate(blocks):
             if rows is not None and len(rows):
                 found.append((str(name), i, np.asarray(rows, dtype=np.int64)))
-    named = {(int(v[0]), int(v[1])): n for n, v in (mesh.field_data or {}).items() if len(v) == 2}
+    for name, value in (mesh.field_data or {}).items():
+        if np.size(value) == 2:
+            names.setdefault((int(value[0]), int(value[1])), str(name))
     for key in NUMBERED:
-        for i, numbers in enumerate((mesh.cell_data or {}).get(key, [])):
-            numbers = np.asarray(numbers).ravel()
+        for i, given in enumerate((mesh.cell_data or {}).get(key, [])):
+            numbers = np.abs(np.asarray(given).ravel())  # below zero: turned round, in Gmsh
             for number in np.unique(numbers[numbers != 0]):
-                rows = np.flatnonzero(numbers == number)
-                name = named.get((int(number), int(mesh.cells[i].dim)), str(number))
-                found.append((name, i, rows))
+                name = names.get((int(number), int(mesh.cells[i].dim)), str(number))
+                found.append((name, i, np.flatnonzero(numbers == number)))
     return found
+
+
+def _gmsh_names(path: Path) -> dict[tuple[int, int], str]:
+    """Names of Gmsh's physical groups by number and dimension.
+
+    meshio keeps one group for each name, but Gmsh allows a surface and a volume of one name.
+    """
+    names: dict[tuple[int, int], str] = {}
+    if path.suffix != ".msh":
+        return names
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip() == b"$PhysicalNames":
+                break
+            if line.strip() in (b"$Nodes", b"$Entities"):
+                return names
+        for line in file:
+            found = re.match(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', line.decode(errors="replace"))
+            if found:
+                names[int(found[2]), int(found[1])] = found[3]
+            elif line.startswith(b"$"):
+                break
+    return names

@@ -33,6 +33,12 @@ FLAT = 1e-9
 EMPTY = 1e-12
 """Volume over the cube (area over the square) of the longest edge that counts as none."""
 
+LONGEST_CELL = 1e4
+"""Longest over shortest edge of a cell that is allowed, as for boxes."""
+
+SHORTEST_EDGE = 1e-15
+"""Shortest edge that is allowed, as for boxes."""
+
 HANGING = 1e-6
 """Distance to a facet over its size below which a node that is not one of its own hangs on it."""
 
@@ -253,7 +259,8 @@ def _once(
 def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> int:
     """Turn cells that are inside out (in place) and count them; refuse empty and folded ones."""
     edges = points[cells[:, np.array(EDGES[cell])]]
-    longest = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2).max(axis=1)
+    lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
+    longest, shortest = lengths.max(axis=1), lengths.min(axis=1)
     corners = points[cells[:, np.array(CORNERS[cell])]]
     jacobian = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1])
     least = EMPTY * longest[:, None] ** points.shape[1]
@@ -261,6 +268,15 @@ def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> i
     if empty.any():
         raise MeshError(_which(points, cells, empty, f"{cell}s without volume, or with a flat "
                                "corner"))  # fmt: skip
+    if shortest.min() < SHORTEST_EDGE:
+        raise MeshError(
+            f"has edges of {shortest.min():.3g}; at least {SHORTEST_EDGE:g} is allowed: choose a "
+            "smaller unit of length (`scale`)"
+        )
+    slender = longest > LONGEST_CELL * shortest
+    if slender.any():
+        what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
+        raise MeshError(_which(points, cells, slender, what))
     inside_out = (jacobian < 0.0).all(axis=1)
     folded = (jacobian < 0.0).any(axis=1) & ~inside_out
     if folded.any():

@@ -96,5 +96,24 @@ def write(
     mesh: meshio.Mesh, path: Path, file_format: str | None = "gmsh22", **options: object
 ) -> Path:
     """Write a mesh; Gmsh 2.2 unless told otherwise (None: by the ending)."""
+    if file_format == "gmsh":
+        mesh = by_entities(mesh)
     meshio.write(path, mesh, file_format=file_format, **options)
     return path
+
+
+def by_entities(mesh: meshio.Mesh) -> meshio.Mesh:
+    """The mesh as Gmsh 4.1 has it: each group the cells of one entity, each node on an entity."""
+    blocks, tags = [], []
+    for block, numbers in zip(mesh.cells, mesh.cell_data["gmsh:physical"], strict=True):
+        for number in np.unique(numbers):
+            blocks.append((block.type, block.data[numbers == number]))
+            tags.append(np.full(len(blocks[-1][1]), number))
+    entities = [[meshio.CellBlock(t, c).dim, n[0]] for (t, c), n in zip(blocks, tags, strict=True)]
+    return meshio.Mesh(
+        mesh.points,
+        blocks,
+        point_data={"gmsh:dim_tags": np.resize(entities, (len(mesh.points), 2))},
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data=mesh.field_data,
+    )

@@ -7,6 +7,7 @@ in this project does. Lengths are in millimetres.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,7 +46,51 @@ def bracket(size: float) -> None:
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
 
 
-SAMPLES: dict[str, Callable[[float], None]] = {"bracket": bracket}
+def sphere_eighth(size: float) -> None:
+    """An eighth of a ball of radius 8 that rests on z = 0 in the origin: tetrahedra.
+
+    Fine about the point of contact (0.02 out to 0.4), then growing with the distance.
+    """
+    occ = gmsh.model.occ
+    ball = occ.addSphere(0, 0, 8, 8, -1, angle1=-math.pi / 2, angle2=0.0, angle3=math.pi / 2)
+    occ.synchronize()
+    gmsh.model.addPhysicalGroup(3, [ball], name="ball")
+    for name, at in {"x-": (0, 3, 5), "y-": (3, 0, 5), "equator": (3, 3, 8)}.items():
+        gmsh.model.addPhysicalGroup(2, [_surface_through(at)], name=name)
+    flat = {_surface_through(at) for at in ((0, 3, 5), (3, 0, 5), (3, 3, 8))}
+    curved = [t for _, t in gmsh.model.getBoundary([(3, ball)], oriented=False) if t not in flat]
+    gmsh.model.addPhysicalGroup(2, curved, name="sphere")
+    _refine((0, 0, 0), near=0.35, fine=0.02 * size, growth=0.12 * size, coarse=1.0 * size)
+    gmsh.model.mesh.generate(3)
+
+
+def _surface_through(point: tuple[float, float, float]) -> int:
+    """The flat surface whose bounding box holds a point and is thin there."""
+    for _, tag in gmsh.model.getEntities(2):
+        box = gmsh.model.getBoundingBox(2, tag)
+        thin = min(b - a for a, b in zip(box[:3], box[3:], strict=True)) < 1e-3
+        inside = all(a - 1e-3 < v < b + 1e-3 for a, v, b in zip(box[:3], point, box[3:],
+                                                                strict=True))  # fmt: skip
+        if thin and inside:
+            return tag
+    raise LookupError(f"no flat surface through {point}")
+
+
+def _refine(
+    at: tuple[float, float, float], near: float, fine: float, growth: float, coarse: float
+) -> None:
+    """Cells of size `fine` within `near` of a point, then growing with the distance."""
+    x, y, z = at
+    distance = f"Sqrt((x-{x})^2+(y-{y})^2+(z-{z})^2)"
+    field = gmsh.model.mesh.field
+    number = field.add("MathEval")
+    field.setString(number, "F", f"Min({coarse}, {fine}+{growth}*Max(0, {distance}-{near}))")
+    field.setAsBackgroundMesh(number)
+    for option in ("ExtendFromBoundary", "FromPoints", "FromCurvature"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+
+
+SAMPLES: dict[str, Callable[[float], None]] = {"bracket": bracket, "sphere_eighth": sphere_eighth}
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Every scene in configs/ runs, is certified, and does what its comments say.
 
-Meshes are coarsened to half the cells along each axis, so that each takes about a second.
+Boxes are coarsened to half the cells along each axis, so that each takes about a second.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 
 def coarser(config: Path) -> list[str]:
-    """Overrides that halve the cells of each body, to no fewer than three."""
+    """Overrides that halve the cells of each box, to no fewer than three."""
     words = []
     for i, body in enumerate(load(config).bodies):
-        assert body.mesh.box is not None
+        if body.mesh.box is None:
+            continue
         cells = [max(min(n, 3), n // 2) for n in body.mesh.box.cells]
         words += ["--set", f"bodies.{i}.mesh.box.cells={cells}"]
     return words
@@ -34,7 +35,7 @@ def run(config: Path, directory: Path) -> dict[str, Any]:
 
 
 def test_there_are_several() -> None:
-    assert 6 <= len(CONFIGS) <= 10
+    assert 6 <= len(CONFIGS) <= 20
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.stem)
