@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -107,23 +107,43 @@ def reproduce_figure1(output: OutputOption = None) -> None:
 def bench(
     output: OutputOption = None,
     cells: Annotated[
-        str, typer.Option(help="Cells along an edge of each cube, separated by commas.")
-    ] = "10,20,30,40",
-    tolerance: Annotated[float, typer.Option(help="Tolerance of ours.")] = 1e-8,
+        str, typer.Option(help="Cells along an edge of each cube of hexahedra; none leaves it out.")
+    ] = "10,20,30,40,60",
+    unstructured: Annotated[
+        str, typer.Option(help="The same for tetrahedra cut by a graph partitioner.")
+    ] = "10,20,30,36",
+    tolerance: Annotated[float, typer.Option(help="Relative tolerance of all methods.")] = 1e-8,
+    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 120.0,
+    methods: Annotated[
+        str, typer.Option(help="Methods to run, separated by commas; all unless given.")
+    ] = "",
 ) -> None:
     """Run ours and PETSc's solvers on the paper's cube, side by side: table, CSV and figure."""
-    from contact_app.studies.bench import bench as run_bench
+    from contact_app.studies import bench as study
 
-    try:
-        sizes = [int(n) for n in cells.split(",")]
-    except ValueError:
-        typer.echo(f"error: --cells is {cells!r}; it has the form 10,20,30", err=True)
-        raise typer.Exit(2) from None
-    typer.echo(f"{'method':15} {'dofs':>9} {'seconds':>8} {'GB':>6} {'steps':>6}  energy")
+    sizes = [_numbers("--cells", cells), _numbers("--unstructured", unstructured)]
+    chosen = [m.strip() for m in methods.split(",") if m.strip()]
+    known = (study.OURS, *study.CONTACT, *study.LINEAR)
+    for method in chosen:
+        if method not in known:
+            _refuse(f"--methods names {method!r}; known are {', '.join(known)}")
     directory = output or Path("results/bench")
-    for row in run_bench(directory, sizes, tolerance):
-        typer.echo(
-            f"{row['method']:15} {row['dofs']:9,} {row['seconds']:8.2f} "
-            f"{row['peak_rss_gb']:6.2f} {row['iterations']:6}  {row['energy']:.9f}"
-        )
+    typer.echo(study.HEADING)
+    for row in study.bench(directory, sizes[0], sizes[1], tolerance, limit, chosen or None):
+        typer.echo(study.line(row))
     typer.echo(f"wrote {directory / 'bench.csv'} and bench.png")
+
+
+def _numbers(option: str, text: str) -> list[int]:
+    """Positive whole numbers separated by commas; an empty list for ``none``."""
+    if text == "none":
+        return []
+    numbers = [int(n) if n.strip().isdigit() else 0 for n in text.split(",")]
+    if not numbers or min(numbers) < 1:
+        _refuse(f"{option} is {text!r}; it has the form 10,20,30")
+    return numbers
+
+
+def _refuse(message: str) -> NoReturn:
+    typer.echo(f"error: {message}", err=True)
+    raise typer.Exit(2)

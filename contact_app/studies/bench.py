@@ -1,107 +1,259 @@
-"""Ours and the peers on the paper's cube, side by side in one run: table, CSV and figure.
+"""Ours and the peers side by side in one run: tables, CSV and figures.
 
-Every method runs in a process of its own, one after another. Seconds count from the mesh to the
-certified solution, without start-up and without writing files.
+Every method runs in a process of its own (or on one rank a core where that is faster for it), one
+after another. Seconds count from the mesh to the certified solution, without start-up and without
+writing files; memory is the largest resident set, summed over ranks. A method that needs more than
+the time limit is left out on larger meshes, which is said.
+
+Two series: the cube of hexahedra, and a cube of tetrahedra cut by a graph partitioner, where
+no two subdomains are congruent and nothing is shared.
 """
 
 from __future__ import annotations
 
 import csv
-import json
-import subprocess
-import sys
-import tempfile
+import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from contact_app.studies.peers import METHODS
+from contact_app.studies.processes import RunError, parallel_ranks, python, settings
 
-COLUMNS = ("method", "cells", "dofs", "seconds", "peak_rss_gb", "iterations", "energy",
-           "penetration")  # fmt: skip
+COLUMNS = ("series", "method", "cells", "dofs", "seconds", "peak_rss_gb", "steps", "products",
+           "energy", "energy_error", "penetration", "subdomains", "ranks", "note")  # fmt: skip
 OURS = "contact-app"
-SLOWEST_CELLS = {"linear-gamg": 60, "linear-cholmod": 40, "snes-vi": 40, "tao-bnls": 40}
-"""Largest cube a method is run on: beyond it takes minutes or all memory."""
+ONE_FACTOR = "one-factor"
+"""One CHOLMOD factor of the whole body and MPRGP on its contact rows: ours, not decomposed."""
+
+CONTACT = (ONE_FACTOR, *(name for name, m in METHODS.items() if m.contact))
+LINEAR = tuple(name for name, m in METHODS.items() if not m.contact)
+
+MOST_DIRECT = ("snes-vi-cholmod", "snes-vi", ONE_FACTOR, "tao-bnls", "tao-bntr", OURS)
+MOST_DIRECT_LINEAR = ("linear-cholmod", "linear-gamg", "linear-boomeramg")
+"""Whose energy the others' are compared with: the first of those that are there."""
+
+DOFS_A_PART = 1200
+"""Unknowns a subdomain where a graph partitioner cuts."""
 
 
-def bench(output: Path, cells: Sequence[int], tolerance: float = 1e-8) -> Iterator[dict[str, Any]]:
-    """Run every method on every size, yield its row, write ``bench.csv`` and ``bench.png``."""
+@dataclass(frozen=True)
+class Series:
+    """Meshes of one kind.
+
+    Attributes
+    ----------
+    decomposition
+        Of ours, from the number of unknowns.
+    """
+
+    name: str
+    cell: str
+    decomposition: Callable[[int], str]
+
+
+SERIES = (
+    Series("hexahedra", "hexahedron", lambda dofs: "auto"),
+    Series(
+        "tetrahedra", "tetrahedron", lambda dofs: f"{{subdomains: {max(8, dofs // DOFS_A_PART)}}}"
+    ),
+)
+
+
+def bench(
+    output: Path,
+    cells: Sequence[int],
+    unstructured: Sequence[int],
+    tolerance: float = 1e-8,
+    limit: float = 120.0,
+    methods: Sequence[str] | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Run every method on every size, yield its row; write ``bench.csv`` and ``bench.png``.
+
+    Parameters
+    ----------
+    cells, unstructured
+        Cells along an edge of each cube of hexahedra and of each cube of tetrahedra.
+    tolerance
+        Of all methods, each in its own terms (ours: the certificate's).
+    limit
+        Seconds a run may take, start-up included.
+    methods
+        Those to run; all of them unless given.
+    """
     output.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for n in cells:
-        runs: list[Callable[[], dict[str, Any]]] = [partial(_ours, n, tolerance)]
-        runs += [partial(_peer, m, n) for m in METHODS if n <= SLOWEST_CELLS[m]]
-        for one in runs:
-            row = one()
-            rows.append(row)
-            yield row
-    with (output / "bench.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    _draw(rows, output / "bench.png")
+    chosen = [m for m in (OURS, *CONTACT, *LINEAR) if methods is None or m in methods]
+    rows: list[dict[str, Any]] = []
+    try:
+        for series, sizes in zip(SERIES, (cells, unstructured), strict=True):
+            if sizes:
+                for method in chosen:  # compiled forms are kept on disk: no timing compiles any
+                    _attempt(method, series, 2, tolerance, limit)
+            out: dict[str, str] = {}
+            for n in sorted(sizes):
+                found = [_attempt(m, series, n, tolerance, limit, out.get(m, "")) for m in chosen]
+                out |= {row["method"]: row["note"] for row in found if row["note"]}
+                rows += with_energy_error(found)
+                yield from rows[-len(found) :]
+    finally:
+        write(rows, output / "bench.csv")
+        draw(rows, output / "bench.png")
 
 
-def _ours(cells: int, tolerance: float) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory() as directory:
-        _python(
-            "-m", "contact_app", "run", str(_config()), "-o", directory,
-            "--set", f"bodies.0.mesh.box.cells=[{cells},{cells},{cells}]",
-            "--set", "decomposition=auto",
-            "--set", f"solver.tolerance={tolerance}",
-            "--set", "output.xdmf=false",
-        )  # fmt: skip
-        summary = json.loads((Path(directory) / "summary.json").read_text(encoding="utf-8"))
+def _attempt(
+    method: str, series: Series, n: int, tolerance: float, limit: float, failed: str = ""
+) -> dict[str, Any]:
+    """Row of one run, or of why there is none."""
+    dofs = 3 * (n + 1) ** 3
+    row = {"series": series.name, "method": method, "cells": n, "dofs": dofs, "note": ""}
+    if failed:
+        return {**row, "note": "left out after a smaller mesh"}
+    try:
+        return row | _run(method, series, n, dofs, tolerance, limit)
+    except RunError as error:
+        return {**row, "note": str(error)}
+
+
+def _run(
+    method: str, series: Series, n: int, dofs: int, tolerance: float, limit: float
+) -> dict[str, Any]:
+    parts = "{subdomains: 1}" if method == ONE_FACTOR else series.decomposition(dofs)
+    overrides = (
+        f"bodies.0.mesh.box.cells=[{n},{n},{n}]",
+        f"bodies.0.mesh.box.cell={series.cell}",
+        f"decomposition={parts}",
+    )
+    run = peer if method in METHODS else ours
+    return run(method, config(), overrides, tolerance, limit)
+
+
+def peer(
+    method: str, scene: Path, overrides: Sequence[str], tolerance: float, limit: float | None
+) -> dict[str, Any]:
+    """Row of a method of PETSc's."""
+    ranks = parallel_ranks() if METHODS[method].parallel else 1
+    row = python(
+        "-m", "contact_app.studies.peers", method, str(scene), *settings(overrides),
+        "--tolerance", str(tolerance), limit=limit, ranks=ranks,
+    )  # fmt: skip
+    if not row["converged"]:
+        raise RunError("it did not converge")
+    return row
+
+
+def ours(
+    _method: str, scene: Path, overrides: Sequence[str], tolerance: float, limit: float | None
+) -> dict[str, Any]:
+    """Row of this application's own run of a scene."""
+    summary = python(
+        "-m", "contact_app.studies.point", str(scene),
+        *settings([*overrides, f"solver.tolerance={tolerance}"]), limit=limit,
+    )  # fmt: skip
+    return from_summary(summary)
+
+
+def from_summary(summary: dict[str, Any]) -> dict[str, Any]:
+    """Row of a ``summary.json``."""
+    if not summary["certificate"]["passed"]:
+        raise RunError("it was not certified")
+    stages = ("setup", "assembly", "factorization", "solve")
     return {
-        "method": OURS,
-        "cells": cells,
         "dofs": summary["mesh"]["dofs"],
-        "seconds": sum(
-            summary["timings"][s] for s in ("setup", "assembly", "factorization", "solve")
-        ),
+        "seconds": sum(summary["timings"][s] for s in stages),
         "peak_rss_gb": summary["environment"]["peak_rss_gb"],
-        "iterations": summary["solver"]["hessian_multiplications"],
+        "steps": summary["solver"]["outer_iterations"],
+        "products": summary["solver"]["hessian_multiplications"],
         "energy": summary["solution"]["energy"],
         "penetration": summary["certificate"]["max_penetration"],
+        "subdomains": summary["decomposition"]["subdomains"],
+        "ranks": summary["environment"]["ranks"],
     }
 
 
-def _peer(method: str, cells: int) -> dict[str, Any]:
-    return json.loads(_python("-m", "contact_app.studies.peers", method, str(cells)))
+def with_energy_error(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Add to the rows of one mesh how far each energy is from the most direct method's.
+
+    Relative; methods with contact and linear ones have an answer each.
+    """
+    energy = {row["method"]: row["energy"] for row in found if not row["note"]}
+    result = []
+    for row in found:
+        family = MOST_DIRECT_LINEAR if row["method"] in LINEAR else MOST_DIRECT
+        best = next((energy[m] for m in family if m in energy), None)
+        if best is not None and not row["note"]:
+            row = {**row, "energy_error": abs(row["energy"] / best - 1.0)}
+        result.append(row)
+    return result
 
 
-def _python(*arguments: str) -> str:
-    done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(arguments)} failed: {done.stderr.strip()[-500:]}")
-    return done.stdout
+def write(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """CSV of all rows, those without a result included."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
-def _config() -> Path:
+def config() -> Path:
+    """The cube's scene."""
     return Path(__file__).parents[1] / "data" / "paper_cube.yaml"
 
 
-def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
+def line(row: dict[str, Any]) -> str:
+    """One row of the table on the terminal; `HEADING` stands above."""
+    head = f"{row['method']:17} {row['dofs']:9,}"
+    if row["note"]:
+        return f"{head}  {row['note']}"
+    error = row.get("energy_error", math.nan)
+    return (
+        f"{head} {row['seconds']:8.2f} {row['peak_rss_gb']:6.2f} {row['steps']:6} "
+        f"{row['products']:9}  {row['energy']:.9f}  {error:8.1e}"
+    )
+
+
+HEADING = (
+    f"{'method':17} {'dofs':>9} {'seconds':>8} {'GB':>6} {'steps':>6} {'products':>9}  "
+    f"{'energy':12}  {'error':>8}"
+)
+
+
+def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Seconds and memory against unknowns, a row of axes for each series."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    for method in (OURS, *METHODS):
-        mine = [r for r in rows if r["method"] == method]
-        if mine:
-            axes.loglog(
-                [r["dofs"] for r in mine],
-                [r["seconds"] for r in mine],
-                "o-" if method == OURS else "s--",
-                label=method + (" (no contact)" if method.startswith("linear") else ""),
-                linewidth=2.5 if method == OURS else 1.2,
-            )
-    axes.set_xlabel("degrees of freedom")
-    axes.set_ylabel("seconds from mesh to solution")
-    axes.grid(visible=True, which="both", alpha=0.3)
-    axes.legend()
-    figure.savefig(path, dpi=150)
+    done = [row for row in rows if not row["note"]]
+    series = [s.name for s in SERIES if any(row["series"] == s.name for row in done)]
+    if not series:
+        return
+    figure, grid = plt.subplots(
+        len(series), 2, figsize=(10, 4.2 * len(series)), layout="constrained", squeeze=False
+    )
+    colours = plt.get_cmap("tab10")
+    for (left, right), name in zip(grid, series, strict=True):
+        for number, method in enumerate((OURS, *CONTACT, *LINEAR)):
+            mine = [r for r in done if r["series"] == name and r["method"] == method]
+            if not mine:
+                continue
+            style: dict[str, Any] = {
+                "color": colours(number),
+                "label": method,
+                "linewidth": 2.8 if method == OURS else 1.3,
+                "linestyle": ":" if method in LINEAR else "-",
+                "marker": "o" if method == OURS else ".",
+            }
+            dofs = [r["dofs"] for r in mine]
+            left.loglog(dofs, [r["seconds"] for r in mine], **style)
+            right.loglog(dofs, [r["peak_rss_gb"] for r in mine], **style)
+        left.set_ylabel("seconds from mesh to solution")
+        right.set_ylabel("peak memory, GB")
+        for axes in (left, right):
+            axes.set_title(f"{name} (dotted: linear, without contact)", fontsize=10)
+            axes.set_xlabel("degrees of freedom")
+            axes.grid(visible=True, which="both", alpha=0.25)
+        left.legend(fontsize=8)
+    figure.savefig(path, dpi=130)
     plt.close(figure)

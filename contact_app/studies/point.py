@@ -1,0 +1,29 @@
+"""One run of this application for a study, in a process of its own.
+
+``python -m contact_app.studies.point SCENE.yaml`` solves and prints ``summary.json`` in one line;
+nothing is written unless fields are asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from contact_app.configuration import load
+from contact_app.run import solve_scene
+from contact_app.scene import build_scene
+
+
+def main() -> None:
+    """Run a scene and print its summary."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("config", type=Path)
+    parser.add_argument("--set", action="append", default=[], dest="overrides")
+    arguments = parser.parse_args()
+    solved = solve_scene(build_scene(load(arguments.config, arguments.overrides)))
+    print(json.dumps(solved.summary), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Runs of a study: each in a process of its own, so that time and memory are its own.
+
+Every run prints one line of JSON. Ours and the methods that use one process get all cores through
+the threads of BLAS; those that gain from it get one rank a core.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+
+class RunError(RuntimeError):
+    """A run failed or ran out of time; the message is a short reason."""
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def python(*arguments: str, limit: float | None = None, ranks: int = 1) -> dict[str, Any]:
+    """Run Python with arguments on some ranks; what it prints in its last line.
+
+    Parameters
+    ----------
+    limit
+        Seconds after which the run is ended.
+
+    Raises
+    ------
+    RunError
+        Not zero as exit code, no JSON, or out of time.
+    """
+    environment = dict(os.environ)
+    command: list[str] = [sys.executable, *arguments]
+    if ranks > 1:
+        threads = str(max(1, cores() // ranks))
+        environment |= {
+            "OMP_NUM_THREADS": threads,
+            "OPENBLAS_NUM_THREADS": threads,
+            "OMPI_ALLOW_RUN_AS_ROOT": "1",
+            "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        }
+        command = ["mpirun", "--oversubscribe", "--bind-to", "none", "--mca", "btl", "^tcp",
+                   "-n", str(ranks), *command]  # fmt: skip
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    )
+    try:
+        out, err = process.communicate(timeout=limit)
+    except subprocess.TimeoutExpired:
+        raise RunError(f"not done after {limit:g} s") from None
+    finally:
+        _end(process)
+    if process.returncode:
+        lines = err.strip().splitlines() or [f"exit code {process.returncode}"]
+        telling = [one for one in lines if "Error" in one] or lines  # mpirun adds its own
+        raise RunError(telling[-1][:200])
+    try:
+        found: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
+    except (IndexError, json.JSONDecodeError):
+        raise RunError("it printed no result") from None
+    return found
+
+
+def parallel_ranks() -> int:
+    """Ranks for methods that gain from them: one a core where there is ``mpirun``."""
+    return cores() if shutil.which("mpirun") else 1
+
+
+def settings(overrides: Sequence[str]) -> list[str]:
+    """Overrides as command-line arguments."""
+    return [part for override in overrides for part in ("--set", override)]
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a process with the ranks it started."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGTERM)
+        try:
+            process.communicate(timeout=5)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
