@@ -155,7 +155,8 @@ def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
 
 def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    lam, mu = (fem.Constant(mesh, PETSc.ScalarType(m)) for m in lame(body.material, scene.plane))
+    moduli = lame(body.materials[0], scene.plane)
+    lam, mu = (fem.Constant(mesh, PETSc.ScalarType(m)) for m in moduli)
     strain = ufl.sym(ufl.grad(u))
     stress = lam * ufl.tr(strain) * ufl.Identity(scene.dimension) + 2.0 * mu * strain
     dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2 * body.degree})
