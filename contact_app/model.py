@@ -542,6 +542,13 @@ def _contradiction(scene: Scene, error: ContradictionError) -> ContactError:
             f"{scene.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
         )
     contact = scene.touching[error.first]
+    if error.kind == "squeezed":
+        second = scene.touching[error.second].source
+        return NoEquilibriumError(
+            f"{scene.source}: the obstacles of {contact.source} and {second} leave a node of "
+            f"{scene.bodies[contact.body].name} no room: they overlap by {error.amount:.6g} in "
+            "the direction in which it can move, and no displacement satisfies both"
+        )
     what = "the obstacle" if isinstance(contact, Contact) else "the other body"
     return NoEquilibriumError(
         f"{scene.source}: the displacement conditions on {scene.bodies[contact.body].name} push "

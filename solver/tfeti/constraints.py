@@ -23,7 +23,7 @@ obstacles, gluing and held unknowns have full rank however the conditions overla
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -58,7 +58,8 @@ class ContradictionError(ValueError):
     amount
         By how much, in units of length.
     kind
-        ``held twice`` or ``held in contact``: inside what it may touch.
+        ``held twice``; ``held in contact``: inside what it may touch; ``squeezed`` between two
+        obstacles.
     """
 
     def __init__(self, kind: str, first: int, second: int, node: int, amount: float) -> None:
@@ -343,7 +344,7 @@ def merge_contact(
     Raises
     ------
     ContradictionError
-        Held displacements push a node into an obstacle.
+        Held displacements push a node into an obstacle, or two obstacles leave it no room.
     """
     meeting = NodeExchange(exchange.comm, conditions.contact_nodes, exchange.total)
     source, points = (
@@ -369,7 +370,9 @@ def merge_contact(
     cut = np.zeros_like(rows.normals)
     cut[rows.entries.row, rows.entries.component] = rows.entries.value
     norm = np.linalg.norm(cut, axis=1)
-    return rows.of(_tightest(rows.nodes, cut / norm[:, None], rows.gaps / norm))
+    direction, gap = cut / norm[:, None], rows.gaps / norm
+    _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
+    return rows.of(_tightest(rows.nodes, direction, gap))
 
 
 def cut_held(
@@ -539,22 +542,50 @@ def _assemble(parts: list[_Part], contact: SharedEntries) -> Rows:
     )
 
 
+def _pairs_at_nodes(
+    node: NDArray[np.int64],
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Pairs of rows that share a node, the rows sorted by node; each pair once."""
+    if len(node) == 0:
+        return
+    _, start, count = np.unique(node, return_index=True, return_counts=True)
+    for a in range(int(count.max())):
+        for b in range(a):
+            both = start[count > a]
+            yield both + b, both + a
+
+
+def _squeezed(
+    rows: ContactRows, direction: NDArray[np.float64], gap: NDArray[np.float64], least: float
+) -> tuple | None:
+    """The worst node that two rows in opposite directions leave no room, as a contradiction.
+
+    Where held components leave a node one direction to move in, any two obstacles can do that.
+    """
+    problem, worst = None, -least
+    for i, j in _pairs_at_nodes(rows.nodes):
+        opposite = np.linalg.norm(direction[i] + direction[j], axis=1) < PARALLEL
+        room = np.where(opposite, gap[i] + gap[j], np.inf)
+        if len(room) and room.min() < worst:
+            k = int(np.argmin(room))
+            worst = float(room[k])
+            problem = (
+                "squeezed", int(rows.sources[i[k]]), int(rows.sources[j[k]]),
+                int(rows.nodes[i[k]]), -worst,
+            )  # fmt: skip
+    return problem
+
+
 def _tightest(
     node: NDArray[np.int64], direction: NDArray[np.float64], gap: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Mark, of the rows of one node in one direction, the one with the smallest gap."""
     keep = np.ones(len(node), bool)
-    if len(node) == 0:
-        return keep
-    _, start, count = np.unique(node, return_index=True, return_counts=True)
-    for a in range(int(count.max())):
-        for b in range(a):
-            both = start[count > a]
-            i, j = both + b, both + a
-            same = np.linalg.norm(direction[i] - direction[j], axis=1) < PARALLEL
-            same &= keep[i] & keep[j]
-            looser = np.where(gap[i] <= gap[j], j, i)
-            keep[looser[same]] = False
+    for i, j in _pairs_at_nodes(node):
+        same = np.linalg.norm(direction[i] - direction[j], axis=1) < PARALLEL
+        same &= keep[i] & keep[j]
+        looser = np.where(gap[i] <= gap[j], j, i)
+        keep[looser[same]] = False
     return keep
 
 
