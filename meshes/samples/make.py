@@ -16,34 +16,83 @@ import gmsh
 HERE = Path(__file__).parent
 
 
-def bracket(size: float) -> None:
-    """A plate of steel with a hole and a bushing of bronze in it, in the plane: triangles."""
+def bushing(size: float) -> None:
+    """A plate of steel, clamped at its foot, with a bushing of bronze in it: triangles, 2D."""
     occ = gmsh.model.occ
     plate = occ.addRectangle(0, 0, 0, 60, 30)
-    hole = occ.addDisk(42, 15, 0, 8, 8)
-    bushing = occ.addDisk(42, 15, 0, 8, 8)
+    hole, ring = occ.addDisk(42, 15, 0, 8, 8), occ.addDisk(42, 15, 0, 8, 8)
     bore = occ.addDisk(42, 15, 0, 5, 5)
     occ.cut([(2, plate)], [(2, hole)])
-    occ.cut([(2, bushing)], [(2, bore)])
-    occ.fragment([(2, plate)], [(2, bushing)])
+    occ.cut([(2, ring)], [(2, bore)])
+    occ.fragment([(2, plate)], [(2, ring)])
     occ.synchronize()
-    surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
-    areas = {tag: occ.getMass(2, tag) for tag in surfaces}
-    ring = min(areas, key=areas.__getitem__)
-    gmsh.model.addPhysicalGroup(2, [t for t in surfaces if t != ring], name="steel")
-    gmsh.model.addPhysicalGroup(2, [ring], name="bronze")
-    sides = {"foot": (0, 0, 0, 30), "bottom": (0, 0, 60, 0), "top": (0, 30, 60, 30)}
-    for name, (x0, y0, x1, y1) in sides.items():
-        box = (x0 - 1e-3, y0 - 1e-3, -1, x1 + 1e-3, y1 + 1e-3, 1)
-        found = [t for _, t in gmsh.model.getEntitiesInBoundingBox(*box, dim=1)]
-        gmsh.model.addPhysicalGroup(1, found, name=name)
-    box = (36.9, 9.9, -1, 47.1, 20.1, 1)
-    inner = [t for _, t in gmsh.model.getEntitiesInBoundingBox(*box, dim=1)]
-    gmsh.model.addPhysicalGroup(1, inner, name="bore")
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 3.0 * size)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 16 / size)
+    areas = {tag: occ.getMass(2, tag) for _, tag in gmsh.model.getEntities(2)}
+    inner = min(areas, key=areas.__getitem__)
+    gmsh.model.addPhysicalGroup(2, [t for t in areas if t != inner], name="steel")
+    gmsh.model.addPhysicalGroup(2, [inner], name="bronze")
+    for name, box in {
+        "foot": (0, 0, 0, 0, 30, 0),
+        "top": (0, 30, 0, 60, 30, 0),
+        "bore": (37, 10, 0, 47, 20, 0),
+    }.items():
+        gmsh.model.addPhysicalGroup(1, _within(1, box), name=name)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 2.5 * size)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 40 / size)
     gmsh.model.mesh.generate(2)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+
+
+def bracket(size: float) -> None:
+    """An L-shaped shelf bracket with a rounded corner, drawn from its profile: hexahedra."""
+    geo = gmsh.model.geo
+    corners = [(0, 0), (40, 0), (40, 6), (14, 6), (6, 14), (6, 50), (0, 50)]
+    points = [geo.addPoint(x, 0, z) for x, z in corners]
+    centre = geo.addPoint(14, 0, 14)
+    lines = [geo.addLine(a, b) for a, b in zip(points, [*points[1:], points[0]], strict=True)]
+    geo.remove([(1, lines[3])])
+    lines[3] = geo.addCircleArc(points[3], centre, points[4])
+    profile = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+    layers = max(1, round(10 / size))
+    geo.extrude([(2, profile)], 0, 30, 0, numElements=[layers], recombine=True)
+    geo.synchronize()
+    gmsh.model.addPhysicalGroup(3, [1], name="bracket")
+    for name, box in {
+        "back": (0, 0, 0, 0, 30, 50),
+        "seat": (14, 0, 6, 40, 30, 6),
+        "top": (0, 0, 50, 6, 30, 50),
+    }.items():
+        gmsh.model.addPhysicalGroup(2, _within(2, box), name=name)
+    for option, value in {"MeshSizeMax": 1.6 * size, "RecombineAll": 1, "Algorithm": 8,
+                          "RecombinationAlgorithm": 3}.items():  # fmt: skip
+        gmsh.option.setNumber(f"Mesh.{option}", value)
+    gmsh.model.mesh.generate(3)
+
+
+def disc_quarter(size: float) -> None:
+    """A quarter of a disc of radius 50 that rests on y = 0 in the origin: quadrilaterals, 2D.
+
+    Fine about the point of contact, then growing with the distance.
+    """
+    geo = gmsh.model.geo
+    centre, south, east = (geo.addPoint(*p) for p in ((0, 50, 0), (0, 0, 0), (50, 50, 0)))
+    lines = [geo.addCircleArc(south, centre, east), geo.addLine(east, centre),
+             geo.addLine(centre, south)]  # fmt: skip
+    disc = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+    geo.synchronize()
+    gmsh.model.addPhysicalGroup(2, [disc], name="disc")
+    for name, line in zip(("rim", "equator", "x-"), lines, strict=True):
+        gmsh.model.addPhysicalGroup(1, [line], name=name)
+    _refine((0, 0, 0), near=4.0, fine=0.2 * size, growth=0.15 * size, coarse=5.0 * size)
+    gmsh.option.setNumber("Mesh.RecombineAll", 1)
+    gmsh.option.setNumber("Mesh.Algorithm", 8)
+    gmsh.option.setNumber("Mesh.RecombinationAlgorithm", 3)
+    gmsh.model.mesh.generate(2)
+
+
+def _within(dimension: int, box: tuple[float, float, float, float, float, float]) -> list[int]:
+    """Entities inside a box."""
+    lower, upper = [v - 1e-3 for v in box[:3]], [v + 1e-3 for v in box[3:]]
+    found = gmsh.model.getEntitiesInBoundingBox(*lower, *upper, dimension)
+    return [tag for _, tag in found]
 
 
 def sphere_eighth(size: float) -> None:
@@ -55,25 +104,17 @@ def sphere_eighth(size: float) -> None:
     ball = occ.addSphere(0, 0, 8, 8, -1, angle1=-math.pi / 2, angle2=0.0, angle3=math.pi / 2)
     occ.synchronize()
     gmsh.model.addPhysicalGroup(3, [ball], name="ball")
-    for name, at in {"x-": (0, 3, 5), "y-": (3, 0, 5), "equator": (3, 3, 8)}.items():
-        gmsh.model.addPhysicalGroup(2, [_surface_through(at)], name=name)
-    flat = {_surface_through(at) for at in ((0, 3, 5), (3, 0, 5), (3, 3, 8))}
-    curved = [t for _, t in gmsh.model.getBoundary([(3, ball)], oriented=False) if t not in flat]
-    gmsh.model.addPhysicalGroup(2, curved, name="sphere")
+    flat = {
+        "x-": _within(2, (0, 0, 0, 0, 8, 8)),
+        "y-": _within(2, (0, 0, 0, 8, 0, 8)),
+        "equator": _within(2, (0, 0, 8, 8, 8, 8)),
+    }
+    for name, surfaces in flat.items():
+        gmsh.model.addPhysicalGroup(2, surfaces, name=name)
+    curved = {tag for _, tag in gmsh.model.getEntities(2)}.difference(*flat.values())
+    gmsh.model.addPhysicalGroup(2, list(curved), name="sphere")
     _refine((0, 0, 0), near=0.35, fine=0.02 * size, growth=0.12 * size, coarse=1.0 * size)
     gmsh.model.mesh.generate(3)
-
-
-def _surface_through(point: tuple[float, float, float]) -> int:
-    """The flat surface whose bounding box holds a point and is thin there."""
-    for _, tag in gmsh.model.getEntities(2):
-        box = gmsh.model.getBoundingBox(2, tag)
-        thin = min(b - a for a, b in zip(box[:3], box[3:], strict=True)) < 1e-3
-        inside = all(a - 1e-3 < v < b + 1e-3 for a, v, b in zip(box[:3], point, box[3:],
-                                                                strict=True))  # fmt: skip
-        if thin and inside:
-            return tag
-    raise LookupError(f"no flat surface through {point}")
 
 
 def _refine(
@@ -90,21 +131,29 @@ def _refine(
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
 
 
-SAMPLES: dict[str, Callable[[float], None]] = {"bracket": bracket, "sphere_eighth": sphere_eighth}
+SAMPLES: dict[str, tuple[Callable[[float], None], float]] = {
+    "bushing": (bushing, 1.0),
+    "bracket": (bracket, 1.0),
+    "disc_quarter": (disc_quarter, 1.0),
+    "sphere_eighth": (sphere_eighth, 2.0),
+}
+"""What makes each sample, and the size of the one beside this file."""
 
 
 def main() -> None:
     """Make the samples named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*SAMPLES, []], default=[])
-    parser.add_argument("--size", type=float, default=1.0, help="factor of all cell sizes")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(SAMPLES)}; all unless given")
+    parser.add_argument("--size", type=float, help="factor of all cell sizes")
     parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
     given = parser.parse_args()
     for name in given.names or SAMPLES:
+        make, size = SAMPLES[name]
         gmsh.initialize()
         gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         gmsh.model.add(name)
-        SAMPLES[name](given.size)
+        make(given.size or size)
         gmsh.write(str(given.to / f"{name}.msh"))
         gmsh.finalize()
 
