@@ -47,7 +47,14 @@ Overrides = Annotated[
 
 
 @app.command()
-def run(config: Config, output: Directory = None, overrides: Overrides = None) -> None:
+def run(
+    config: Config,
+    output: Directory = None,
+    overrides: Overrides = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the checkpoint of a stopped run.")
+    ] = False,
+) -> None:
     """Validate a scene, solve it, certify the answer and write it.
 
     Exit code 0: converged and certified. 1: solved but not certified or not converged.
@@ -61,7 +68,7 @@ def run(config: Config, output: Directory = None, overrides: Overrides = None) -
     _refuse_unwritable(directory)
     from contact_app.run import run as run_scene
 
-    raise typer.Exit(run_scene(scene, directory))
+    raise typer.Exit(run_scene(scene, directory, resume=resume))
 
 
 @app.command()

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from contact_app.checkpoint import Checkpoint
 from contact_app.environment import environment, slow_blas_warning
 from contact_app.error_estimate import Accuracy, ErrorEstimator
 from contact_app.errors import ContactError
@@ -28,7 +29,7 @@ from contact_app.scene import Scene
 from contact_app.solve import Solution, reason_text, solve
 from contact_app.timings import Timings
 from solver.errors import QPError
-from solver.result import Monitor, Step
+from solver.result import Monitor, Reason, Step
 from solver.tfeti.constraints import RowKind
 
 CERTIFIED, NOT_CERTIFIED = 0, 1
@@ -61,13 +62,21 @@ class SolvedScene:
         return np.concatenate(points), np.concatenate(displacements)
 
 
-def run(scene: Scene, directory: Path, comm: MPI.Intracomm = MPI.COMM_WORLD) -> int:
+def run(
+    scene: Scene, directory: Path, comm: MPI.Intracomm = MPI.COMM_WORLD, resume: bool = False
+) -> int:
     """Solve a scene, show progress, write everything to a directory; the exit code (collective).
 
     Interrupted (Ctrl-C or SIGTERM) the solve stops at its next step and what it has is recovered,
-    certified and written.
+    certified and written, with a checkpoint of its last outer iteration.
+
+    Parameters
+    ----------
+    resume
+        Go on from the checkpoint an earlier run left in the directory, if there is one.
     """
     first = comm.rank == 0
+    checkpoint = Checkpoint(directory, comm, resume)
     with (
         _ending_together(comm),
         run_log(directory / "run.log" if first else None),
@@ -80,7 +89,13 @@ def run(scene: Scene, directory: Path, comm: MPI.Intracomm = MPI.COMM_WORLD) -> 
             return bool(comm.allreduce(int(interruption(event)), op=MPI.MAX))
 
         progress.stage(f"modelling {scene.title or scene.source.name}")
-        solved = solve_scene(scene, comm, together(progress, history, interrupted))
+        solved = solve_scene(
+            scene, comm, together(progress, history, interrupted), checkpoint=checkpoint
+        )
+        if solved.solution.reason is Reason.STOPPED:
+            checkpoint.write()
+        else:
+            checkpoint.remove()
         for note in solved.model.notes:
             log.info("%s", note)
         files = [directory / "summary.json", directory / "history.csv", directory / "run.log"]
@@ -114,7 +129,10 @@ def _ending_together(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def solve_scene(
-    scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD, monitor: Monitor | None = None
+    scene: Scene,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    monitor: Monitor | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise it; writes nothing.
 
@@ -129,7 +147,7 @@ def solve_scene(
     model = build_model(scene, comm, timings)
     try:
         with timings.measure("solve"):
-            solution = solve(model.problem, scene.solver, monitor)
+            solution = solve(model.problem, scene.solver, monitor, checkpoint)
     except QPError as error:
         raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
     with timings.measure("estimate"):

@@ -17,10 +17,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.certificate import Certificate, Measures, certify
+from contact_app.checkpoint import Checkpoint
 from contact_app.scene import SolverOptions
 from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.operators import estimate_norm
 from solver.result import Monitor
+from solver.smalbe import Restart
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
@@ -86,8 +88,20 @@ def reason_text(solution: Solution) -> str:
     return str(solution.reason.value)
 
 
-def solve(problem: DualProblem, options: SolverOptions, monitor: Monitor | None) -> Solution:
-    """Solve to `options.tolerance`, as the certificate measures it."""
+def solve(
+    problem: DualProblem,
+    options: SolverOptions,
+    monitor: Monitor | None,
+    checkpoint: Checkpoint | None = None,
+) -> Solution:
+    """Solve to `options.tolerance`, as the certificate measures it.
+
+    Parameters
+    ----------
+    checkpoint
+        Where the state of each outer iteration is kept, and where a stopped solve goes on from.
+        Solves without outer iterations are short and leave none.
+    """
     if problem.comm.allreduce(problem.size) == 0:
         return certified_answer(problem, np.zeros(0), None, options)
     inner = MPRGP(
@@ -100,7 +114,7 @@ def solve(problem: DualProblem, options: SolverOptions, monitor: Monitor | None)
     )
     if problem.coarse is None or problem.lower is None:
         return _solve_mprgp(problem, options, inner, monitor)
-    return _solve_smalbe(problem, options, inner, monitor)
+    return _solve_smalbe(problem, options, inner, monitor, checkpoint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,14 +261,21 @@ def _active_sets(
 
 
 def _solve_smalbe(
-    problem: DualProblem, options: SolverOptions, inner: MPRGP, monitor: Monitor | None
+    problem: DualProblem,
+    options: SolverOptions,
+    inner: MPRGP,
+    monitor: Monitor | None,
+    checkpoint: Checkpoint | None,
 ) -> Solution:
     """SMALBE-M around MPRGP on the projected, homogenised dual."""
     assert problem.coarse is not None
     norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
     preconditioner = LumpedPreconditioner(problem, norm)
     inner = replace(inner, norm=norm, preconditioner=preconditioner)
-    start, answer, counts = _without_contact(problem, options, inner, norm, monitor)
+    restart = checkpoint.load(problem) if checkpoint else None
+    start, answer, counts = None, None, Counts()
+    if restart is None:
+        start, answer, counts = _without_contact(problem, options, inner, norm, monitor)
     counts.norm_estimation += products
     if answer is not None:
         return replace(answer, counts=counts)
@@ -288,6 +309,10 @@ def _solve_smalbe(
                 return True
         return False
 
+    def save(state: Restart) -> None:
+        if checkpoint is not None:
+            checkpoint(replace(state, counts=_sum(_sum(counts, spent[0]), state.counts)))
+
     inner = replace(inner, max_iterations=inner.max_iterations - counts.inner)
     result = SMALBE(inner).solve(
         qp,
@@ -296,6 +321,8 @@ def _solve_smalbe(
         multiplier0=start.equality_force if start else None,
         monitor=monitor,
         accept=accept,
+        save=save,
+        restart=restart,
     )
     if result.reason is not Reason.ACCEPTED:
         found[:] = [certified_answer(problem, result.x, result.multiplier, options)]

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -32,7 +32,7 @@ from solver.iterate import Iterate
 from solver.mprgp import MPRGP
 from solver.operators import Operator, estimate_norm
 from solver.qp import BoxQP
-from solver.result import Monitor, Reason, Result
+from solver.result import Counts, Monitor, Reason, Result
 from solver.vectors import Vector
 
 WINDOW = 10
@@ -103,6 +103,39 @@ Accept = Callable[[OuterState], bool]
 
 
 @dataclass(frozen=True)
+class Restart:
+    """All that the next outer iteration starts from, beside the problem itself.
+
+    Attributes
+    ----------
+    outer : int
+        Outer iterations done.
+    x, multiplier : ndarray (local part, local rows)
+    rho, M, target : float
+        Penalty, balance and inner tolerance in force.
+    lagrangian : float
+        L(x, μ, ρ) at the end of the last outer iteration; -inf where none can be compared with.
+    sizes : tuple of float
+        ‖Cx - c‖ by outer iteration since ρ was set.
+    counts : Counts
+    """
+
+    outer: int
+    x: Vector
+    multiplier: Vector
+    rho: float
+    M: float
+    target: float
+    lagrangian: float
+    sizes: tuple[float, ...]
+    counts: Counts
+
+
+#: Told of the state at the end of each outer iteration; copies what it wants to keep.
+Save = Callable[[Restart], None]
+
+
+@dataclass(frozen=True)
 class SMALBE:
     """Solver for convex quadratic programs with bounds and equalities.
 
@@ -164,6 +197,8 @@ class SMALBE:
         multiplier0: Any = None,
         monitor: Monitor | None = None,
         accept: Accept | None = None,
+        save: Save | None = None,
+        restart: Restart | None = None,
     ) -> Result:
         """Minimise the cost of qp with Cx = c.
 
@@ -175,15 +210,21 @@ class SMALBE:
             First multiplier; zeros if None.
         accept : callable of OuterState
             When given, it alone decides convergence, at the end of every outer iteration.
+        save : callable of Restart
+        restart : Restart
+            Go on from there, instead of from x0 and multiplier0, for one product more than the
+            solve that was not interrupted.
         """
+        if restart is not None:
+            x0, multiplier0 = restart.x, restart.multiplier
         equalities = as_equalities(C, qp.comm)
         rows = equalities.rows
         right = _local_rows(c, rows, "c", qp)
         multiplier = _local_rows(multiplier0, rows, "multiplier0", qp)
         norm, products = self._norm(qp)
         C_norm = _equalities_norm(equalities, qp.size)
-        rho = self.rho * norm / C_norm**2
-        M = self.M * norm / C_norm
+        rho = restart.rho if restart else self.rho * norm / C_norm**2
+        M = restart.M if restart else self.M * norm / C_norm
         to_gradient = norm / C_norm if self.scaled_residual else 1.0
         b_norm = qp.reduction.norm(qp.b)
 
@@ -194,7 +235,7 @@ class SMALBE:
         augmented = BoxQP(
             equalities.penalised(qp.operator, rho), qp.b - transposed + change, qp.lower, qp.upper
         )
-        inner_norm = None if self.inner.norm is None else norm * (1.0 + self.rho)
+        inner_norm = None if self.inner.norm is None else norm + rho * C_norm**2
         it = Iterate(
             augmented,
             x0,
@@ -203,6 +244,9 @@ class SMALBE:
             memory=self.inner.memory,
         )
         it.counts.norm_estimation += products
+        if restart is not None:
+            it.counts = replace(restart.counts)
+            it.iterations = it.counts.inner
         it.measure_b()
         self.inner.strategy.prepare(it)
         it.evaluate()
@@ -211,9 +255,10 @@ class SMALBE:
         tolerance = max(self.inner.rtol * scale, self.inner.atol)
         eta = self.eta * scale
         residual = np.zeros(rows)
-        previous = -math.inf
+        previous = restart.lagrangian if restart else -math.inf
         right_square = qp.reduction.sums(float(np.dot(right, right)))[0]
-        target = tolerance  # of the inner solve, tightened when a caller's test asks for more
+        # of the inner solve, tightened when a caller's test asks for more
+        target = restart.target if restart else tolerance
 
         def measure(it: Iterate) -> float:
             equalities.apply(it.x, residual)
@@ -233,11 +278,13 @@ class SMALBE:
             return Reason.CONVERGED if done or small else None
 
         reason = Reason.MAX_OUTER_ITERATIONS
-        sizes: list[float] = []  # ‖Cx - c‖ by outer iteration since ρ was set
+        # ‖Cx - c‖ by outer iteration since ρ was set
+        sizes: list[float] = list(restart.sizes) if restart else []
+        done = restart.outer if restart else 0
         next_multiplier = multiplier.copy()
-        for outer in range(1, self.max_outer + 1):
+        for outer in range(done + 1, self.max_outer + 1):
             it.outer = it.counts.outer = outer
-            if outer > 1 and (self.recompute_gradient or it.drift > 0.1 * tolerance):
+            if outer > done + 1 and (self.recompute_gradient or it.drift > 0.1 * tolerance):
                 it.evaluate()
             inner_reason = self.inner.minimise(it, inner_stop, monitor)
             size = measure(it)
@@ -296,6 +343,13 @@ class SMALBE:
                 )
                 sizes.clear()
                 previous = -math.inf
+            if save is not None:
+                save(
+                    Restart(
+                        outer, it.x, multiplier, rho, M, target, previous, tuple(sizes),
+                        replace(it.counts),
+                    )
+                )  # fmt: skip
             it.measure_b()
             if not self.recompute_gradient:
                 it.restart()
