@@ -543,9 +543,9 @@ def _contradiction(scene: Scene, error: ContradictionError) -> ContactError:
         )
     contact = scene.touching[error.first]
     if error.kind == "squeezed":
-        second = scene.touching[error.second].source
+        other = scene.touching[error.second].source
         return NoEquilibriumError(
-            f"{scene.source}: the obstacles of {contact.source} and {second} leave a node of "
+            f"{scene.source}: the obstacles of {contact.source} and {other} leave a node of "
             f"{scene.bodies[contact.body].name} no room: they overlap by {error.amount:.6g} in "
             "the direction in which it can move, and no displacement satisfies both"
         )

@@ -131,10 +131,57 @@ def _refine(
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
 
 
+def roller_on_block(size: float) -> None:
+    """Half of a roller of radius 50 on a block, both in the plane: triangles that do not match.
+
+    The roller is cut at its axis, where the load spreads; cells are a fifteenth of the half width
+    of contact, 6.2, and grow with the distance from it.
+    """
+    geo = gmsh.model.geo
+    fine, far = 0.4 * size, 16.0 * size
+
+    def loop(corners: list[tuple[float, float, float]], middle: int | None) -> list[int]:
+        """Lines from corner to corner (x, y, cell size); the first two are arcs about `middle`."""
+        points = [geo.addPoint(x, y, 0, h) for x, y, h in corners]
+        lines = []
+        for k, start in enumerate(points):
+            end = points[(k + 1) % len(points)]
+            arc = middle is not None and k < 2
+            lines.append(geo.addCircleArc(start, middle, end) if arc else geo.addLine(start, end))
+        return lines
+
+    x = 15.0
+    arc_end = (x, 50 - (50**2 - x**2) ** 0.5)
+    centre = geo.addPoint(0, 50, 0)
+    roller = loop([(0, 0, fine), (*arc_end, 5 * fine), (50, 50, far), (0, 50, far)], centre)
+    block = loop(
+        [(0, 0, 1.3 * fine), (x, 0, 6 * fine), (100, 0, far), (100, -100, far), (0, -100, far)],
+        None,
+    )
+    for name, lines in (("roller", roller), ("block", block)):
+        surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+        geo.synchronize()
+        gmsh.model.addPhysicalGroup(2, [surface], name=name)
+    groups = {
+        "face": [roller[0], block[0]],
+        "axis": [roller[3], block[4]],
+        "top": [roller[2]],
+        "foot": [block[3]],
+    }
+    for name, lines in groups.items():
+        gmsh.model.addPhysicalGroup(1, lines, name=name)
+    field = gmsh.model.mesh.field
+    field.add("MathEval", 1)
+    field.setString(1, "F", f"{fine} + {0.2 * size} * Max(0, Sqrt(x*x + y*y) - 7)")
+    field.setAsBackgroundMesh(1)
+    gmsh.model.mesh.generate(2)
+
+
 SAMPLES: dict[str, tuple[Callable[[float], None], float]] = {
     "bushing": (bushing, 1.0),
     "bracket": (bracket, 1.0),
     "disc_quarter": (disc_quarter, 1.0),
+    "roller_on_block": (roller_on_block, 1.0),
     "sphere_eighth": (sphere_eighth, 2.0),
 }
 """What makes each sample, and the size of the one beside this file."""

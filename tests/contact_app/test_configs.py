@@ -80,3 +80,11 @@ def test_the_patch_has_the_pressure_of_its_comment(tmp_path: Path) -> None:
     config = next(c for c in CONFIGS if c.stem == "block_2d")
     solution = run(config, tmp_path)["solution"]
     assert solution["max_contact_pressure"] == pytest.approx(100.0, rel=1e-5)
+
+
+def test_the_roller_presses_as_hertz_says(tmp_path: Path) -> None:
+    """Two elastic bodies (verification.md: p0 = 3585.4), by a mesh of 1300 nodes."""
+    config = next(c for c in CONFIGS if c.stem == "roller_on_block")
+    summary = run(config, tmp_path)
+    assert summary["solution"]["max_contact_pressure"] == pytest.approx(3585.4, rel=0.005)
+    assert summary["solution"]["pair_forces"]["contacts[0]"][1] == pytest.approx(17500.0)

@@ -7,12 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from contact_app.configuration import load
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from tests import reference, scenes
+from contact_app.run import solve_scene
+from contact_app.scene import build_scene
+from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, solve
 from tests.contact_app.test_ranks import summary_of
 
+CONFIG = Path(__file__).parents[2] / "configs" / "roller_on_block.yaml"
 YOUNG, POISSON, PRESSURE = 900.0, 0.25, 10.0
 
 
@@ -247,3 +252,59 @@ def test_many_bodies_in_a_tower() -> None:
     np.testing.assert_allclose(solution.nodes.contact_pressure[touching], PRESSURE, rtol=1e-6)
     for force in solution.summary["solution"]["pair_forces"].values():
         np.testing.assert_allclose(force, [0, PRESSURE, 0], atol=1e-7)
+
+
+@pytest.mark.parametrize("cell", [*scenes.CELLS_2D, *scenes.CELLS_3D])
+def test_inclined_patch_of_distorted_meshes(cell: str, tmp_path: Path) -> None:
+    """Two free blocks with inclined sides under pressure all round: the joint carries it, too.
+
+    Facets of hexahedra are no parallelograms, and no mesh fits the other.
+    """
+    d = scenes.dimension(cell)
+    turn: scenes.Config = {"angle": 33.0}
+    axis = np.array([2.0, 1.0, -1.0]) if d == 3 else np.array([0.0, 0.0, 1.0])
+    if d == 3:
+        turn["axis"] = axis.tolist()
+    rotation = Rotation.from_rotvec(np.deg2rad(33) * axis / np.linalg.norm(axis))
+    above = rotation.apply(np.eye(3)[d - 1])[:d]
+    bodies, conditions = [], []
+    for k, name in enumerate(("lower", "upper")):
+        file = meshfiles.write(meshfiles.block(cell, 2 + 2 * k, seed=k), tmp_path / f"{name}.msh")
+        mesh = {"file": str(file), "rotate": turn, "translate": (k * above).tolist()}
+        bodies.append(
+            {"name": name, "mesh": mesh, "material": {"young": YOUNG, "poisson": POISSON}}
+        )
+        sides = [axis + end for axis in "xyz"[:d] for end in "-+"]
+        sides.remove(scenes.down(cell) if k else scenes.up(cell))
+        conditions += [{"on": f"{name}.{side}", "pressure": PRESSURE} for side in sides]
+    contacts = [{"on": f"upper.{scenes.down(cell)}", "against": f"lower.{scenes.up(cell)}"}]
+    made = scenes.config(cell, bodies, conditions, contacts)
+    for split in (2, 7):
+        solution = solve(made, split, tolerance=1e-12)
+        touching = np.isfinite(solution.nodes.gap)
+        pressure = solution.nodes.contact_pressure[touching]
+        np.testing.assert_allclose(pressure, PRESSURE, rtol=1e-9)
+        force = next(iter(solution.summary["solution"]["pair_forces"].values()))
+        np.testing.assert_allclose(force[:d], PRESSURE * above, atol=1e-9 * PRESSURE)
+        assert np.abs(solution.cells.von_mises).max() < 1e-8 * PRESSURE or d == 2
+
+
+@pytest.mark.parametrize("finer", ["roller", "block"])
+def test_hertz_of_two_elastic_cylinders(finer: str) -> None:
+    """R = 50 pressed by 35 kN/mm, E = 210e3 on 70e3: a = 6.2146, p0 = 3585.4, within 2 %.
+
+    The half width is that of the ellipse fitted to the nodal pressures, p² = p0² (1 - x²/a²).
+    """
+    config = load(CONFIG)
+    contact = config.contacts[0].model_copy(
+        update={"on": f"{finer}.face", "against": "block.face" if finer == "roller" else
+                "roller.face"})  # fmt: skip
+    changed = config.model_copy(update={"contacts": [contact]})
+    solution = solve_scene(build_scene(changed))
+    x, p = solution.nodes.points[:, 0], solution.nodes.contact_pressure
+    touching = p > 0
+    fit = np.stack([np.ones(touching.sum()), x[touching] ** 2], axis=1)
+    square, slope = np.linalg.lstsq(fit, p[touching] ** 2, rcond=None)[0]
+    assert np.sqrt(square) == pytest.approx(3585.4, rel=0.02)
+    assert np.sqrt(-square / slope) == pytest.approx(6.2146, rel=0.02)
+    assert p.max() == pytest.approx(3585.4, rel=0.02)
