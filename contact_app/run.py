@@ -163,14 +163,50 @@ def solve_scene(
             solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
         )
     solved = SolvedScene(model, solution, nodes, cells, accuracy, timings)
-    return replace(solved, summary=summarise(solved))
+    return replace(solved, summary=summary_of(solved))
 
 
-def summarise(solved: SolvedScene) -> dict[str, Any]:
-    """`summary.json` (collective)."""
-    model, solution, nodes = solved.model, solved.solution, solved.nodes
-    problem, scene, comm = model.problem, model.scene, model.comm
+@dataclass(frozen=True)
+class Totals:
+    """What `summary.json` says of the fields of an answer, over all ranks.
+
+    Attributes
+    ----------
+    max_displacement, mean_displacement
+        Of |u| over the nodes of the undecomposed mesh.
+    contact_force : (3,)
+        Resultant of the obstacles on the bodies.
+    max_contact_pressure
+    """
+
+    max_displacement: float
+    mean_displacement: float
+    contact_force: tuple[float, ...]
+    max_contact_pressure: float
+
+
+def summary_of(solved: SolvedScene) -> dict[str, Any]:
+    """`summary.json` of a solved scene (collective)."""
+    comm, nodes, partition = solved.model.comm, solved.nodes, solved.model.partition
     magnitude = np.linalg.norm(nodes.displacement, axis=1)
+    totals = Totals(
+        comm.allreduce(float(magnitude.max(initial=0.0)), op=MPI.MAX),
+        comm.allreduce(float(magnitude.sum())) / partition.nodes,
+        tuple(float(f) for f in comm.allreduce(nodes.contact_force)),
+        comm.allreduce(float(nodes.contact_pressure.max(initial=0.0)), op=MPI.MAX),
+    )
+    summary = summarise(solved.model, solved.solution, totals, solved.timings)
+    pairs, forces = solved.model.scene.pairs, comm.allreduce(nodes.pair_forces)
+    summary["solution"]["pair_forces"] = {
+        pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
+    }
+    summary["accuracy"] = solved.accuracy.as_dict()
+    return summary
+
+
+def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings) -> dict[str, Any]:
+    """`summary.json`, but for what only fields at all nodes and cells can tell (collective)."""
+    problem, scene, comm = model.problem, model.scene, model.comm
     multiplier = solution.multiplier[problem.inequality]
     classes = comm.allreduce(len(problem.classes))
     counts = solution.counts
@@ -201,20 +237,13 @@ def summarise(solved: SolvedScene) -> dict[str, Any]:
         },
         "solution": {
             "energy": solution.measures.energy,
-            "max_displacement": comm.allreduce(float(magnitude.max(initial=0.0)), op=MPI.MAX),
-            "mean_displacement": comm.allreduce(float(magnitude.sum())) / model.partition.nodes,
+            "max_displacement": totals.max_displacement,
+            "mean_displacement": totals.mean_displacement,
             "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
-            "contact_force": [float(f) for f in comm.allreduce(nodes.contact_force)],
-            "pair_forces": {
-                pair.source: [float(f) for f in force]
-                for pair, force in zip(scene.pairs, comm.allreduce(nodes.pair_forces), strict=True)
-            },
-            "max_contact_pressure": comm.allreduce(
-                float(nodes.contact_pressure.max(initial=0.0)), op=MPI.MAX
-            ),
+            "contact_force": list(totals.contact_force),
+            "max_contact_pressure": totals.max_contact_pressure,
         },
         "certificate": solution.certificate.as_dict(),
-        "accuracy": solved.accuracy.as_dict(),
-        "timings": solved.timings.as_dict(),
+        "timings": timings.as_dict(),
         "environment": environment(comm),
     }

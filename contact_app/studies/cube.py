@@ -24,7 +24,7 @@ from contact_app.error_estimate import ErrorEstimator
 from contact_app.fields import cell_fields, node_fields
 from contact_app.model import Model, build_model
 from contact_app.report import write_summary
-from contact_app.run import SolvedScene, summarise
+from contact_app.run import SolvedScene, summary_of
 from contact_app.scene import Scene, build_scene
 from contact_app.solve import certified_answer
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
@@ -33,7 +33,7 @@ from solver import MPRGP, SMALBE, BoxQP, Counts
 from solver.operators import estimate_norm
 from solver.tfeti.coarse import ProjectorEquality
 
-CELLS = {"small": 40, "paper": 300}
+SMALL_CELLS = 40
 #: Relative tolerance of the benchmark.
 RTOL = 1e-6
 
@@ -54,7 +54,6 @@ def cube_scene(cells: int, subdomains: int = 10) -> Scene:
 
 def reproduce_cube(
     output_dir: Path | str,
-    scale: str = "small",
     expansion: str | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Iterator[str]:
@@ -62,7 +61,6 @@ def reproduce_cube(
 
     Parameters
     ----------
-    scale : "small" or "paper"
     expansion : str, optional
         Only the rows of this expansion.
 
@@ -75,7 +73,7 @@ def reproduce_cube(
     if not rows:
         names = ", ".join(dict.fromkeys(r.expansion for r in paper_rows("contact")))
         raise ValueError(f"the paper has no rows for the expansion {expansion!r}; it has {names}")
-    for line in run_rows(Path(output_dir), cube_scene(CELLS[scale]), rows, comm):
+    for line in run_rows(Path(output_dir), cube_scene(SMALL_CELLS), rows, comm):
         if comm.rank == 0:
             yield line
 
@@ -124,17 +122,17 @@ def _run(model: Model, solver: SMALBE, name: str, output: Path, timings: Timings
     clock = copy.deepcopy(timings)
     with clock.measure("solve"):
         qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
-        equality = _equality(model)
-        result = solver.solve(qp, equality)
+        constraint = equality(model)
+        result = solver.solve(qp, constraint)
         force = np.empty(problem.size)
-        equality.apply_transpose(result.multiplier, force)
+        constraint.apply_transpose(result.multiplier, force)
         answer = certified_answer(problem, result.x, force, scene.solver)
         solution = replace(answer, counts=result.counts, reason=result.reason)
     with clock.measure("output"):
         nodes, cells = node_fields(model, solution), cell_fields(model, solution)
         accuracy = ErrorEstimator(model).accuracy(solution)
         solved = SolvedScene(model, solution, nodes, cells, accuracy, clock)
-    summary = summarise(solved)
+    summary = summary_of(solved)
     summary["scene"]["title"] = f"{scene.title}: {name}"
     if problem.comm.rank == 0:
         (output / name).mkdir(parents=True, exist_ok=True)
@@ -142,7 +140,8 @@ def _run(model: Model, solver: SMALBE, name: str, output: Path, timings: Timings
     return result.counts
 
 
-def _equality(model: Model) -> ProjectorEquality:
+def equality(model: Model) -> ProjectorEquality:
+    """Gλ = 0 as the solver takes it."""
     if model.problem.coarse is None:
         raise ValueError("the benchmark needs more than one subdomain")
     return ProjectorEquality(model.problem.coarse)

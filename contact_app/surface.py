@@ -1,0 +1,227 @@
+"""An answer on the surface of its bodies alone: what a scene too large to write whole leaves.
+
+Where a mesh has tens of millions of nodes its surface has half a million. Displacement and contact
+pressure are evaluated there and written with the facets of the surface; nothing is ever formed at
+all nodes. Copies of a node in neighbouring subdomains are written as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import meshio
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model import Model, boundary_facets
+from contact_app.solve import Solution
+from meshes.subdomains import VTK_ORDER
+from solver.tfeti.exchange import NodeExchange
+
+FACETS = {
+    "hexahedron": ("quad", "quadrilateral"),
+    "tetrahedron": ("triangle", "triangle"),
+    "quadrilateral": ("line", None),
+    "triangle": ("line", None),
+}
+"""Facet of each cell as meshio names it, and as dolfinx does where its vertices are reordered."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFields:
+    """Fields at this rank's copies of surface nodes.
+
+    Attributes
+    ----------
+    points : (n, 3)
+    facets : {name: (facets, vertices)}
+        Local numbers of the points of each facet, by meshio's name of the facet.
+    displacement : (n, dimension)
+    contact_pressure : (n,)
+        Normal contact force of obstacles over the node's share of the contact boundary.
+    largest_displacement, mean_displacement
+        Over all nodes of the scene, inner ones included.
+    contact_force : (3,)
+        Resultant of the obstacles on the bodies, over all ranks.
+    """
+
+    points: NDArray[np.float64]
+    facets: dict[str, NDArray[np.int64]]
+    displacement: NDArray[np.float64]
+    contact_pressure: NDArray[np.float64]
+    largest_displacement: float
+    mean_displacement: float
+    contact_force: NDArray[np.float64]
+
+
+def surface_fields(model: Model, solution: Solution) -> SurfaceFields:
+    """Evaluate an answer on the surface (collective)."""
+    comm, d = model.comm, model.scene.dimension
+    pieces: list[NDArray[np.int64]] = []  # local nodes of each subdomain on the body's surface
+    facets: dict[str, list[NDArray[np.int64]]] = {}
+    start = 0
+    for s in model.partition.subdomains:
+        on_surface = s.reference.facets[s.exterior]
+        nodes = np.unique(on_surface).astype(np.int64)
+        pieces.append(nodes)
+        name, kind = FACETS[s.reference.cell]
+        order = list(VTK_ORDER[kind]) if kind else [0, 1]
+        facets.setdefault(name, []).append(start + np.searchsorted(nodes, on_surface[:, order]))
+        start += len(nodes)
+    subdomains = model.partition.subdomains
+    u = [
+        solution.displacements[cls][:, column].reshape(-1, d)[nodes]
+        for (cls, column), nodes in zip(model.place, pieces, strict=True)
+    ]
+    largest, mean = _magnitudes(model, solution)
+    pressure, force = _pressure(model, solution, pieces)
+    return SurfaceFields(
+        points=np.concatenate(
+            [s.points()[nodes] for s, nodes in zip(subdomains, pieces, strict=True)]
+        ),
+        facets={name: np.concatenate(parts) for name, parts in facets.items()},
+        displacement=np.concatenate(u),
+        contact_pressure=pressure,
+        largest_displacement=largest,
+        mean_displacement=mean,
+        contact_force=comm.allreduce(force),
+    )
+
+
+def _magnitudes(model: Model, solution: Solution) -> tuple[float, float]:
+    """Largest |u|, and its mean over the nodes of the undecomposed mesh."""
+    comm, d = model.comm, model.scene.dimension
+    surfaces = [np.unique(s.reference.facets) for s in model.partition.subdomains]
+    numbers = [s.nodes[at] for s, at in zip(model.partition.subdomains, surfaces, strict=True)]
+    exchange = NodeExchange(comm, np.concatenate(numbers), model.partition.nodes)
+    _, place, copies = np.unique(exchange.nodes, return_inverse=True, return_counts=True)
+    surplus = exchange.from_owners(1.0 - 1.0 / copies[place.reshape(-1)])
+    largest, total, start = 0.0, 0.0, 0
+    for (cls, column), at in zip(model.place, surfaces, strict=True):
+        size = np.linalg.norm(solution.displacements[cls][:, column].reshape(-1, d), axis=1)
+        largest = max(largest, float(size.max()))
+        total += float(size.sum() - size[at] @ surplus[start : start + len(at)])
+        start += len(at)
+    largest = comm.allreduce(largest, op=MPI.MAX)
+    return largest, comm.allreduce(total) / model.partition.nodes
+
+
+def _pressure(
+    model: Model, solution: Solution, pieces: list[NDArray[np.int64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Contact pressure at the copies of surface nodes, and this rank's share of the resultant."""
+    scene, problem = model.scene, model.problem
+    subdomains, contact = model.partition.subdomains, problem.contact
+    numbers = [s.nodes[nodes] for s, nodes in zip(subdomains, pieces, strict=True)]
+    exchange = NodeExchange(model.comm, np.concatenate(numbers), model.partition.nodes)
+    owned, place = np.unique(exchange.nodes, return_inverse=True)
+    place = place.reshape(-1)
+    force = solution.multiplier[problem.inequality] * contact.spread
+    pressure, resultant = np.zeros(len(owned)), np.zeros(3)
+    for i, source in enumerate(scene.contacts):
+        share = []
+        cache: dict[tuple, NDArray[np.float64]] = {}
+        for local, (s, nodes) in enumerate(zip(subdomains, pieces, strict=True)):
+            rows = s.exterior[:0]
+            if s.body == source.body:
+                rows = boundary_facets(s, scene.bodies[s.body], source.boundary)
+            key = (id(s.reference), rows.tobytes())
+            if key not in cache:
+                element = model.elements[model.place[local, 0]]
+                cache[key] = (
+                    element.tributary_area(rows) if len(rows) else np.zeros(len(s.reference.points))
+                )
+            share.append(cache[key][nodes])
+        area = np.bincount(place, exchange.to_owners(np.concatenate(share)), len(owned))
+        mine = contact.sources == i
+        at, pushed = np.searchsorted(owned, contact.nodes[mine]), force[mine]
+        loaded = (pushed > 0.0) & (area[at] > 0.0)
+        np.add.at(pressure, at[loaded], pushed[loaded] / area[at[loaded]])
+        resultant[: scene.dimension] += pushed @ contact.normals[mine]
+    return exchange.from_owners(pressure[place]), resultant
+
+
+def write_surface(fields: SurfaceFields, path: Path, comm: MPI.Intracomm) -> None:
+    """Write the surface as XDMF with its HDF5 file (collective; the surface meets on rank 0)."""
+    parts = comm.gather(fields)
+    if parts is None:
+        return
+    points = np.concatenate([p.points for p in parts])
+    displacement = np.zeros(points.shape)
+    joined = np.concatenate([p.displacement for p in parts])
+    displacement[:, : joined.shape[1]] = joined
+    starts = np.cumsum([0, *(len(p.points) for p in parts)])
+    names = dict.fromkeys(name for p in parts for name in p.facets)
+    cells = [
+        (name, np.concatenate([s + p.facets[name] for s, p in zip(starts, parts, strict=False)
+                               if name in p.facets]))
+        for name in names
+    ]  # fmt: skip
+    pressure = np.concatenate([p.contact_pressure for p in parts])
+    meshio.write_points_cells(
+        path, points, cells, {"displacement": displacement, "contact_pressure": pressure}
+    )
+
+
+def write_lattice(model: Model, solution: Solution, path: Path) -> None:
+    """Write the displacement of all nodes of a regularly split box, which needs no mesh.
+
+    Each subdomain is a regular grid given by its origin and spacing, so that the file holds one
+    displacement a node copy, in single precision, and no coordinates or connectivity. ParaView
+    merges the grids. One rank after another writes its part.
+
+    Raises
+    ------
+    ValueError
+        A subdomain is no box of hexahedra.
+    """
+    h5 = path.with_suffix(".h5")
+    grids: list[str] = []
+    for rank in range(model.comm.size):
+        if rank == model.comm.rank:
+            with h5py.File(h5, "w" if rank == 0 else "a") as file:
+                for local, s in enumerate(model.partition.subdomains):
+                    if s.reference.cell != "hexahedron":
+                        raise ValueError("only boxes of hexahedra are written without a mesh")
+                    grids.append(_write_block(file, h5.name, model, solution, local))
+        model.comm.barrier()
+    gathered: list[list[str]] | None = model.comm.gather(grids)
+    if gathered is not None:
+        body = "\n".join(grid for part in gathered for grid in part)
+        path.write_text(
+            '<?xml version="1.0"?>\n<Xdmf Version="3.0"><Domain>\n'
+            f'<Grid Name="bodies" GridType="Collection" CollectionType="Spatial">\n{body}\n'
+            "</Grid>\n</Domain></Xdmf>\n",
+            encoding="utf-8",
+        )
+
+
+def _write_block(file: Any, name: str, model: Model, solution: Solution, local: int) -> str:
+    """One subdomain's displacement, x fastest; its entry in the XDMF file."""
+    s = model.partition.subdomains[local]
+    x = s.reference.points
+    axes = [np.unique(np.round(x[:, i], 12)) for i in range(3)]
+    shape = tuple(len(a) for a in reversed(axes))
+    if np.prod(shape) != len(x):
+        raise ValueError("only boxes of hexahedra are written without a mesh")
+    order = np.lexsort((np.round(x[:, 0], 12), np.round(x[:, 1], 12), np.round(x[:, 2], 12)))
+    cls, column = model.place[local]
+    u = solution.displacements[cls][:, column].reshape(-1, 3)[order].astype(np.float32)
+    key = f"displacement/{s.number}"
+    file.create_dataset(key, data=u.reshape(*shape, 3))
+    size = " ".join(map(str, shape))
+    origin = " ".join(f"{v:.12g}" for v in reversed(x.min(axis=0) + s.translation))
+    spacing = " ".join(f"{(a[-1] - a[0]) / (len(a) - 1):.12g}" for a in reversed(axes))
+    return (
+        f'<Grid Name="subdomain {s.number}"><Topology TopologyType="3DCoRectMesh" '
+        f'Dimensions="{size}"/><Geometry GeometryType="ORIGIN_DXDYDZ">'
+        f'<DataItem Dimensions="3" Format="XML">{origin}</DataItem>'
+        f'<DataItem Dimensions="3" Format="XML">{spacing}</DataItem></Geometry>'
+        f'<Attribute Name="displacement" AttributeType="Vector" Center="Node">'
+        f'<DataItem Dimensions="{size} 3" NumberType="Float" Precision="4" Format="HDF">'
+        f"{name}:/{key}</DataItem></Attribute></Grid>"
+    )
