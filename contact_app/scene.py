@@ -31,7 +31,7 @@ SHORTEST_EDGE = 1e-15
 LONGEST_CELL = 1e4
 """Longest over shortest edge of a cell; beyond, round-off hides the short edge's stiffness."""
 
-PIECE_NODES = 2000
+PIECE_NODES = 5000
 """Nodes of a subdomain of a mesh from a file, for the estimate of memory."""
 
 NEAREST_HALF = 1e-6
@@ -463,7 +463,9 @@ class _Builder:
             ),
         )
         groups = [mesh.group] if isinstance(mesh.group, str) else mesh.group or []
-        file = self.c.source.parent / str(mesh.file)
+        if not mesh.file or not mesh.file.isprintable():
+            self._fail((*path, "file"), f"is {mesh.file!r}, which is no name of a file")
+        file = self.c.source.parent / mesh.file
         try:
             return load_mesh(file, self.dimension, placement, groups)
         except MeshError as error:

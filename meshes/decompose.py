@@ -24,7 +24,7 @@ Shape = BoxShape | CellMesh
 WHOLE_BODY_NODES = 1500
 """Bodies of up to this many nodes stay whole: one small factor beats any gluing."""
 
-PIECE_NODES = 2000
+PIECE_NODES = 5000
 """Nodes of a subdomain that `auto` makes of a mesh: each has a factor of its own, so fewer and
 larger ones than of a box cost more to factor than they save in gluing."""
 

@@ -138,8 +138,11 @@ def read_file(path: Path, dimension: int) -> FileContent:
 
 def _meshio(path: Path) -> Any:
     """What meshio reads; its own messages, and its calls of `sys.exit`, become errors."""
-    if not path.is_file():
-        raise MeshError("is not a file" if path.exists() else "does not exist")
+    try:
+        if not path.is_file():
+            raise MeshError("is not a file" if path.exists() else "does not exist")
+    except OSError as error:
+        raise MeshError(f"cannot be read: {error.strerror}") from None
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
