@@ -38,6 +38,7 @@ def register(app: typer.Typer) -> None:
     reproduce.command("figure1")(reproduce_figure1)
     app.add_typer(reproduce, name="reproduce")
     app.command("bench")(bench)
+    app.command("stability")(stability)
 
 
 def svm(
@@ -169,3 +170,11 @@ def _numbers(option: str, text: str) -> list[int]:
 def _refuse(message: str) -> NoReturn:
     typer.echo(f"error: {message}", err=True)
     raise typer.Exit(2)
+
+
+def stability(output: OutputOption = None) -> None:
+    """Run ours and PETSc's solvers where methods fail: a table of verdicts (some minutes)."""
+    from contact_app.studies.stability import stability as run
+
+    for path in run(output or Path("results/stability"), typer.echo):
+        typer.echo(f"wrote {path}")

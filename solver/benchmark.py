@@ -41,13 +41,18 @@ class Problem:
     upper: Vector
 
     def residual(self, x: Vector) -> float:
-        """‖g^P‖/‖b‖ at the projection of x; within 1e-9 of a bound counts as on it."""
+        """‖g^P‖/‖b‖ at the projection of x; within 1e-9 of a bound counts as on it.
+
+        Where b = 0, relative to the gradient at the feasible point next to zero.
+        """
         x = np.clip(x, self.lower, self.upper)
         g = self.A @ x - self.b
         near = 1e-9 * max(1.0, float(np.abs(x).max()))
         g[(x - self.lower <= near) & (g > 0.0)] = 0.0
         g[(self.upper - x <= near) & (g < 0.0)] = 0.0
-        return float(np.linalg.norm(g) / np.linalg.norm(self.b))
+        start = self.A @ np.clip(np.zeros_like(x), self.lower, self.upper)
+        scale = np.linalg.norm(self.b) or np.linalg.norm(start) or 1.0
+        return float(np.linalg.norm(g) / scale)
 
 
 @dataclass(frozen=True)
@@ -84,9 +89,9 @@ def problems() -> list[Problem]:
         )
     )
     for condition in (1e3, 1e6):
-        found.append(_random(400, condition))
-    found.append(_random(400, 1e3, degenerate=True))
-    found += [_svm("l2", 300), _svm("l1", 300)]
+        found.append(random_box(400, condition))
+    found.append(random_box(400, 1e3, degenerate=True))
+    found += [support_vector_machine("l2", 300), support_vector_machine("l1", 300)]
     return found
 
 
@@ -101,7 +106,8 @@ def _problem(name, A, b, lower=None, upper=None) -> Problem:  # type: ignore[no-
     )
 
 
-def _random(n: int, condition: float, degenerate: bool = False) -> Problem:
+def random_box(n: int, condition: float, degenerate: bool = False) -> Problem:
+    """Random dense problem between two bounds; `degenerate`: most multipliers vanish."""
     rng = np.random.default_rng(7)
     Q, _ = np.linalg.qr(rng.standard_normal((n, n)))
     A = (Q * np.geomspace(1.0, condition, n)) @ Q.T
@@ -116,7 +122,8 @@ def _random(n: int, condition: float, degenerate: bool = False) -> Problem:
     return _problem(f"{kind}, n = {n}, condition {condition:.0e}", A, b, lower, upper)
 
 
-def _svm(loss: str, samples: int) -> Problem:
+def support_vector_machine(loss: str, samples: int) -> Problem:
+    """Dual of a support vector machine on random data; l1 is semidefinite."""
     rng = np.random.default_rng(8)
     X = np.c_[rng.uniform(-1.0, 1.0, (samples, 12)), np.ones(samples)]
     y = np.sign(X @ rng.standard_normal(13) + 0.7 * rng.standard_normal(samples))

@@ -1,0 +1,388 @@
+"""Scenes on which contact methods fail, each named after the failure it provokes.
+
+A case says what goes wrong without care and what guards this application; where a milder twin of
+the scene is known, the growth of the work from the twin to the case is part of the answer.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+Config = dict[str, Any]
+
+REFUSED = "refused"
+HOLDS = "holds"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene that provokes a failure.
+
+    Attributes
+    ----------
+    name : str
+    failure : str
+        What goes wrong without care.
+    guard : str
+        What is done about it.
+    make : callable
+        The scene as a configuration, without decomposition.
+    subdomains : list of int or int
+        Into what the decomposed run cuts it.
+    expected : "holds" or "refused"
+        What must happen.
+    energy : float, optional
+        The exact energy.
+    scale : float, optional
+        What the energy is compared with where it is zero.
+    mild : callable, optional
+        A twin without the difficulty, of about as many unknowns.
+    """
+
+    name: str
+    failure: str
+    guard: str
+    make: Callable[[], Config]
+    subdomains: Any = (2, 2)
+    expected: str = HOLDS
+    energy: float | None = None
+    scale: float = 0.0
+    mild: Callable[[], Config] | None = None
+
+
+def _body(name: str, lower: list[float], upper: list[float], cells: list[int], **more: Any) -> Any:
+    cell = more.pop("cell", "quadrilateral" if len(cells) == 2 else "hexahedron")
+    material = {"young": more.pop("young", 1000.0), "poisson": more.pop("poisson", 0.3)}
+    box = {"lower": lower, "upper": upper, "cells": cells, "cell": cell}
+    return {"name": name, "mesh": {"box": box}, "material": material, **more}
+
+
+def _plane(on: str, point: list[float], normal: list[float]) -> Config:
+    return {"on": on, "obstacle": {"plane": {"point": point, "normal": normal}}}
+
+
+def _scene(bodies: list[Any], conditions: list[Config], contacts: list[Config]) -> Config:
+    return {
+        "title": "",
+        "dimension": len(bodies[0]["mesh"]["box"]["cells"]),
+        "bodies": bodies,
+        "conditions": conditions,
+        "contacts": contacts,
+        "solver": {"tolerance": 1e-8},
+    }
+
+
+def wall(n: int = 16, **more: Any) -> Config:
+    """The paper's problem in the plane: foot clamped, top pressed, a wall at the right."""
+    return _scene(
+        [_body("block", [0.0, 0.0], [1.0, 1.0], [n, n], **more)],
+        [
+            {"on": "block.y-", "displacement": [0.0, 0.0]},
+            {"on": "block.y+", "traction": [0.0, -50.0]},
+        ],
+        [_plane("block.x+", [1.0, 0.0], [-1.0, 0.0])],
+    )
+
+
+def grazing() -> Config:
+    """The top moves down by exactly the gap below the foot."""
+    gap = 0.015625
+    return _scene(
+        [_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8], poisson=0.0)],
+        [{"on": "block.y+", "displacement": [0.0, -gap]}],
+        [_plane("block.y-", [0.0, -gap], [0.0, 1.0])],
+    )
+
+
+def weakly_active() -> Config:
+    """A bar with EA = L = F = 1 that just reaches its wall: rows touch without force."""
+    return _scene(
+        [_body("bar", [0.0, 0.0], [1.0, 1.0], [16, 16], young=1.0, poisson=0.0)],
+        [
+            {"on": "bar.x-", "displacement": [0.0, 0.0]},
+            {"on": "bar.x+", "traction": [1.0, 0.0]},
+        ],
+        [_plane("bar.x+", [2.0, 0.0], [-1.0, 0.0])],
+    )
+
+
+def quadratic_patch(degree: int = 2) -> Config:
+    """A block on a floor under uniform pressure."""
+    return _scene(
+        [_body("block", [0.0, 0.0], [1.0, 1.0], [4, 4], degree=degree)],
+        [
+            {"on": "block.x-", "displacement": [0.0, None]},
+            {"on": "block.y+", "pressure": 10.0},
+        ],
+        [_plane("block.y-", [0.0, 0.0], [0.0, 1.0])],
+    )
+
+
+def eccentric(reach: float) -> Config:
+    """A free block on a support over 0 ≤ x ≤ reach; the load acts at x = 0.75."""
+    body = _body(
+        "block", [0.0, 0.0], [1.0, 1.0], [50, 8],
+        boundaries={
+            "support": {"where": f"y < 1e-9 and x < {reach} + 1e-9"},
+            "right": {"where": "y > 1 - 1e-9 and x > 0.5 - 1e-9"},
+        },
+    )  # fmt: skip
+    return _scene(
+        [body],
+        [{"on": "block.right", "traction": [0.0, -50.0]}],
+        [_plane("block.support", [0.0, 0.0], [0.0, 1.0])],
+    )
+
+
+def floating(load: list[float]) -> Config:
+    """A free block on a frictionless floor."""
+    return _scene(
+        [_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8])],
+        [{"on": "block.y+", "traction": load}],
+        [_plane("block.y-", [0.0, 0.0], [0.0, 1.0])],
+    )
+
+
+def held_and_touching() -> Config:
+    """Nodes held in one component and in contact in the other, on an oblique plane."""
+    return _scene(
+        [_body("block", [0.0, 0.0], [1.0, 1.0], [12, 12])],
+        [
+            {"on": "block.x-", "displacement": [0.0, None]},
+            {"on": "block.y+", "pressure": 40.0},
+        ],
+        [_plane("block.y-", [0.0, 0.0], [0.3, 1.0])],
+    )
+
+
+def two_planes() -> Config:
+    """A clamped block pressed into a corner: one node touches both planes."""
+    made = wall(12)
+    made["conditions"] = [
+        {"on": "block.x-", "displacement": [0.0, 0.0]},
+        {"on": "block.y+", "traction": [30.0, -80.0]},
+    ]
+    made["contacts"] = [
+        _plane("block.y-", [0.0, -0.002], [0.0, 1.0]),
+        _plane("block.x+", [1.004, 0.0], [-1.0, 0.0]),
+    ]
+    return made
+
+
+def same_plane_thrice() -> Config:
+    """One plane three times, the last time turned by a thousandth."""
+    made = wall()
+    made["contacts"] += [
+        copy.deepcopy(made["contacts"][0]),
+        _plane("block.x+", [1.0, 0.0], [-1.0, 0.001]),
+    ]
+    return made
+
+
+def held_inside() -> Config:
+    """A held face that is moved into an obstacle."""
+    made = grazing()
+    made["contacts"] = [_plane("block.y+", [0.0, 0.99], [0.0, 1.0])]
+    return made
+
+
+def squeezed() -> Config:
+    """A foot on rollers, one node of which two oblique planes push both ways."""
+    made = wall(8)
+    made["bodies"][0]["boundaries"] = {"middle": {"where": "y < 1e-9 and abs(x - 0.5) < 0.01"}}
+    made["conditions"] = [
+        {"on": "block.y-", "displacement": [None, 0.0]},
+        {"on": "block.y+", "traction": [5.0, -5.0]},
+    ]
+    made["contacts"] = [
+        _plane("block.middle", [0.505, 0.0], [1.0, 0.5]),
+        _plane("block.middle", [0.495, 0.0], [-1.0, 0.5]),
+    ]
+    return made
+
+
+def slender(ratio: float, cells: list[int]) -> Config:
+    """A cantilever that bends down onto a plane some way below it."""
+    length, height = 1.0, 1.0 / ratio
+    return _scene(
+        [_body("beam", [0.0, 0.0], [length, height], cells)],
+        [
+            {"on": "beam.x-", "displacement": [0.0, 0.0]},
+            {"on": "beam.y+", "pressure": 2000.0 / ratio**3},
+        ],
+        [_plane("beam.y-", [0.0, -0.02], [0.0, 1.0])],
+    )
+
+
+def slivers(cells: list[int]) -> Config:
+    """The wall with cells a hundred times longer than wide."""
+    made = wall()
+    made["bodies"][0]["mesh"]["box"]["cells"] = cells
+    return made
+
+
+def contrast(ratio: float) -> Config:
+    """A block pressed onto another one that is stiffer, with meshes that do not match."""
+    return _scene(
+        [
+            _body("lower", [0.0, 0.0], [1.0, 1.0], [6, 6], young=1000.0 * ratio),
+            _body("upper", [0.2, 1.0], [0.8, 1.5], [5, 5]),
+        ],
+        [
+            {"on": "lower.y-", "displacement": [0.0, 0.0]},
+            {"on": "upper.x-", "displacement": [0.0, None]},
+            {"on": "upper.y+", "pressure": 10.0},
+        ],
+        [{"on": "upper.y-", "against": "lower.y+"}],
+    )
+
+
+def units(length: float, force: float) -> Config:
+    """The wall in other units."""
+    made = wall()
+    box = made["bodies"][0]["mesh"]["box"]
+    box["upper"] = [length, length]
+    made["bodies"][0]["material"]["young"] *= force / length**2
+    made["conditions"][1]["traction"] = [0.0, -50.0 * force / length**2]
+    made["contacts"][0]["obstacle"]["plane"]["point"] = [length, 0.0]
+    return made
+
+
+def far_away(distance: float) -> Config:
+    """The wall a million lengths from the origin."""
+    made = wall()
+    box = made["bodies"][0]["mesh"]["box"]
+    box["lower"], box["upper"] = [distance, distance], [distance + 1.0, distance + 1.0]
+    made["contacts"][0]["obstacle"]["plane"]["point"] = [distance + 1.0, distance]
+    return made
+
+
+def overlap() -> Config:
+    """Nothing but an obstacle that starts inside the body."""
+    made = wall(12)
+    made["conditions"] = [{"on": "block.x-", "displacement": [0.0, 0.0]}]
+    made["contacts"] = [_plane("block.x+", [0.99, 0.0], [-1.0, 0.05])]
+    return made
+
+
+def many_parts() -> Config:
+    """Triangles cut into parts of a few cells each."""
+    return wall(8, cell="triangle")
+
+
+def locking(poisson: float) -> Config:
+    """The wall in a material that hardly changes its volume."""
+    return wall(16, poisson=poisson)
+
+
+_PATCH_ENERGY = -0.5 * 10.0 * 10.0 * (1.0 - 0.3**2) / 1000.0
+
+CASES = (
+    Case(
+        "grazing", "division by a contact force of zero; rows that switch for ever",
+        "a row is active by its distance to the bound, relative to the bound's own scale",
+        grazing, energy=0.0, scale=1000.0 * 0.015625**2,
+    ),
+    Case(
+        "weakly active rows", "active sets cycle where rows touch without force",
+        "proportioning needs no strict complementarity; rows in touch carry zero",
+        weakly_active, energy=-0.5,
+    ),
+    Case(
+        "quadratic elements, uniform pressure",
+        "nodal forces of a constant pressure are zero or negative at vertices: λ ≥ 0 at nodes "
+        "cannot hold it",
+        "rows that can hold a constant pressure, or a refusal",
+        quadratic_patch, energy=_PATCH_ENERGY,
+    ),
+    Case(
+        "eccentric load inside the support", "the stiffness is singular: no factor, no CG",
+        "rigid motions are kept in equilibrium by the coarse problem",
+        lambda: eccentric(1.0),
+    ),
+    Case(
+        "load at the edge of the support", "few rows carry all; augmented Lagrangians stall",
+        "ρ grows where ‖Cx - c‖ falls too slowly",
+        lambda: eccentric(0.76), mild=lambda: eccentric(1.0),
+    ),
+    Case(
+        "load outside the support", "the cost is unbounded below: an endless loop",
+        "equilibrium of each body is decided before anything is factored",
+        lambda: eccentric(0.74), expected=REFUSED,
+    ),
+    Case(
+        "pulled off", "the same", "the same", lambda: floating([0.0, 10.0]), expected=REFUSED,
+    ),
+    Case(
+        "pushed along a frictionless floor", "the same", "the same",
+        lambda: floating([1.0, -50.0]), expected=REFUSED,
+    ),
+    Case(
+        "free to slide", "the solution is unique only up to a rigid motion: singular systems",
+        "motions that nothing sees and nothing drives are held by rows without force",
+        lambda: floating([0.0, -50.0]), energy=-0.5 * 50.0 * 50.0 * (1.0 - 0.3**2) / 1000.0,
+    ),
+    Case(
+        "held and touching at one node", "redundant rows: a singular coarse problem",
+        "contact rows are cut to the components that are free",
+        held_and_touching,
+    ),
+    Case(
+        "a node in two planes", "two rows at one node; no bound on one component",
+        "any number of rows at a node", two_planes,
+    ),
+    Case(
+        "the same plane thrice", "parallel rows: multipliers are not unique, F is singular",
+        "of parallel rows the tightest stays; nearly parallel ones are harmless",
+        same_plane_thrice, mild=wall,
+    ),
+    Case(
+        "held nodes inside an obstacle", "no displacement satisfies both: multipliers grow",
+        "found when the rows are written", held_inside, expected=REFUSED,
+    ),
+    Case(
+        "squeezed between two obstacles",
+        "held components leave one direction, in which two obstacles overlap: thousands of steps "
+        "to forces of 1e16",
+        "opposite rows at a node are compared when they are written", squeezed, expected=REFUSED,
+    ),
+    Case(
+        "parts of a few cells", "parts that hang by a corner have more zero-energy modes than "
+        "rigid motions", "parts are connected through facets; kernels are checked, not assumed",
+        many_parts, subdomains=24, mild=lambda: wall(8),
+    ),
+    Case(
+        "nearly incompressible, ν = 0.4999", "first-order cells lock; F is ill-conditioned",
+        "the certificate warns; see docs/scenes.md for what to do",
+        lambda: locking(0.4999), mild=wall,
+    ),
+    Case(
+        "stiffness contrast 1e6", "the softer side's accuracy drowns in the stiffer one's scale",
+        "kernels and certificates are relative to each body",
+        lambda: contrast(1e6), subdomains=8, mild=lambda: contrast(1.0),
+    ),
+    Case(
+        "slender body 1:100", "bending modes are 1e8 times softer than compression",
+        "look without contact first; active sets with a coarse problem of their own",
+        lambda: slender(100.0, [200, 2]), subdomains=(10, 1), mild=lambda: slender(5.0, [45, 9]),
+    ),
+    Case(
+        "sliver cells 1:100", "the stiffness is ill-conditioned",
+        "local solves are direct", lambda: slivers([200, 2]), subdomains=(10, 1), mild=wall,
+    ),
+    Case(
+        "micrometres and giganewtons", "absolute tolerances decide", "all tests are relative",
+        lambda: units(1e-6, 1e9), mild=wall,
+    ),
+    Case(
+        "a million lengths from the origin", "gaps and kernels lose ten digits",
+        "kernels are taken about the centre of each subdomain", lambda: far_away(1e6), mild=wall,
+    ),
+    Case(
+        "overlap alone", "no load: relative tests divide by zero",
+        "forces are relative to the largest of loads, reactions and contact forces", overlap,
+    ),
+)  # fmt: skip

@@ -1,0 +1,395 @@
+"""Where methods fail: every method on every failing scene, side by side (``stability``).
+
+Each cell of the table is a real run with a verdict, taken from the answer and not from what the
+method says of itself:
+
+holds      the energy is right to 1e-6 and nothing penetrates by more than 1e-6
+degrades   the same, with more than three times the work of the milder twin
+refused    an error that says why, before or instead of an answer
+fails      the method says that it did not converge, or runs out of time
+WRONG      the method says that it converged, and the answer is none
+cannot     the scene cannot be stated for the method
+
+Right is the exact energy where the scene has one, else that of this application without
+decomposition at tolerance 1e-10, whose duality gap bounds its error; the tests compare it with a
+reference that shares no code with it.
+"""
+
+from __future__ import annotations
+
+import csv
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+
+from contact_app.configuration import Configuration
+from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+from contact_app.scene import Scene, build_scene
+from contact_app.studies.failing_qps import QP_CASES, QPCase
+from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case, Config
+from solver import MPRGP, BoxQP
+from solver.benchmark import RTOL, Problem, run_tao
+from solver.errors import QPError
+
+ENERGY, PENETRATION = 1e-6, 1e-6
+GROWTH = 3.0
+LIMIT = 30.0
+"""Seconds a run may take."""
+
+OURS, WHOLE = "contact-app", "contact-app, whole"
+PEERS = {
+    "SNES VI": "snes-vi-cholmod",
+    "TAO bnls": "tao-bnls",
+    "TAO bntr": "tao-bntr",
+}
+METHODS = (OURS, WHOLE, *PEERS)
+COLUMNS = (
+    "case",
+    "method",
+    "verdict",
+    "detail",
+    "products",
+    "growth",
+    "energy",
+    "penetration",
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one method did on one case.
+
+    Attributes
+    ----------
+    verdict : str
+        One of those above.
+    detail : str
+    products : int
+        Hessian multiplications; of peers, products with the stiffness or factors.
+    energy, penetration : float
+        The penetration relative to the largest displacement.
+    growth : float
+        Products over those of the milder twin; 0 without one.
+    """
+
+    verdict: str
+    detail: str = ""
+    products: int = 0
+    energy: float = float("nan")
+    penetration: float = float("nan")
+    growth: float = 0.0
+
+    def __str__(self) -> str:
+        work = f" ({self.products})" if self.products else ""
+        if self.growth:
+            work += f" ×{self.growth:.1f}"
+        return f"{self.verdict}{work}" + (f": {self.detail}" if self.detail else "")
+
+
+def run_case(case: Case, methods: Sequence[str] = METHODS) -> dict[str, Outcome]:
+    """All methods on one case."""
+    known = case.energy
+    if known is None and case.expected == HOLDS:
+        made = case.make()
+        made["solver"]["tolerance"] = 1e-10
+        known = _solve(OURS, made, 1).energy
+    found = {}
+    for method in methods:
+        outcome = _judged(case, _attempt(method, case, case.make()), known)
+        if outcome.verdict == HOLDS and case.mild is not None:
+            outcome = _grown(outcome, _attempt(method, case, case.mild()))
+        found[method] = outcome
+    return found
+
+
+def _grown(outcome: Outcome, mild: Outcome) -> Outcome:
+    if mild.verdict not in ("", HOLDS) or not mild.products:
+        return outcome
+    growth = outcome.products / mild.products
+    verdict = HOLDS if growth <= GROWTH else "degrades"
+    return replace(outcome, verdict=verdict, growth=growth)
+
+
+def _judged(case: Case, outcome: Outcome, known: float | None) -> Outcome:
+    """The verdict on an answer; others have theirs already."""
+    if outcome.verdict:
+        return outcome
+    if case.expected == REFUSED:
+        return replace(
+            outcome,
+            verdict="WRONG",
+            detail=f"says it converged, penetrating {outcome.penetration:.1e}, "
+            f"energy {outcome.energy:.3g}",
+        )
+    assert known is not None
+    error = abs(outcome.energy - known) / (abs(known) or case.scale)
+    if not error <= ENERGY:
+        return replace(outcome, verdict="WRONG", detail=f"energy off by {error:.1e}")
+    if not outcome.penetration <= PENETRATION:
+        detail = f"penetrates by {outcome.penetration:.1e}"
+        return replace(outcome, verdict="WRONG", detail=detail)
+    return replace(outcome, verdict=HOLDS)
+
+
+def _attempt(method: str, case: Case, made: Config) -> Outcome:
+    """Run a method; an empty verdict where it says it converged."""
+    subdomains = case.subdomains
+    if method == WHOLE:
+        subdomains = 1
+    elif isinstance(subdomains, tuple):
+        subdomains = list(subdomains)
+    try:
+        with time_limit(LIMIT):
+            return _solve(method, made, subdomains)
+    except TimeoutError:
+        return Outcome("fails", f"no end in {LIMIT:.0f} s")
+    except (NoEquilibriumError, ConfigurationError) as error:
+        return Outcome(REFUSED, _short(str(error)))
+    except ContactError as error:
+        return Outcome("fails", _short(str(error)))
+    except (ValueError, RuntimeError) as error:  # a peer's: unsuitable, or an error of PETSc
+        unsuitable = type(error).__name__ == "UnsuitableError"
+        kind = "cannot" if unsuitable else "fails"
+        return Outcome(kind, _short(str(error).strip().splitlines()[-1]))
+
+
+def _solve(method: str, made: Config, subdomains: Any) -> Outcome:
+    scene = _build(made, subdomains)
+    if method in (OURS, WHOLE):
+        from contact_app.run import solve_scene
+
+        summary = solve_scene(scene).summary
+        certificate, products = summary["certificate"], summary["solver"]
+        outcome = Outcome(
+            "",
+            "",
+            products["hessian_multiplications"],
+            summary["solution"]["energy"],
+            certificate["max_penetration"],
+        )
+        if not certificate["passed"]:
+            return replace(outcome, verdict="fails", detail=_short(products["reason"]))
+        return outcome
+    from contact_app.studies import peers
+
+    try:
+        row, _, _ = peers.solve(scene, PEERS[method], scene.solver.tolerance)
+    finally:  # options of PETSc are global: the next method has others
+        for key in peers.METHODS[PEERS[method]].options:
+            PETSc.Options().delValue(key)
+    products = row["products"] if "tao" in PEERS[method] else row["steps"]
+    outcome = Outcome("", "", products, row["energy"], row["penetration"])
+    return outcome if row["converged"] else replace(outcome, verdict="fails", detail="says so")
+
+
+def _build(made: Config, subdomains: Any) -> Scene:
+    decomposition = {"subdomains": subdomains}
+    return build_scene(Configuration.model_validate({**made, "decomposition": decomposition}))
+
+
+def _short(text: str, most: int = 240) -> str:
+    """The first sentence or so, without what only this study's scenes are called."""
+    text = " ".join(text.split()).removeprefix("scene: ").replace("|", "/")
+    return text if len(text) <= most else text[: most - 1].rsplit(" ", 1)[0] + " …"
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError when the time is up, at the next line of Python."""
+
+    def ring(*_: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+# ------------------------------------------------------------------------- quadratic programmes
+
+STRATEGIES = {
+    "projcg-safe": ("projcg-safe", 1.9),
+    "projcg": ("projcg", 1.9),
+    "fixed 1.9": ("fixed", 1.9),
+    "gfgr-opt 1.9": ("gfgr-opt", 1.9),
+    "gfgf-opt 2.0": ("gfgf-opt", 2.0),
+}
+TAO = ("bnls", "tron", "bqnls")
+QP_METHODS = (*STRATEGIES, *(f"TAO {kind}" for kind in TAO))
+RESIDUAL = 1e-5
+"""Relative projected gradient that a solver may leave, asked for 1e-6."""
+
+
+def run_qp_case(case: QPCase, methods: Sequence[str] = QP_METHODS) -> dict[str, Outcome]:
+    """All strategies, and PETSc's solvers, on one quadratic programme."""
+    return {method: _solve_qp(method, case) for method in methods}
+
+
+def _solve_qp(method: str, case: QPCase) -> Outcome:
+    A, b, lower, upper, x0 = case.make()
+    n = len(b)
+    problem = Problem(
+        case.name,
+        sparse.csr_array(A),
+        b,
+        np.full(n, -np.inf) if lower is None else lower,
+        np.full(n, np.inf) if upper is None else upper,
+    )
+    try:
+        with time_limit(LIMIT):
+            if method not in STRATEGIES:
+                entry = run_tao(problem, method.removeprefix("TAO "))
+                return _qp_verdict(case, entry.products or 0, entry.residual, entry.note)
+            expansion, alpha_u = STRATEGIES[method]
+            solver = MPRGP(expansion, alpha_u, rtol=RTOL, max_iterations=20_000)
+            result = solver.solve(BoxQP(problem.A, b, lower, upper), x0)
+    except TimeoutError:
+        return Outcome("fails", f"no end in {LIMIT:.0f} s")
+    except QPError as error:
+        return Outcome(REFUSED, _short(str(error)))
+    except RuntimeError as error:  # PETSc's
+        return Outcome("fails", _short(str(error).strip().splitlines()[-1]))
+    note = "" if result.converged else result.reason.name.lower().replace("_", " ")
+    products = result.counts.hessian + result.counts.norm_estimation
+    return _qp_verdict(case, products, problem.residual(result.x), note)
+
+
+def _qp_verdict(case: QPCase, products: int, residual: float, note: str) -> Outcome:
+    if note:
+        return Outcome("fails", note.replace("stopped: reason ", "PETSc's reason "), products)
+    if case.refused or not residual <= RESIDUAL:
+        return Outcome("WRONG", f"says it converged, residual {residual:.1e}", products)
+    return Outcome(HOLDS, "", products)
+
+
+# ------------------------------------------------------------------------------------- document
+
+Table = dict[str, dict[str, Outcome]]
+
+HEAD = """# Where methods fail
+
+Made by `contact-app stability`; every cell is a run. The number in parentheses is its work:
+products with the Hessian of the dual for this application, with the stiffness for TAO, Newton
+steps (one factor each) for SNES VI; they compare along a column, not along a row. ×2.0 is the
+growth of the work from a milder twin of the scene.
+
+| verdict | means |
+|---|---|
+| holds | the answer is right: energy to 1e-6, penetration below 1e-6 |
+| degrades | right, with more than three times the work of the twin |
+| refused | an error that says why |
+| fails | the method says that it did not converge, or ran out of its 30 seconds |
+| **WRONG** | the method says that it converged, and the answer is none |
+| cannot | the scene cannot be stated as bounds on the displacements of one body |
+
+What is right comes from the exact solution where there is one, else from a run without
+decomposition at tolerance 1e-10, whose duality gap bounds its error. The tests
+(`tests/stability`) compare every row with a reference that shares no code with this application.
+
+## Scenes
+
+`contact-app` is the run with the body cut into subdomains, *whole* the same without
+decomposition, which `auto` chooses for bodies of this size. SNES VI is `vinewtonrsls` with a
+CHOLMOD factor a step, TAO runs CG with Jacobi; all are asked for 1e-8.
+
+"""
+
+MIDDLE = """
+## Quadratic programmes
+
+The strategies of `solver.MPRGP` and PETSc's TAO, from the same start to a projected gradient of
+1e-6 ‖b‖; right is a residual below 1e-5. TAO measures x - P(x - g), which mixes the units of
+variables and gradient: where gradients are large against the box it stops at the start.
+
+"""
+
+TAIL = """
+## Random scenes
+
+`python -m tests.stability.fuzz 500` makes 500 random scenes (bodies, also slender ones, slivers
+and far from the origin; units; materials to a contrast of 1e6; conditions, loads, obstacles,
+partitions) and holds each answer against the undecomposed reference, each refusal against a linear
+programme: none may hang, crash or be certified wrongly. What it found first is guarded now and
+has its row above: nodes squeezed between two obstacles.
+"""
+
+
+def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
+    """Run everything, write ``stability.csv`` and ``stability.md``."""
+    output.mkdir(parents=True, exist_ok=True)
+    PETSc.Log.begin()  # counts TAO's products
+    scenes: Table = {}
+    for case in CASES:
+        scenes[case.name] = run_case(case)
+        tell(_line(case.name, scenes[case.name]))
+    programmes: Table = {}
+    for qp_case in QP_CASES:
+        programmes[qp_case.name] = run_qp_case(qp_case)
+        tell(_line(qp_case.name, programmes[qp_case.name]))
+    table, page = output / "stability.csv", output / "stability.md"
+    with table.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for name, outcomes in (*scenes.items(), *programmes.items()):
+            for method, o in outcomes.items():
+                numbers = (o.products, o.growth, o.energy, o.penetration)
+                writer.writerow((name, method, o.verdict, o.detail, *numbers))
+    page.write_text(document(scenes, programmes), encoding="utf-8")
+    return [table, page]
+
+
+def document(scenes: Table, programmes: Table) -> str:
+    """``docs/stability.md``."""
+    guards = [(c.name, c.failure, c.guard) for c in (*CASES, *QP_CASES)]
+    return "".join(
+        (
+            HEAD,
+            _markdown(("scene", *METHODS), scenes),
+            "\n",
+            _guards([g for g in guards if g[0] in scenes], scenes),
+            MIDDLE,
+            _markdown(("problem", *QP_METHODS), programmes),
+            "\n",
+            _guards([g for g in guards if g[0] in programmes], programmes),
+            TAIL,
+        )
+    )
+
+
+def _line(name: str, outcomes: dict[str, Outcome]) -> str:
+    return f"{name}: " + "; ".join(f"{m} {o}" for m, o in outcomes.items())
+
+
+def _markdown(head: tuple[str, ...], found: Table) -> str:
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for name, outcomes in found.items():
+        lines.append(f"| {name} | " + " | ".join(_cell(o) for o in outcomes.values()) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(outcome: Outcome) -> str:
+    verdict = f"**{outcome.verdict}**" if outcome.verdict == "WRONG" else outcome.verdict
+    notes = [str(outcome.products)] if outcome.products else []
+    if outcome.growth:
+        notes.append(f"×{outcome.growth:.1f}")
+    return f"{verdict} ({', '.join(notes)})" if notes else verdict
+
+
+def _guards(guards: list[tuple[str, str, str]], found: Table) -> str:
+    lines = ["| | without care | the guard |", "|---|---|---|"]
+    for name, failure, guard in guards:
+        ours = next(iter(found[name].values()))
+        said = f"; it says: “{ours.detail}”" if ours.verdict == REFUSED else ""
+        lines.append(f"| {name} | {failure} | {guard}{said} |")
+    return "\n".join(lines) + "\n"
