@@ -72,6 +72,13 @@ class Certificate:
     passed: bool
     warnings: tuple[str, ...] = field(default=())
 
+    def judged(self, tolerance: float) -> Certificate:
+        """The same numbers, held against a tolerance."""
+        limits = dict.fromkeys(NUMBERS, tolerance)
+        limits["equilibrium"] = max(tolerance, EQUILIBRIUM_FLOOR)
+        passed = all(abs(getattr(self, name)) <= limit for name, limit in limits.items())
+        return replace(self, passed=passed)
+
     def as_dict(self) -> dict[str, Any]:
         """As `summary.json` holds it."""
         return {**asdict(self), "warnings": list(self.warnings)}
@@ -151,10 +158,7 @@ def certify(
         duality_gap=gap / (abs(energy) or 1.0),
         passed=False,
     )
-    limits = dict.fromkeys(NUMBERS, tolerance)
-    limits["equilibrium"] = max(tolerance, EQUILIBRIUM_FLOOR)
-    passed = all(abs(getattr(numbers, name)) <= limit for name, limit in limits.items())
-    return replace(numbers, passed=passed), Measures(largest, load, energy, gap)
+    return numbers.judged(tolerance), Measures(largest, load, energy, gap)
 
 
 def _equilibrium(

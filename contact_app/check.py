@@ -101,7 +101,9 @@ def estimate(scene: Scene, known: Outline) -> Cost:
     rows = gluing + contact + (0 if known.eliminated.all() else held)
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
-    products = (80.0 if gluing else 30.0) * max(-math.log10(scene.solver.tolerance) / 6.0, 0.5)
+    products = (80.0 if gluing else 30.0) * max(
+        -math.log10(scene.solver.expected_tolerance) / 6.0, 0.5
+    )
     seconds = CELL_RATE * partition.cells
     application = ROW_RATE * rows
     for g in groups:

@@ -261,11 +261,12 @@ class Split(Model):
 class Solver(Model):
     """How far and by what to solve."""
 
-    tolerance: Annotated[float, Field(ge=1e-14, lt=1)] = Field(
+    tolerance: Literal["auto"] | Annotated[float, Field(ge=1e-14, lt=1)] = Field(
         1e-6,
         description="The run ends when penetration and gluing jumps (over the largest "
         "displacement), complementarity and equality residuals (over the load) and the duality "
-        "gap (over the energy) are all below it; 1e-14 to 1.",
+        "gap (over the energy) are all below it; 1e-14 to 1. auto: a tenth of the estimated "
+        "relative error of the mesh, which also bounds the error of the solver in energy norm.",
     )
     expansion: Literal[EXPANSIONS] = Field(  # type: ignore[valid-type]
         "projcg-safe",

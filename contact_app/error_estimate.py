@@ -17,13 +17,11 @@ Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and wi
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model import Model
-from contact_app.solve import Solution
+from contact_app.solution import Accuracy, Solution
 from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
 from meshes import versions
 from solver.tfeti.dual import interface_slices
@@ -32,29 +30,6 @@ Array = NDArray[np.float64]
 
 STRAINLESS = 1e-18
 """a(u,u) over Σ K_ii u_i² below which strains are round-off: a body that only moves."""
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """Errors in energy norm relative to that of the answer, √a(u,u).
-
-    Attributes
-    ----------
-    discretisation
-        Estimated error of the mesh.
-    algebraic
-        Bound on the error of the solver, √(2 gap).
-    total
-        Root of the sum of their squares.
-    """
-
-    discretisation: float
-    algebraic: float
-    total: float
-
-    def as_dict(self) -> dict[str, float]:
-        """As `summary.json` holds it."""
-        return asdict(self)
 
 
 class ErrorEstimator:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from contact_app.assembly import cell_moduli, stress, von_mises
 from contact_app.model import Model, boundary_facets
-from contact_app.solve import Solution
+from contact_app.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ from mpi4py import MPI
 
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
-from contact_app.solve import Solution, reason_text
+from contact_app.solution import Solution
+from contact_app.solve import reason_text
 
 SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 
 from contact_app.checkpoint import Checkpoint
 from contact_app.environment import environment, slow_blas_warning
-from contact_app.error_estimate import Accuracy, ErrorEstimator
+from contact_app.error_estimate import ErrorEstimator
 from contact_app.errors import ContactError
 from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
 from contact_app.history import History
@@ -26,7 +26,8 @@ from contact_app.output import write_xdmf
 from contact_app.progress import Interruption, Progress, together
 from contact_app.report import log, print_summary, run_log, write_summary
 from contact_app.scene import Scene
-from contact_app.solve import Solution, reason_text, solve
+from contact_app.solution import Accuracy, Solution
+from contact_app.solve import reason_text, solve
 from contact_app.timings import Timings
 from solver.errors import QPError
 from solver.result import Monitor, Reason, Step
@@ -110,7 +111,7 @@ def run(
                 log.warning("%s", warning)
             write_summary(directory / "summary.json", summary)
     if first:
-        print_summary(summary, scene.solver.tolerance, files)
+        print_summary(summary, solved.solution.tolerance, files)
     return CERTIFIED if solved.solution.converged else NOT_CERTIFIED
 
 
@@ -147,11 +148,14 @@ def solve_scene(
     model = build_model(scene, comm, timings)
     try:
         with timings.measure("solve"):
-            solution = solve(model.problem, scene.solver, monitor, checkpoint)
+            estimator = ErrorEstimator(model)
+            assess = estimator.accuracy
+            solution = solve(model.problem, scene.solver, monitor, assess, checkpoint)
     except QPError as error:
         raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
     with timings.measure("estimate"):
-        accuracy = ErrorEstimator(model).accuracy(solution)
+        accuracy = solution.accuracy or estimator.accuracy(solution)
+        solution = replace(solution, accuracy=accuracy)
     with timings.measure("output"):
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)
@@ -227,6 +231,7 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
         },
         "solver": {
             "converged": solution.converged,
+            "tolerance": solution.tolerance,
             "reason": reason_text(solution),
             "outer_iterations": counts.outer,
             "hessian_multiplications": counts.hessian,

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn, Protocol
+from typing import Any, ClassVar, Literal, NoReturn, Protocol
 
 import numpy as np
 
@@ -239,11 +239,16 @@ class Decomposition:
 class SolverOptions:
     """Options of the solver, as the configuration documents them."""
 
-    tolerance: float = 1e-6
+    tolerance: float | Literal["auto"] = 1e-6
     expansion: str = "projcg-safe"
     alpha_u: float = 1.9
     gamma: float = 1.0
     max_iterations: int = 10_000
+
+    @property
+    def expected_tolerance(self) -> float:
+        """What an automatic tolerance may come to, before anything is solved."""
+        return 1e-3 if self.tolerance == "auto" else float(self.tolerance)
 
 
 @dataclass(frozen=True)

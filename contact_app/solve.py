@@ -16,9 +16,11 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.certificate import Certificate, Measures, certify
+from contact_app.certificate import certify
 from contact_app.checkpoint import Checkpoint
 from contact_app.scene import SolverOptions
+from contact_app.solution import Solution
+from contact_app.target import Assess, AutomaticTarget, Target
 from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.operators import estimate_norm
 from solver.result import Monitor
@@ -29,6 +31,9 @@ from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
 from solver.tfeti.preconditioner import LumpedPreconditioner
 from solver.tfeti.recovery import displacements as recover
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
+
+INNER = 0.1
+"""Residual relative to the right-hand side of the dual that a tolerance is worth."""
 
 NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
@@ -50,33 +55,6 @@ TIGHTENINGS = 12
 """How often a solve without outer iterations is continued with a tenfold smaller residual."""
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """An answer and what it took; local parts.
-
-    Attributes
-    ----------
-    multiplier : (dual,)
-        λ.
-    displacements : one (n, members) array a class
-        u.
-    counts, reason
-        Work of the solver and why it ended.
-    """
-
-    multiplier: NDArray[np.float64]
-    displacements: list[NDArray[np.float64]]
-    certificate: Certificate
-    measures: Measures
-    counts: Counts
-    reason: Reason
-
-    @property
-    def converged(self) -> bool:
-        """Whether the certificate passes."""
-        return self.certificate.passed
-
-
 def reason_text(solution: Solution) -> str:
     """Why the solve ended, in a sentence for the user."""
     if solution.converged:
@@ -92,29 +70,34 @@ def solve(
     problem: DualProblem,
     options: SolverOptions,
     monitor: Monitor | None,
+    assess: Assess,
     checkpoint: Checkpoint | None = None,
 ) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it.
 
     Parameters
     ----------
+    assess
+        Estimates the errors of an answer, where the tolerance is to follow them.
     checkpoint
         Where the state of each outer iteration is kept, and where a stopped solve goes on from.
         Solves without outer iterations are short and leave none.
     """
+    given = options.tolerance
+    target = Target(given) if isinstance(given, float) else AutomaticTarget(assess)
     if problem.comm.allreduce(problem.size) == 0:
-        return certified_answer(problem, np.zeros(0), None, options)
+        return target.judge(certified_answer(problem, np.zeros(0), None, target.tolerance))
     inner = MPRGP(
         expansion=options.expansion,
         alpha_u=options.alpha_u,
         gamma=options.gamma,
-        rtol=0.1 * options.tolerance,
+        rtol=INNER * target.tolerance,
         atol=problem.round_off,
         max_iterations=options.max_iterations,
     )
     if problem.coarse is None or problem.lower is None:
-        return _solve_mprgp(problem, options, inner, monitor)
-    return _solve_smalbe(problem, options, inner, monitor, checkpoint)
+        return _solve_mprgp(problem, target, inner, monitor)
+    return _solve_smalbe(problem, target, inner, monitor, checkpoint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +123,7 @@ class _Start:
 class _Face:
     """Conjugate gradients with some contact rows closed and the others open."""
 
-    def __init__(self, problem: DualProblem, touching: NDArray[np.bool_], norm: float) -> None:
+    def __init__(self, problem: DualProblem, touching: NDArray[np.bool_]) -> None:
         self.problem = problem
         self.glued = problem.face(touching)
         self.qp = BoxQP(self.glued.projected, self.glued.rhs)
@@ -194,9 +177,8 @@ class _Face:
 
 def _without_contact(
     problem: DualProblem,
-    options: SolverOptions,
+    target: Target,
     inner: MPRGP,
-    norm: float,
     monitor: Monitor | None,
 ) -> tuple[_Start | None, Solution | None, Counts]:
     """Conjugate gradients on gluing and held rows alone, as far as contact stays undecided.
@@ -207,26 +189,33 @@ def _without_contact(
     """
     if not problem.held_without_contact:
         return None, None, Counts()
-    face = _Face(problem, np.zeros(problem.size, bool), norm)
-    for rtol in (*LOOKS, inner.rtol):
+    face = _Face(problem, np.zeros(problem.size, bool))
+    for look in range(len(LOOKS) + TIGHTENINGS):
+        tolerance = target.tolerance
+        rtol = max(LOOKS[look] if look < len(LOOKS) else 0.0, INNER * tolerance)
         reason = face.solve(inner, rtol, monitor)
         start = face.state()
         if reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
-            solution = certified_answer(problem, start.x, start.equality_force, options)
+            solution = certified_answer(problem, start.x, start.equality_force, tolerance)
             return start, replace(solution, reason=reason), face.counts
         penetration = np.where(problem.inequality, start.residual, 0.0).max(initial=0.0)
         penetration = problem.comm.allreduce(float(penetration), op=MPI.MAX)
         if penetration > rtol * largest_magnitude(problem.comm, start.displacements):
             return start, None, face.counts
-    solution = certified_answer(problem, start.x, start.equality_force, options)
-    return start, solution if solution.certificate.passed else None, face.counts
+        if rtol <= INNER * tolerance:
+            solution = certified_answer(problem, start.x, start.equality_force, tolerance)
+            solution = target.judge(solution)
+            if solution.converged:
+                return start, solution, face.counts
+            if target.tolerance == tolerance:
+                break
+    return start, None, face.counts
 
 
 def _active_sets(
     problem: DualProblem,
-    options: SolverOptions,
+    target: Target,
     inner: MPRGP,
-    norm: float,
     x: NDArray[np.float64],
     monitor: Monitor | None,
 ) -> tuple[Solution | None, Counts]:
@@ -240,29 +229,38 @@ def _active_sets(
     counts = Counts()
     touching = problem.inequality & (x > problem.lower)
     multiplier = problem.offset + x
+    face = None
     for _ in range(FACES):
-        face = _Face(problem, touching, norm)
-        face.start_from(np.where(problem.inequality & ~touching, 0.0, multiplier))
-        left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
-        reason = face.solve(left, 0.1 * inner.rtol, monitor)
-        counts = _sum(counts, face.counts)
+        if face is None:
+            face = _Face(problem, touching)
+            face.start_from(np.where(problem.inequality & ~touching, 0.0, multiplier))
+        tolerance, before = target.tolerance, face.counts
+        left = replace(inner, max_iterations=inner.max_iterations - counts.inner + before.inner)
+        reason = face.solve(left, 0.1 * INNER * tolerance, monitor)
+        counts = _sum(counts, face.counts, before)
         if reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
             break
         state = face.state()
         multiplier = problem.offset + state.x
         largest = largest_magnitude(problem.comm, state.displacements)
-        crossed = state.residual > options.tolerance * 1e-2 * largest
+        crossed = state.residual > 1e-2 * tolerance * largest
         following = problem.inequality & np.where(touching, multiplier > 0.0, crossed)
         if not problem.comm.allreduce(int((following != touching).sum())):
-            solution = certified_answer(problem, state.x, state.equality_force, options, touching)
-            return solution if solution.certificate.passed else None, counts
-        touching = following
+            solution = target.judge(
+                certified_answer(problem, state.x, state.equality_force, tolerance, touching)
+            )
+            if solution.converged:
+                return solution, counts
+            if target.tolerance == tolerance:
+                break
+        else:
+            touching, face = following, None
     return None, counts
 
 
 def _solve_smalbe(
     problem: DualProblem,
-    options: SolverOptions,
+    target: Target,
     inner: MPRGP,
     monitor: Monitor | None,
     checkpoint: Checkpoint | None,
@@ -275,7 +273,7 @@ def _solve_smalbe(
     restart = checkpoint.load(problem) if checkpoint else None
     start, answer, counts = None, None, Counts()
     if restart is None:
-        start, answer, counts = _without_contact(problem, options, inner, norm, monitor)
+        start, answer, counts = _without_contact(problem, target, inner, monitor)
     counts.norm_estimation += products
     if answer is not None:
         return replace(answer, counts=counts)
@@ -284,6 +282,7 @@ def _solve_smalbe(
     displacement = [0.0]
     sizes: list[float] = []
     spent = [Counts()]
+    retry = [0, 0]  # outer iteration of the next certificate at the earliest, failures so far
 
     def near(state: OuterState) -> bool:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
@@ -292,17 +291,24 @@ def _solve_smalbe(
         worst = problem.comm.allreduce(worst, op=MPI.MAX)
         if not displacement[0]:
             displacement[0] = _largest_displacement(problem, state)
-        return worst <= options.tolerance * displacement[0]
+        return worst <= target.tolerance * displacement[0]
 
     def accept(state: OuterState) -> bool:
         sizes.append(state.residual_norm)
-        if near(state):
-            found[:] = [certified_answer(problem, state.x, state.transposed_multiplier, options)]
-            displacement[0] = found[0].measures.displacement
-            return found[0].certificate.passed
+        if near(state) and len(sizes) > retry[0]:
+            answer = certified_answer(
+                problem, state.x, state.transposed_multiplier, target.tolerance
+            )
+            displacement[0] = answer.measures.displacement
+            tolerance = target.tolerance
+            found[:] = [target.judge(answer)]
+            if found[0].converged:
+                return True
+            if target.tolerance == tolerance:
+                retry[:] = [len(sizes) + min(retry[1], target.patience), retry[1] + 1]
         due = len(sizes) % PATIENCE == 0 and problem.held_without_contact
         if due and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]:
-            solution, faces = _active_sets(problem, options, inner, norm, state.x, monitor)
+            solution, faces = _active_sets(problem, target, inner, state.x, monitor)
             spent[0] = _sum(spent[0], faces)
             if solution is not None:
                 found[:] = [solution]
@@ -325,13 +331,14 @@ def _solve_smalbe(
         restart=restart,
     )
     if result.reason is not Reason.ACCEPTED:
-        found[:] = [certified_answer(problem, result.x, result.multiplier, options)]
+        answer = certified_answer(problem, result.x, result.multiplier, target.tolerance)
+        found[:] = [target.judge(answer)]
     counts = _sum(_sum(counts, spent[0]), result.counts)
     return replace(found[0], counts=counts, reason=result.reason)
 
 
 def _solve_mprgp(
-    problem: DualProblem, options: SolverOptions, inner: MPRGP, monitor: Monitor | None
+    problem: DualProblem, target: Target, inner: MPRGP, monitor: Monitor | None
 ) -> Solution:
     """MPRGP alone; without bounds it is the conjugate gradient method."""
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
@@ -341,10 +348,11 @@ def _solve_mprgp(
         result = replace(inner, rtol=rtol, max_iterations=left).solve(qp, x0=x, monitor=monitor)
         x = result.x
         counts = _sum(counts, result.counts)
-        solution = certified_answer(problem, x, None, options)
-        if solution.certificate.passed or result.reason is not Reason.CONVERGED:
+        tolerance = target.tolerance
+        solution = target.judge(certified_answer(problem, x, None, tolerance))
+        if solution.converged or result.reason is not Reason.CONVERGED:
             break
-        rtol *= 0.1
+        rtol = 0.1 * rtol if target.tolerance == tolerance else INNER * target.tolerance
     return replace(solution, counts=counts, reason=result.reason)
 
 
@@ -352,13 +360,15 @@ def certified_answer(
     problem: DualProblem,
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,
-    options: SolverOptions,
+    tolerance: float,
     touching: NDArray[np.bool_] | None = None,
 ) -> Solution:
     """Recover and certify what an iterate of the solver stands for.
 
     Parameters
     ----------
+    tolerance
+        What the certificate is held against.
     touching : (dual,)
         Contact rows that carry force; those above their bound unless given.
     """
@@ -372,8 +382,8 @@ def certified_answer(
     multiplier = feasible_multiplier(problem, balanced, touching)
     alpha = kernel_coefficients(problem, multiplier, equality_force)
     u = recover(problem, multiplier, alpha)
-    certificate, measures = certify(problem, multiplier, u, options.tolerance)
-    return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED)
+    certificate, measures = certify(problem, multiplier, u, tolerance)
+    return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, tolerance)
 
 
 def _largest_displacement(problem: DualProblem, state: OuterState) -> float:
@@ -383,5 +393,9 @@ def _largest_displacement(problem: DualProblem, state: OuterState) -> float:
     return largest_magnitude(problem.comm, interface_displacements(problem, multiplier, alpha))
 
 
-def _sum(a: Counts, b: Counts) -> Counts:
-    return Counts(**{name: value + getattr(b, name) for name, value in a.__dict__.items()})
+def _sum(a: Counts, b: Counts, less: Counts | None = None) -> Counts:
+    """Work of two solves, less what was counted before."""
+    known = less or Counts()
+    return Counts(
+        **{n: value + getattr(b, n) - getattr(known, n) for n, value in a.__dict__.items()}
+    )

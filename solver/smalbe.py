@@ -38,6 +38,9 @@ from solver.vectors import Vector
 WINDOW = 10
 """Outer iterations in which ‖Cx - c‖ should fall tenfold, once the first few are over."""
 
+NEGLIGIBLE = 1e-9
+"""Change of the gradient by a new multiplier, over ‖g^P‖, that leaves the directions conjugate."""
+
 LAGRANGIAN_DIGITS = 1e-12
 """Relative accuracy to which two values of the Lagrangian can be compared."""
 
@@ -329,6 +332,7 @@ class SMALBE:
             np.add(it.g, change, out=it.g)
             np.subtract(augmented.b, change, out=augmented.b)
             sizes.append(size)
+            moved = it.reduction.norm(change) > NEGLIGIBLE * it.projected_gradient_norm
             if self.growth > 1.0 and len(sizes) > WINDOW + 5 and size > 0.1 * sizes[-1 - WINDOW]:
                 # A + ρ CᵀC has a larger ρ from here on: the gradient follows without a product
                 added = (self.growth - 1.0) * rho
@@ -342,6 +346,7 @@ class SMALBE:
                     None if self.inner.norm is None else norm + rho * C_norm**2,
                 )
                 sizes.clear()
+                moved = True
                 previous = -math.inf
             if save is not None:
                 save(
@@ -351,7 +356,7 @@ class SMALBE:
                     )
                 )  # fmt: skip
             it.measure_b()
-            if not self.recompute_gradient:
+            if moved and not self.recompute_gradient:
                 it.restart()
         it.settle()
         return Result(

@@ -126,7 +126,7 @@ def _run(model: Model, solver: SMALBE, name: str, output: Path, timings: Timings
         result = solver.solve(qp, constraint)
         force = np.empty(problem.size)
         constraint.apply_transpose(result.multiplier, force)
-        answer = certified_answer(problem, result.x, force, scene.solver)
+        answer = certified_answer(problem, result.x, force, RTOL)
         solution = replace(answer, counts=result.counts, reason=result.reason)
     with clock.measure("output"):
         nodes, cells = node_fields(model, solution), cell_fields(model, solution)
