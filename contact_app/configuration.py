@@ -20,6 +20,7 @@ from pydantic import (
     Field,
     PrivateAttr,
     Tag,
+    TypeAdapter,
     ValidationError,
     WithJsonSchema,
     field_validator,
@@ -261,7 +262,12 @@ class Split(Model):
 class Solver(Model):
     """How far and by what to solve."""
 
-    tolerance: Literal["auto"] | Annotated[float, Field(ge=1e-14, lt=1)] = Field(
+    tolerance: Annotated[
+        float | Literal["auto"],
+        WithJsonSchema(
+            {"anyOf": [{"const": "auto"}, {"type": "number", "minimum": 1e-14, "maximum": 1}]}
+        ),
+    ] = Field(
         1e-6,
         description="The run ends when penetration and gluing jumps (over the largest "
         "displacement), complementarity and equality residuals (over the load) and the duality "
@@ -281,6 +287,23 @@ class Solver(Model):
     max_iterations: Annotated[int, Field(ge=1, le=MOST_ITERATIONS)] = Field(
         10_000, description="Limit of inner iterations."
     )
+
+    @field_validator("tolerance", mode="wrap")
+    @classmethod
+    def _tolerance(cls, value: Any, check: Callable[[Any], Any]) -> Any:
+        if not isinstance(value, str):
+            return _TOLERANCE.validate_python(value)
+        if value != "auto":
+            raise PydanticCustomError(
+                "told", "is {value}; allowed: auto, or a number from 1e-14 to 1",
+                {"value": _shown(value)},
+            )  # fmt: skip
+        return value
+
+
+_TOLERANCE: TypeAdapter[float] = TypeAdapter(
+    Annotated[float, Field(ge=1e-14, lt=1)], config=ConfigDict(strict=True, allow_inf_nan=False)
+)
 
 
 class Output(Model):

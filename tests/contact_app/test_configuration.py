@@ -122,6 +122,7 @@ WRONG = [
     ("bodies.0.material.poisson=0.4999999999", "round-off would decide"),
     ("solver.tolerance=0", "tolerance is 0; it must be at least 1e-14"),
     ("solver.tolerance=2", "it must be below 1"),
+    ("solver.tolerance=automatic", "allowed: auto, or a number from 1e-14 to 1"),
     ("solver.alpha_u=3", "it must be at most 2"),
     ("solver.gamma=-1", "above 0"),
     ("solver.max_iterations=0", "it must be at least 1"),
