@@ -149,8 +149,8 @@ def solve_scene(
     try:
         with timings.measure("solve"):
             estimator = ErrorEstimator(model)
-            assess = estimator.accuracy
-            solution = solve(model.problem, scene.solver, monitor, assess, checkpoint)
+            options, assess = scene.solver, estimator.accuracy
+            solution = solve(model.problem, options, monitor, checkpoint, assess)
     except QPError as error:
         raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
     with timings.measure("estimate"):

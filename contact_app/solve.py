@@ -20,7 +20,7 @@ from contact_app.certificate import certify
 from contact_app.checkpoint import Checkpoint
 from contact_app.scene import SolverOptions
 from contact_app.solution import Solution
-from contact_app.target import Assess, AutomaticTarget, Target
+from contact_app.target import Assess, Target, aim
 from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.operators import estimate_norm
 from solver.result import Monitor
@@ -70,21 +70,20 @@ def solve(
     problem: DualProblem,
     options: SolverOptions,
     monitor: Monitor | None,
-    assess: Assess,
     checkpoint: Checkpoint | None = None,
+    assess: Assess | None = None,
 ) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it.
 
     Parameters
     ----------
-    assess
-        Estimates the errors of an answer, where the tolerance is to follow them.
     checkpoint
         Where the state of each outer iteration is kept, and where a stopped solve goes on from.
         Solves without outer iterations are short and leave none.
+    assess
+        Estimates the errors of an answer; an automatic tolerance needs it.
     """
-    given = options.tolerance
-    target = Target(given) if isinstance(given, float) else AutomaticTarget(assess)
+    target = aim(options.tolerance, assess)
     if problem.comm.allreduce(problem.size) == 0:
         return target.judge(certified_answer(problem, np.zeros(0), None, target.tolerance))
     inner = MPRGP(

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 from contact_app.solution import Accuracy, Solution
 
@@ -74,3 +75,18 @@ class AutomaticTarget(Target):
             excess = max(accuracy.algebraic / limit, 2.0)
             self.tolerance = min(chosen, self.tolerance / excess)
         return replace(solution, certificate=judged, tolerance=chosen, accuracy=accuracy)
+
+
+def aim(tolerance: float | Literal["auto"], assess: Assess | None) -> Target:
+    """The target that a tolerance means.
+
+    Raises
+    ------
+    ValueError
+        An automatic tolerance without anything to assess an answer with.
+    """
+    if tolerance != "auto":
+        return Target(tolerance)
+    if assess is None:
+        raise ValueError("an automatic tolerance needs an estimate of the error")
+    return AutomaticTarget(assess)
