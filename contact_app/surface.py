@@ -18,7 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model import Model, boundary_facets
-from contact_app.solve import Solution
+from contact_app.solution import Solution
 from meshes.subdomains import VTK_ORDER
 from solver.tfeti.exchange import NodeExchange
 

@@ -26,7 +26,8 @@ from contact_app.progress import Interruption, Progress, together
 from contact_app.report import write_summary
 from contact_app.run import Totals, summarise
 from contact_app.scene import Scene
-from contact_app.solve import Solution, certified_answer, solve
+from contact_app.solution import Solution
+from contact_app.solve import certified_answer, solve
 from contact_app.studies.cube import RTOL, equality
 from contact_app.surface import surface_fields, write_lattice, write_surface
 from contact_app.timings import Timings
@@ -143,5 +144,5 @@ def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Sol
     result.counts.norm_estimation += products
     force = np.empty(problem.size)
     constraint.apply_transpose(result.multiplier, force)
-    answer = certified_answer(problem, result.x, force, model.scene.solver)
+    answer = certified_answer(problem, result.x, force, model.scene.solver.expected_tolerance)
     return replace(answer, counts=result.counts, reason=result.reason)
