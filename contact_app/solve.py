@@ -52,7 +52,7 @@ OUTSIDE = 10.0
 puts outside the range of P, which no step can remove."""
 
 TIGHTENINGS = 12
-"""How often a solve without outer iterations is continued with a tenfold smaller residual."""
+"""How often a solve without contact is continued with a smaller residual."""
 
 
 def reason_text(solution: Solution) -> str:
@@ -341,18 +341,16 @@ def _solve_mprgp(
 ) -> Solution:
     """MPRGP alone; without bounds it is the conjugate gradient method."""
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
-    x, counts, rtol = None, Counts(), inner.rtol
-    for _ in range(TIGHTENINGS):
-        left = inner.max_iterations - counts.inner
-        result = replace(inner, rtol=rtol, max_iterations=left).solve(qp, x0=x, monitor=monitor)
-        x = result.x
-        counts = _sum(counts, result.counts)
-        tolerance = target.tolerance
-        solution = target.judge(certified_answer(problem, x, None, tolerance))
-        if solution.converged or result.reason is not Reason.CONVERGED:
-            break
-        rtol = 0.1 * rtol if target.tolerance == tolerance else INNER * target.tolerance
-    return replace(solution, counts=counts, reason=result.reason)
+    found: list[Solution] = []
+
+    def accept(x: NDArray[np.float64]) -> bool:
+        found[:] = [target.judge(certified_answer(problem, x, None, target.tolerance))]
+        return found[0].converged
+
+    result = inner.solve(qp, monitor=monitor, accept=accept)
+    if not found or not found[0].converged:
+        accept(result.x)
+    return replace(found[0], counts=result.counts, reason=result.reason)
 
 
 def certified_answer(

@@ -16,9 +16,16 @@ from solver.expansion import Expansion, expansion_by_name
 from solver.iterate import Iterate, Preconditioner
 from solver.qp import BoxQP
 from solver.result import Monitor, Reason, Result
+from solver.vectors import Vector
 
 #: Says why to stop, or None to go on.
 Stop = Callable[[Iterate], "Reason | None"]
+
+#: The caller's own test of an iterate (local part); must answer the same on all ranks.
+AcceptIterate = Callable[[Vector], bool]
+
+TIGHTEN = 0.3
+"""Factor on the tolerance where the caller's own test fails."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +68,20 @@ class MPRGP:
     preconditioner: Preconditioner | None = None
     memory: int = 0
 
-    def solve(self, qp: BoxQP, x0: object = None, monitor: Monitor | None = None) -> Result:
+    def solve(
+        self,
+        qp: BoxQP,
+        x0: object = None,
+        monitor: Monitor | None = None,
+        accept: AcceptIterate | None = None,
+    ) -> Result:
         """Minimise from x0 (projected into the box; zeros if None).
+
+        Parameters
+        ----------
+        accept : callable of the iterate (local part)
+            The caller's own test where the tolerance is met. Where it fails the solve goes on,
+            its directions kept, to a tolerance of `TIGHTEN` times that.
 
         Raises
         ------
@@ -77,12 +96,16 @@ class MPRGP:
         tolerance = max(self.rtol * scale, self.atol)
 
         def stop(it: Iterate) -> Reason | None:
+            nonlocal tolerance
             if it.projected_gradient_norm > tolerance:
                 return None
             if it.drift > 0.5 * tolerance:  # recurrences lost what the tolerance asks for
                 it.evaluate()
                 return stop(it)
-            return Reason.CONVERGED
+            if accept is None or tolerance <= self.atol or accept(it.x):
+                return Reason.CONVERGED
+            tolerance = max(TIGHTEN * tolerance, self.atol)
+            return stop(it)
 
         reason = self.minimise(it, stop, monitor)
         it.settle()

@@ -180,7 +180,7 @@ def _solve(method: str, made: Config, subdomains: Any) -> Outcome:
     from contact_app.studies import peers
 
     try:
-        row, _, _ = peers.solve(scene, PEERS[method], scene.solver.tolerance)
+        row, _, _ = peers.solve(scene, PEERS[method], scene.solver.expected_tolerance)
     finally:  # options of PETSc are global: the next method has others
         for key in peers.METHODS[PEERS[method]].options:
             PETSc.Options().delValue(key)
