@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from contact_app.checkpoint import Checkpoint
+from contact_app.communication import Communication
 from contact_app.environment import environment, slow_blas_warning
 from contact_app.error_estimate import ErrorEstimator
 from contact_app.errors import ContactError
@@ -47,6 +48,7 @@ class SolvedScene:
     cells: CellFields
     accuracy: Accuracy
     timings: Timings
+    communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
 
     def displacement_at_nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -146,6 +148,7 @@ def solve_scene(
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
         PETSc.garbage_cleanup(whose)
     model = build_model(scene, comm, timings)
+    communication = Communication(comm)
     try:
         with timings.measure("solve"):
             estimator = ErrorEstimator(model)
@@ -153,6 +156,7 @@ def solve_scene(
             solution = solve(model.problem, options, monitor, checkpoint, assess)
     except QPError as error:
         raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
+    said = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
         solution = replace(solution, accuracy=accuracy)
@@ -166,7 +170,7 @@ def solve_scene(
         solution = replace(
             solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
         )
-    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings)
+    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, said)
     return replace(solved, summary=summary_of(solved))
 
 
@@ -205,6 +209,8 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
     summary["accuracy"] = solved.accuracy.as_dict()
+    if solved.communication is not None:
+        summary["solver"]["communication_per_multiplication"] = solved.communication
     return summary
 
 

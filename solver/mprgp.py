@@ -107,8 +107,10 @@ class MPRGP:
             tolerance = max(TIGHTEN * tolerance, self.atol)
             return stop(it)
 
+        before = qp.reduction.collectives
         reason = self.minimise(it, stop, monitor)
         it.settle()
+        it.counts.collectives += qp.reduction.collectives - before
         return Result(
             x=qp.wrap(it.x),
             reason=reason,

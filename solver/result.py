@@ -56,6 +56,8 @@ class Counts:
     outer: int = 0
     #: products of the power method, which the paper leaves out of ``hessian``
     norm_estimation: int = 0
+    #: sums over all ranks, which every rank waits for
+    collectives: int = 0
 
     @property
     def inner(self) -> int:

@@ -285,6 +285,7 @@ class SMALBE:
         sizes: list[float] = list(restart.sizes) if restart else []
         done = restart.outer if restart else 0
         next_multiplier = multiplier.copy()
+        before = it.reduction.collectives
         for outer in range(done + 1, self.max_outer + 1):
             it.outer = it.counts.outer = outer
             if outer > done + 1 and (self.recompute_gradient or it.drift > 0.1 * tolerance):
@@ -359,6 +360,7 @@ class SMALBE:
             if moved and not self.recompute_gradient:
                 it.restart()
         it.settle()
+        it.counts.collectives += it.reduction.collectives - before
         return Result(
             x=qp.wrap(it.x),
             reason=reason,

@@ -43,6 +43,7 @@ class Reduction:
     def __init__(self, comm: MPI.Comm) -> None:
         self.comm = comm
         self._serial = comm.size == 1
+        self.collectives = 0  # so far; one for each call that would need the other ranks
         self._send = np.zeros(self.WIDTH)
         self._receive = np.zeros((comm.size, self.WIDTH))
 
@@ -54,6 +55,7 @@ class Reduction:
         self, values: tuple[float, ...] | list[float], minimum: float
     ) -> tuple[list[float], float]:
         """Sums of ``values`` and the least ``minimum``, in one collective."""
+        self.collectives += 1
         if self._serial:
             return [float(value) for value in values], float(minimum)
         count = len(values)

@@ -1,0 +1,51 @@
+"""What the ranks of a run had to say to each other while it was solved.
+
+PETSc counts the messages and bytes of its halo exchanges (products with B, and the scatters around
+the coarse factor); the solver counts its sums over all ranks. The coarse factor's own messages are
+MUMPS's and are not seen.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from solver import Counts
+
+HALO = "VecScatterBegin"
+"""PETSc's event in which a halo exchange is posted."""
+
+
+class Communication:
+    """Counts between its making and `per_multiplication`; free on a single rank."""
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        self.comm = comm
+        if comm.size > 1:
+            PETSc.Log.begin()
+        self._before = self._seen()
+
+    def _seen(self) -> Any:
+        if self.comm.size == 1:
+            return np.zeros(2)
+        event = PETSc.Log.Event(HALO).getPerfInfo()
+        return np.array([event["numMessages"], event["messageLength"]])
+
+    def per_multiplication(self, counts: Counts) -> dict[str, float] | None:
+        """Messages, bytes and sums for each Hessian multiplication, over all ranks (collective).
+
+        None on a single rank, which says nothing to anyone.
+        """
+        if self.comm.size == 1:
+            return None
+        # PETSc counts what is sent and what is received
+        messages, length = 0.5 * self.comm.allreduce(self._seen() - self._before)
+        products = max(counts.hessian, 1)
+        return {
+            "messages": round(messages / products, 1),
+            "bytes": round(length / products, 1),
+            "reductions": round(counts.collectives / products, 1),
+        }
