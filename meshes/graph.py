@@ -24,6 +24,10 @@ from meshes.subdomains import VTK_ORDER, Reference, Subdomain
 from meshes.unstructured import CellMesh
 
 
+COINCIDENT = -33
+"""Power of two: nodes that lie so near, over the size of a piece, are at one place in its copy."""
+
+
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A subdomain as it travels from the partitioning rank: plain arrays.
@@ -97,9 +101,10 @@ def place_piece(
     """Build the subdomain of a piece, on a reference it may share with congruent ones."""
     origin = piece.points.min(axis=0)
     local = piece.points - origin
-    scale = max(float(np.ptp(local, axis=0).max()), np.finfo(float).tiny)
-    shape = np.rint(local / scale * 1e10).astype(np.int64)
-    key = (piece.cell, scale, shape.tobytes(), piece.cells.tobytes(), piece.tags.tobytes())
+    # a power of two, which the round-off of a translation does not change
+    quantum = float(np.exp2(np.rint(np.log2(np.ptp(local, axis=0).max())) + COINCIDENT))
+    shape = np.rint(local / quantum).astype(np.int64)
+    key = (piece.cell, quantum, shape.tobytes(), piece.cells.tobytes(), piece.tags.tobytes())
     if key not in references:
         cells = piece.cells[:, VTK_ORDER[piece.cell]]  # this order is its own inverse
         references[key] = Reference.of(

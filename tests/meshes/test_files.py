@@ -127,8 +127,10 @@ def test_repeated_parts_share_one_reference(tmp_path: Path) -> None:
     """The same piece twice, apart from each other and of one material: one factor."""
     given = meshfiles.block("tetrahedron", 2)
     bodies = [
-        load_mesh(meshfiles.write(given, tmp_path / "a.msh"), 3, Placement(translation=(x, 0, 0)))
-        for x in (0.0, 3.0)
+        load_mesh(
+            meshfiles.write(given, tmp_path / "a.msh"), 3, Placement(0.7, translation=(x, 0.1, 0))
+        )
+        for x in (0.0, 1000.7)
     ]
     partition = decompose(bodies, None, MPI.COMM_SELF)
     assert len({id(s.reference) for s in partition.subdomains}) == 1
