@@ -39,6 +39,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(reproduce, name="reproduce")
     app.command("bench")(bench)
     app.command("stability")(stability)
+    app.command("chart")(chart)
 
 
 def svm(
@@ -155,6 +156,35 @@ def bench(
     for row in study.bench(directory, sizes[0], sizes[1], tolerance, limit, chosen or None):
         typer.echo(study.line(row))
     typer.echo(f"wrote {directory / 'bench.csv'} and bench.png")
+
+
+def chart(
+    config: Annotated[Path, typer.Argument(help="The scene, a YAML file.", show_default=False)],
+    output: OutputOption = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a key: path.to.key=value.", show_default=False),
+    ] = None,
+    largest: Annotated[
+        int, typer.Option(help="Degrees of freedom of the finest mesh of the sweep.")
+    ] = 100_000,
+    limit: Annotated[float, typer.Option(help="Seconds a point may take.")] = 60.0,
+    peers: Annotated[bool, typer.Option(help="Run PETSc's solvers, too.")] = True,
+) -> None:
+    """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, peers."""
+    from contact_app.studies import chart as study
+
+    directory = output or Path("results") / f"chart-{config.stem}"
+    changes = overrides or []
+    sweep = study.plan(config, changes, largest, peers)
+    for progress in study.chart(config, directory, sweep, changes, limit):
+        row = progress.row
+        if row is None:
+            typer.echo(progress.text)
+        else:
+            errors = (f"{name[6:]} {row[name]:.1e}" for name in study.COLUMNS[-3:])
+            typer.echo(f"{progress.text}: {row['seconds']:.2f} s, errors: {', '.join(errors)}")
+    typer.echo(f"wrote {directory / 'frontier.csv'} and frontier.png")
 
 
 def _numbers(option: str, text: str) -> list[int]:

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from contact_app.studies.peers import METHODS
-from contact_app.studies.processes import RunError, parallel_ranks, python, settings
+from contact_app.studies.processes import RunError
+from contact_app.studies.runs import run_one
 
 COLUMNS = ("series", "method", "cells", "dofs", "seconds", "peak_rss_gb", "steps", "products",
            "energy", "energy_error", "penetration", "subdomains", "ranks", "note")  # fmt: skip
@@ -124,51 +125,7 @@ def _run(
         f"bodies.0.mesh.box.cell={series.cell}",
         f"decomposition={parts}",
     )
-    run = peer if method in METHODS else ours
-    return run(method, config(), overrides, tolerance, limit)
-
-
-def peer(
-    method: str, scene: Path, overrides: Sequence[str], tolerance: float, limit: float | None
-) -> dict[str, Any]:
-    """Row of a method of PETSc's."""
-    ranks = parallel_ranks() if METHODS[method].parallel else 1
-    row = python(
-        "-m", "contact_app.studies.peers", method, str(scene), *settings(overrides),
-        "--tolerance", str(tolerance), limit=limit, ranks=ranks,
-    )  # fmt: skip
-    if not row["converged"]:
-        raise RunError("it did not converge")
-    return row
-
-
-def ours(
-    _method: str, scene: Path, overrides: Sequence[str], tolerance: float, limit: float | None
-) -> dict[str, Any]:
-    """Row of this application's own run of a scene."""
-    summary = python(
-        "-m", "contact_app.studies.point", str(scene),
-        *settings([*overrides, f"solver.tolerance={tolerance}"]), limit=limit,
-    )  # fmt: skip
-    return from_summary(summary)
-
-
-def from_summary(summary: dict[str, Any]) -> dict[str, Any]:
-    """Row of a ``summary.json``."""
-    if not summary["certificate"]["passed"]:
-        raise RunError("it was not certified")
-    stages = ("setup", "assembly", "factorization", "solve")
-    return {
-        "dofs": summary["mesh"]["dofs"],
-        "seconds": sum(summary["timings"][s] for s in stages),
-        "peak_rss_gb": summary["environment"]["peak_rss_gb"],
-        "steps": summary["solver"]["outer_iterations"],
-        "products": summary["solver"]["hessian_multiplications"],
-        "energy": summary["solution"]["energy"],
-        "penetration": summary["certificate"]["max_penetration"],
-        "subdomains": summary["decomposition"]["subdomains"],
-        "ranks": summary["environment"]["ranks"],
-    }
+    return run_one(method, config(), overrides, tolerance, limit)
 
 
 def with_energy_error(found: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -35,6 +35,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -194,6 +195,26 @@ def solve(
     return row, system, x
 
 
+def _save(system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
+    """Write the fields at the nodes, gathered on rank 0 (collective)."""
+    watched = np.zeros(len(system.points), bool)
+    watched[system.contact // system.dimension] = True
+    mine = system.points, system.displacement(x), system.pressure(x), watched
+    gathered = MPI.COMM_WORLD.gather(mine)
+    if gathered is not None:
+        points, displacement, pressure, watched = (
+            np.concatenate(part) for part in zip(*gathered, strict=True)
+        )
+        np.savez(
+            path,
+            points=points,
+            displacement=displacement,
+            pressure=pressure,
+            watched=watched,
+            first_node=np.array([0, len(points)]),
+        )
+
+
 def main() -> None:
     """Run one method and print its row."""
     from contact_app.configuration import load
@@ -205,11 +226,14 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--tolerance", type=float, default=1e-8)
     parser.add_argument("--petsc", action="append", default=[], help="KEY=VALUE")
+    parser.add_argument("--fields", type=Path, help="where the fields at the nodes go")
     arguments = parser.parse_args()
     for pair in arguments.petsc:
         PETSc.Options().setValue(*pair.split("=", 1))
     scene = build_scene(load(arguments.config, arguments.overrides))
-    row, _, _ = solve(scene, arguments.method, arguments.tolerance)
+    row, system, x = solve(scene, arguments.method, arguments.tolerance)
+    if arguments.fields:
+        _save(system, x, arguments.fields)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(row), flush=True)
 

@@ -1,7 +1,7 @@
 """One run of this application for a study, in a process of its own.
 
 ``python -m contact_app.studies.point SCENE.yaml`` solves and prints ``summary.json`` in one line;
-nothing is written unless fields are asked for.
+nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``).
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+
+import numpy as np
 
 from contact_app.configuration import load
 from contact_app.run import solve_scene
@@ -20,8 +22,19 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("config", type=Path)
     parser.add_argument("--set", action="append", default=[], dest="overrides")
+    parser.add_argument("--fields", type=Path)
     arguments = parser.parse_args()
     solved = solve_scene(build_scene(load(arguments.config, arguments.overrides)))
+    if arguments.fields:
+        nodes = solved.nodes
+        np.savez(
+            arguments.fields,
+            points=nodes.points,
+            displacement=nodes.displacement,
+            pressure=nodes.contact_pressure,
+            watched=~np.isnan(nodes.gap),
+            first_node=solved.model.partition.first_node,
+        )
     print(json.dumps(solved.summary), flush=True)
 
 

@@ -12,7 +12,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
 from typing import Any
 
 
@@ -78,11 +77,6 @@ def python(*arguments: str, limit: float | None = None, ranks: int = 1) -> dict[
 def parallel_ranks() -> int:
     """Ranks for methods that gain from them: one a core where there is ``mpirun``."""
     return cores() if shutil.which("mpirun") else 1
-
-
-def settings(overrides: Sequence[str]) -> list[str]:
-    """Overrides as command-line arguments."""
-    return [part for override in overrides for part in ("--set", override)]
 
 
 def _end(process: subprocess.Popen[str]) -> None:

@@ -1,0 +1,431 @@
+"""Speed against accuracy: which settings of a scene nothing beats.
+
+Every point is a real run in a process of its own; seconds count from the mesh to the certified
+solution. Meshes are those of the scene's boxes with cells halved and doubled; on them vary the
+degree, the cell, the tolerance, the expansion, the decomposition and, as peers, PETSc's
+bound-constrained solvers. What the schema of a scene does not allow is left out and said, so a
+new option of the schema takes part as soon as it is there. Errors are measured against the
+extrapolated answer of `reference`.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+import tempfile
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contact_app.configuration import load
+from contact_app.errors import ConfigurationError
+from contact_app.scene import CELLS, Box, Scene, build_scene
+from contact_app.studies.frontier import frontier
+from contact_app.studies.lattice import Lattice, Mesh
+from contact_app.studies.peers import METHODS
+from contact_app.studies.processes import RunError
+from contact_app.studies.reference import QUANTITIES, Fields, ReferenceAnswer, Ruler
+from contact_app.studies.runs import run_one
+
+COLUMNS = ("method", "degree", "cell", "dofs", "tolerance", "subdomains", "seconds",
+           "peak_rss_gb", "error_energy", "error_displacement", "error_pressure")  # fmt: skip
+OURS = "contact-app"
+DEGREES = (1, 2)
+TOLERANCES = (1e-2, 1e-4, 1e-8, 1e-10)
+"""Swept beside `USUAL`."""
+USUAL = 1e-6
+PEER_TOLERANCES = (1e-3, 1e-6)
+EXPANSIONS = ("fixed", "projcg", "gfgf-opt")
+"""Swept beside the scene's own."""
+PARTS = (1, 2, 4)
+"""Subdomains along each axis, swept beside the scene's own decomposition."""
+SMALLEST, LARGEST = Fraction(1, 8), 8
+REFERENCE_DOFS = 2_500_000
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to run the scene.
+
+    Attributes
+    ----------
+    factor
+        Cells along each axis relative to the scene's.
+    decomposition, expansion
+        None: the scene's own.
+    """
+
+    factor: Fraction
+    cell: str
+    degree: int = 1
+    tolerance: float = USUAL
+    method: str = OURS
+    decomposition: str | None = None
+    expansion: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Method as the CSV has it."""
+        return f"{self.method} {self.expansion}" if self.expansion else self.method
+
+    def overrides(self, scene: Scene) -> list[str]:
+        """Changes of the scene's file."""
+        result = []
+        for number, body in enumerate(scene.bodies):
+            assert isinstance(body.mesh, Box)
+            cells = ",".join(str(n) for n in scaled(body.mesh.cells, self.factor))
+            result += [
+                f"bodies.{number}.mesh.box.cells=[{cells}]",
+                f"bodies.{number}.mesh.box.cell={self.cell}",
+                f"bodies.{number}.degree={self.degree}",
+            ]
+        if self.method in METHODS:
+            result.append("decomposition=auto")
+        elif self.decomposition:
+            result.append(f"decomposition={self.decomposition}")
+        if self.expansion:
+            result.append(f"solver.expansion={self.expansion}")
+        return result
+
+    def describe(self, scene: Scene) -> str:
+        """In a few words."""
+        mesh = scene.bodies[0].mesh
+        assert isinstance(mesh, Box)
+        cells = "x".join(str(n) for n in scaled(mesh.cells, self.factor))
+        where = f", {self.decomposition}" if self.decomposition else ""
+        return f"{self.name}, degree {self.degree}, {self.cell} {cells}, {self.tolerance:g}{where}"
+
+
+def scaled(cells: Sequence[int], factor: Fraction) -> tuple[int, ...]:
+    """Cells along each axis times a factor.
+
+    Raises
+    ------
+    ValueError
+        One of them is no whole number.
+    """
+    result = [n * factor for n in cells]
+    if any(n.denominator != 1 for n in result):
+        raise ValueError(f"{tuple(cells)} times {factor}")
+    return tuple(int(n) for n in result)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a chart runs.
+
+    Attributes
+    ----------
+    variants
+        In the order they run.
+    references
+        Three of them, cells halved from one to the next.
+    left_out
+        What the scene does not allow, a sentence each.
+    """
+
+    scene: Scene
+    variants: tuple[Variant, ...]
+    references: tuple[Variant, ...]
+    left_out: tuple[str, ...]
+
+
+def plan(
+    config: Path, overrides: Sequence[str] = (), largest: int = 100_000, peers: bool = True
+) -> Sweep:
+    """Find out what a scene allows and what is worth running.
+
+    Parameters
+    ----------
+    largest
+        Unknowns of the finest mesh of the sweep.
+
+    Raises
+    ------
+    ConfigurationError
+        The scene is wrong, or its meshes are no boxes that can be refined.
+    """
+    scene = build_scene(load(config, overrides))
+    boxes = [body.mesh for body in scene.bodies if isinstance(body.mesh, Box)]
+    if len(boxes) < len(scene.bodies):
+        raise ConfigurationError(f"{config}: a chart refines its meshes, which boxes allow only")
+    own = boxes[0].cell
+    if any(box.cell != own for box in boxes):
+        raise ConfigurationError(f"{config}: a chart needs bodies of one kind of cell")
+    left_out: list[str] = []
+
+    def allowed(variant: Variant, what: str) -> bool:
+        try:
+            build_scene(load(config, [*overrides, *variant.overrides(scene)]))
+        except ConfigurationError as error:
+            left_out.append(f"{what}: {str(error).splitlines()[0]}")
+            return False
+        return True
+
+    levels = _levels(boxes, scene.dimension, largest)
+    coarse, fine = levels[0], levels[-2:]
+    cells = [c for c in sorted(CELLS[scene.dimension], key=lambda c: c != own)
+             if c == own or allowed(Variant(coarse, c), c)]  # fmt: skip
+    degrees = [1, *(p for p in DEGREES[1:] if allowed(Variant(coarse, own, p), f"degree {p}"))]
+    variants = [
+        Variant(f, c, p)
+        for f, c, p in itertools.product(levels, cells, degrees)
+        if _dofs(boxes, f, p) <= largest
+    ]
+    for p, f in itertools.product(degrees, levels):
+        if _dofs(boxes, f, p) <= largest:
+            variants += [Variant(f, own, p, t) for t in TOLERANCES]
+    variants += [
+        Variant(f, own, expansion=e)
+        for f, e in itertools.product(fine, EXPANSIONS)
+        if e != scene.solver.expansion
+    ]
+    for f, n in itertools.product(fine, PARTS):
+        parts = "{subdomains: [" + ",".join([str(n)] * scene.dimension) + "]}"
+        variant = Variant(f, own, decomposition=parts)
+        if allowed(variant, f"{n} subdomains along each axis"):
+            variants.append(variant)
+    if peers and len(scene.bodies) > 1:
+        left_out.append("peers: they take scenes of one body")
+    elif peers:
+        variants += [
+            Variant(f, own, p, t, m)
+            for m, p, t, f in itertools.product(
+                (name for name, method in METHODS.items() if method.contact),
+                degrees, PEER_TOLERANCES, levels,
+            )
+            if _dofs(boxes, f, p) <= largest
+        ]  # fmt: skip
+    left_out.append("adaptive meshes: a sweep refines everywhere")
+    order = sorted(range(len(variants)), key=lambda i: variants[i].factor)
+    finest = _reference_factor(boxes, levels[-1], degrees[-1])
+    references = tuple(
+        Variant(finest / 2**k, own, degrees[-1], min(1e-8, USUAL)) for k in (2, 1, 0)
+    )
+    return Sweep(scene, tuple(variants[i] for i in order), references, tuple(left_out))
+
+
+def _levels(boxes: Sequence[Box], dimension: int, largest: int) -> list[Fraction]:
+    """Factors of the meshes of the sweep, coarsest first."""
+    levels = []
+    factor = SMALLEST
+    while factor <= LARGEST and _dofs(boxes, factor, 1) <= largest:
+        try:
+            smallest = min(n for box in boxes for n in scaled(box.cells, factor))
+        except ValueError:
+            smallest = 0
+        if smallest >= 2:
+            levels.append(factor)
+        factor *= 2
+    if not levels:
+        raise ConfigurationError(
+            f"the scene's mesh has more than {largest} degrees of freedom; allow a chart more, or "
+            "coarsen the mesh"
+        )
+    return levels
+
+
+def _dofs(boxes: Sequence[Box], factor: Fraction, degree: int) -> int:
+    nodes = (math.prod(int(n * factor) * degree + 1 for n in box.cells) for box in boxes)
+    return sum(nodes) * len(boxes[0].cells)
+
+
+def _reference_factor(boxes: Sequence[Box], finest: Fraction, degree: int) -> Fraction:
+    """Finest mesh of the reference: two levels of nodes beyond the sweep, or one."""
+    for factor in (4 * finest / degree, 2 * finest / degree):
+        if _dofs(boxes, factor, degree) <= REFERENCE_DOFS:
+            return factor
+    return 2 * finest / degree
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a chart tells while it runs: a sentence, or the row of a point."""
+
+    text: str
+    row: dict[str, Any] | None = None
+
+
+def chart(
+    config: Path, output: Path, sweep: Sweep, overrides: Sequence[str] = (), limit: float = 60.0
+) -> Iterator[Progress]:
+    """Run a sweep; write ``frontier.csv`` as it grows and ``frontier.png`` at its end.
+
+    Interrupted, it leaves what it had.
+
+    Parameters
+    ----------
+    limit
+        Seconds a point may take; what takes longer is not tried on finer meshes.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    for sentence in sweep.left_out:
+        yield Progress(f"left out: {sentence}")
+    rows: list[dict[str, Any]] = []
+    sentence = ""
+    try:
+        with tempfile.TemporaryDirectory() as scratch:
+            file = Path(scratch) / "fields.npz"
+            reference = yield from _reference(config, sweep, overrides, file)
+            sentence = reference.describe()
+            yield Progress(sentence)
+            slow: set[Variant] = set()
+            for number, variant in enumerate(sweep.variants):
+                head = f"[{number + 1}/{len(sweep.variants)}] {variant.describe(sweep.scene)}"
+                kind = replace(variant, factor=Fraction(1), tolerance=USUAL)
+                if kind in slow:
+                    yield Progress(f"{head}: left out after a coarser mesh")
+                    continue
+                try:
+                    row = _point(config, sweep, variant, overrides, limit, file, reference)
+                except RunError as error:
+                    slow.add(kind)
+                    yield Progress(f"{head}: {error}")
+                    continue
+                rows.append(row)
+                write(rows, output / "frontier.csv")
+                yield Progress(head, row)
+    finally:
+        write(rows, output / "frontier.csv")
+        if rows:
+            draw(rows, output / "frontier.png", sweep.scene.title, sentence)
+
+
+def _meshes(scene: Scene, variant: Variant) -> list[Mesh]:
+    return [
+        Mesh(variant.cell, variant.degree, scaled(body.mesh.cells, variant.factor))
+        for body in scene.bodies
+        if isinstance(body.mesh, Box)
+    ]
+
+
+def _reference(
+    config: Path, sweep: Sweep, overrides: Sequence[str], file: Path
+) -> Generator[Progress, None, ReferenceAnswer]:
+    """Solve the three finest meshes and extrapolate."""
+    scene, finest = sweep.scene, sweep.references[-1]
+    sampled, ruler = [], None
+    lattices = []
+    for body in scene.bodies:
+        assert isinstance(body.mesh, Box)
+        cells = scaled(body.mesh.cells, finest.factor * finest.degree)
+        lattices.append(Lattice(body.mesh.lower, body.mesh.upper, cells))
+    for variant in reversed(sweep.references):
+        yield Progress(f"reference: {variant.describe(scene)}")
+        settings = [*overrides, *variant.overrides(scene)]
+        try:
+            run_one(OURS, config, settings, variant.tolerance, fields=file)
+        except RunError as error:
+            raise ConfigurationError(f"{config}: the reference failed: {error}") from error
+        fields = Fields.load(str(file))
+        if ruler is None:
+            watched = []
+            for number, (lattice, mesh) in enumerate(
+                zip(lattices, _meshes(scene, variant), strict=True)
+            ):
+                mine = fields.body(number)
+                seen = lattice.evaluate(mesh, fields.points[mine], fields.watched[mine] * 1.0)
+                watched.append(seen.ravel() > 0.5)
+            ruler = Ruler(scene, tuple(lattices), watched)
+        sampled.append(ruler.sample(fields, _meshes(scene, variant)))
+    assert ruler is not None
+    return ReferenceAnswer.of(ruler, sampled[::-1])
+
+
+def _point(
+    config: Path,
+    sweep: Sweep,
+    variant: Variant,
+    overrides: Sequence[str],
+    limit: float,
+    file: Path,
+    reference: ReferenceAnswer,
+) -> dict[str, Any]:
+    """Run one variant and measure its errors."""
+    settings = [*overrides, *variant.overrides(sweep.scene)]
+    found = run_one(variant.method, config, settings, variant.tolerance, limit, file)
+    sampled = reference.ruler.sample(Fields.load(str(file)), _meshes(sweep.scene, variant))
+    errors = reference.errors(sampled)
+    return {
+        "method": variant.name,
+        "degree": variant.degree,
+        "cell": variant.cell,
+        "dofs": found["dofs"],
+        "tolerance": variant.tolerance,
+        "subdomains": found["subdomains"],
+        "seconds": round(found["seconds"], 4),
+        "peak_rss_gb": round(found["peak_rss_gb"], 3),
+        **{f"error_{q}": float(f"{e:.4g}") for q, e in zip(QUANTITIES, errors, strict=True)},
+    }
+
+
+def write(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """All points as CSV."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Points of a CSV that `write` made."""
+    texts = ("method", "cell")
+    with path.open(encoding="utf-8", newline="") as file:
+        return [{k: v if k in texts else float(v) for k, v in row.items()}
+                for row in csv.DictReader(file)]  # fmt: skip
+
+
+def is_ours(row: dict[str, Any]) -> bool:
+    """Whether a point is this application's."""
+    return str(row["method"]).startswith(OURS)
+
+
+MARKERS = {"hexahedron": "s", "tetrahedron": "^", "quadrilateral": "s", "triangle": "^"}
+
+
+def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) -> None:
+    """Seconds against each error: frontiers as lines, dominated points faint."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    colours = plt.get_cmap("tab10")
+    groups = {"ours": [r for r in rows if is_ours(r)]}
+    for row in rows:
+        if not is_ours(row):
+            groups.setdefault(str(row["method"]), []).append(row)
+    figure, panels = plt.subplots(1, 3, figsize=(15, 5.2), layout="constrained", sharex=True)
+    for axes, quantity in zip(panels, QUANTITIES, strict=True):
+        for number, (name, points) in enumerate(groups.items()):
+            seconds = np.array([p["seconds"] for p in points], float)
+            errors = np.array([p[f"error_{quantity}"] for p in points], float)
+            best = frontier(seconds, errors)
+            axes.plot(
+                seconds[best], errors[best], color=colours(number), label=name,
+                linewidth=2.5 if name == "ours" else 1.2,
+                linestyle="-" if name == "ours" else "--",
+            )  # fmt: skip
+            for i, point in enumerate(points):
+                degree = int(point["degree"])
+                axes.plot(
+                    seconds[i], errors[i], MARKERS[str(point["cell"])], color=colours(number),
+                    alpha=0.9 if i in best else 0.18, markersize=4 + 2.5 * (degree - 1),
+                    markeredgewidth=1.0, markerfacecolor="none" if degree == 2 else None,
+                )  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("seconds from mesh to solution")
+        axes.set_title(f"relative error of {quantity}", fontsize=10)
+        axes.grid(visible=True, which="both", alpha=0.25)
+    panels[0].legend(fontsize=8)
+    cells = dict.fromkeys(str(r["cell"]) for r in rows)
+    shapes = ", ".join(f"{'■' if MARKERS[c] == 's' else '▲'} {c}" for c in cells)
+    figure.suptitle(f"{title}\n{shapes}; hollow: degree 2. {sentence}", fontsize=10)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)

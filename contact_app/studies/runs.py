@@ -1,0 +1,74 @@
+"""One run of a study: ours or a method of PETSc's on a scene, and its row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from contact_app.studies.peers import METHODS
+from contact_app.studies.processes import RunError, parallel_ranks, python
+
+STAGES = ("setup", "assembly", "factorization", "solve")
+"""What counts as seconds: from the mesh to the certified solution, nothing written."""
+
+
+def run_one(
+    method: str,
+    scene: Path,
+    overrides: Sequence[str],
+    tolerance: float,
+    limit: float | None = None,
+    fields: Path | None = None,
+) -> dict[str, Any]:
+    """Solve a scene in a process of its own: dofs, seconds, memory, products, energy.
+
+    Parameters
+    ----------
+    method
+        One of `peers.METHODS`; any other name is this application.
+    overrides
+        ``key=value`` each, for the scene.
+    limit
+        Seconds, start-up included.
+    fields
+        Where the fields at the nodes go, a ``.npz`` file.
+
+    Raises
+    ------
+    RunError
+        It failed, did not converge, was not certified or ran out of time.
+    """
+    more = [part for override in overrides for part in ("--set", override)]
+    more += ["--fields", str(fields)] if fields else []
+    if method in METHODS:
+        ranks = parallel_ranks() if METHODS[method].parallel else 1
+        row = python(
+            "-m", "contact_app.studies.peers", method, str(scene), *more,
+            "--tolerance", str(tolerance), limit=limit, ranks=ranks,
+        )  # fmt: skip
+        if not row["converged"]:
+            raise RunError("it did not converge")
+        return {**row, "subdomains": 1}
+    summary = python(
+        "-m", "contact_app.studies.point", str(scene), *more,
+        "--set", f"solver.tolerance={tolerance}", limit=limit,
+    )  # fmt: skip
+    return from_summary(summary)
+
+
+def from_summary(summary: dict[str, Any]) -> dict[str, Any]:
+    """Row of a ``summary.json``."""
+    if not summary["certificate"]["passed"]:
+        raise RunError("it was not certified")
+    return {
+        "dofs": summary["mesh"]["dofs"],
+        "seconds": sum(summary["timings"][stage] for stage in STAGES),
+        "peak_rss_gb": summary["environment"]["peak_rss_gb"],
+        "steps": summary["solver"]["outer_iterations"],
+        "products": summary["solver"]["hessian_multiplications"],
+        "energy": summary["solution"]["energy"],
+        "penetration": summary["certificate"]["max_penetration"],
+        "subdomains": summary["decomposition"]["subdomains"],
+        "ranks": summary["environment"]["ranks"],
+    }

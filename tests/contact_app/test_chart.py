@@ -1,0 +1,250 @@
+"""The chart of speed against accuracy: its frontier, its ruler, and tiny charts of real runs."""
+
+from __future__ import annotations
+
+import csv
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contact_app.configuration import load
+from contact_app.errors import ConfigurationError
+from contact_app.scene import Material, build_scene
+from contact_app.studies import chart
+from contact_app.studies.frontier import fastest_within, frontier
+from contact_app.studies.lattice import Lattice, Mesh
+from contact_app.studies.processes import RunError
+from contact_app.studies.reference import ReferenceAnswer, Ruler, Sampled, extrapolate
+from tests import scenes
+from tests.reference import solve as solve_reference
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+NUMBERS = st.one_of(st.integers(0, 5).map(float), st.sampled_from([np.nan, np.inf]))
+
+
+# --- the frontier
+
+
+@given(st.lists(st.tuples(NUMBERS, NUMBERS), max_size=12))
+def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> None:
+    seconds, errors = [p[0] for p in points], [p[1] for p in points]
+    found = frontier(seconds, errors)
+    finite = [i for i, p in enumerate(points) if np.isfinite(p).all()]
+
+    def beats(a: int, b: int) -> bool:
+        first, second = points[a], points[b]
+        return first != second and first[0] <= second[0] and first[1] <= second[1]
+
+    unbeaten = [i for i in finite if not any(beats(j, i) for j in finite)]
+    assert {points[i] for i in found} == {points[i] for i in unbeaten}
+    assert len({points[i] for i in found}) == len(found)
+    assert [seconds[i] for i in found] == sorted(seconds[i] for i in found)
+    assert [errors[i] for i in found] == sorted((errors[i] for i in found), reverse=True)
+
+
+def test_fastest_within_an_error() -> None:
+    assert fastest_within([3.0, 1.0, 2.0], [0.1, 0.5, 0.1], 0.2) == 2
+    assert fastest_within([1.0], [0.5], 0.2) is None
+
+
+# --- the ruler
+
+
+def _nodes(mesh: Mesh, lower: tuple[float, ...], upper: tuple[float, ...]) -> np.ndarray:
+    """Nodes of a mesh in an order that is not the lattice's, (n, 3)."""
+    axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, mesh.shape, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
+    order = np.random.default_rng(3).permutation(len(points))
+    return np.pad(points, ((0, 0), (0, 3 - len(lower))))[order]
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_polynomials_are_evaluated_exactly(cell: str, degree: int) -> None:
+    d = 3 if cell in ("hexahedron", "tetrahedron") else 2
+    lower, upper = (1.0, -2.0, 0.5)[:d], (2.0, 0.0, 3.5)[:d]
+    mesh = Mesh(cell, degree, (2, 3, 1)[:d])
+    lattice = Lattice(lower, upper, (8, 12, 4)[:d])
+    fine = _nodes(Mesh("quadrilateral", 1, lattice.cells), lower, upper)
+
+    def field(x: np.ndarray) -> np.ndarray:
+        line = x[:, :d] @ np.array([1.0, -3.0, 0.7])[:d] + 2.0
+        return np.column_stack([line**degree, -line])
+
+    nodes = _nodes(mesh, lower, upper)
+    found = lattice.evaluate(mesh, nodes, field(nodes))
+    order = np.lexsort(fine[:, :d].T[::-1])
+    assert found == pytest.approx(field(fine[order]), abs=1e-11)
+    with pytest.raises(ValueError, match="nodes"):
+        lattice.evaluate(mesh, nodes[1:], field(nodes)[1:])
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "triangle"])
+def test_simplices_are_those_of_dolfinx(cell: str) -> None:
+    """The interpolant of a random field agrees with dolfinx's inside every cell."""
+    from dolfinx import fem
+    from dolfinx import mesh as dmesh
+    from mpi4py import MPI
+
+    from meshes import versions
+
+    d = 3 if cell == "tetrahedron" else 2
+    make = dmesh.create_box if d == 3 else dmesh.create_rectangle
+    mesh = make(MPI.COMM_SELF, [np.zeros(d), np.ones(d)], [2] * d, getattr(dmesh.CellType, cell))
+    space = versions.vector_space(mesh, 1, d)
+    function = fem.Function(space)
+    function.x.array[:] = np.random.default_rng(1).normal(size=len(function.x.array))
+    cells = versions.cell_nodes(mesh)
+    centres = mesh.geometry.x[cells].mean(axis=1)
+    expected = function.eval(centres, np.arange(len(cells), dtype=np.int32))
+    fine = 8 if d == 3 else 6  # centres of simplices of 2 cells: multiples of 1/8, 1/6
+    lattice = Lattice((0.0,) * d, (1.0,) * d, (fine,) * d)
+    nodes = space.tabulate_dof_coordinates()
+    found = lattice.evaluate(Mesh(cell, 1, (2,) * d), nodes, function.x.array.reshape(-1, d))
+    place = np.rint(centres[:, :d] * fine).astype(int)
+    rows = np.ravel_multi_index(tuple(place.T), (fine + 1,) * d)
+    assert found[rows] == pytest.approx(expected, abs=1e-12)
+
+
+def test_energy_and_volume_of_the_lattice() -> None:
+    material, lattice = Material(210.0, 0.3), Lattice((0, 0, 0), (2, 1, 1), (4, 3, 2))
+    points = _nodes(Mesh("hexahedron", 1, lattice.cells), lattice.lower, lattice.upper)
+    points = points[np.lexsort(points.T[::-1])]
+    stretch = np.zeros_like(points)
+    stretch[:, 0] = 0.1 * points[:, 0]
+    modulus = 210.0 * 0.7 / (1.3 * 0.4)
+    assert lattice.energy(stretch, material, None) == pytest.approx(2.0 * modulus * 0.01)
+    assert lattice.energy(np.ones_like(points), material, None) == pytest.approx(0.0, abs=1e-10)
+    assert lattice.weights.sum() == pytest.approx(2.0)
+
+
+def test_extrapolation_finds_rate_and_rest() -> None:
+    scene = build_scene(load(CONFIGS / "block_2d.yaml"))
+    box = scene.bodies[0].mesh
+    lattice = Lattice(box.lower, box.upper, (4, 4))
+    ruler = Ruler(scene, (lattice,), [np.ones(25, bool)])
+    limit = np.random.default_rng(0).normal(size=(25, 3))
+    drift = np.random.default_rng(1).normal(size=(25, 3))
+
+    def answer(h: float) -> Sampled:
+        field = limit + h**2 * drift
+        return Sampled([field[:, :2]], [field[:, 2]])
+
+    reference = ReferenceAnswer.of(ruler, [answer(0.4), answer(0.2), answer(0.1)])
+    assert reference.rates == pytest.approx(2.0)
+    left = ruler.norms(answer(0.1), answer(0.0)) / reference.norms
+    assert reference.accuracy[1:] == pytest.approx(left[1:])
+    near = ruler.norms(answer(0.2), answer(0.1)) / reference.norms
+    assert reference.errors(answer(0.2))[1:] == pytest.approx(near[1:])
+    assert reference.errors(answer(0.1))[0] == pytest.approx(reference.accuracy[0])
+    assert "rate 2.00" in reference.describe()
+    assert extrapolate(np.ones(3), np.ones(3))[0] == pytest.approx(0.25)
+
+
+# --- charts
+
+
+def test_a_patch_whose_answer_every_mesh_holds_has_no_error(tmp_path: Path) -> None:
+    """Uniform compression: errors are those of the solvers, peers included."""
+    config = CONFIGS / "block_2d.yaml"
+    sweep = chart.plan(config, largest=140)
+    usual = {(v.cell, v.method): v for v in sweep.variants if v == chart.Variant(
+        v.factor, v.cell, method=v.method)}  # fmt: skip
+    chosen = [usual[c, m] for c, m in (("quadrilateral", "contact-app"),
+              ("triangle", "contact-app"), ("quadrilateral", "tao-bnls"))]  # fmt: skip
+    sweep = chart.Sweep(sweep.scene, tuple(chosen), sweep.references, sweep.left_out)
+    told = list(chart.chart(config, tmp_path, sweep))
+    rows = chart.read(tmp_path / "frontier.csv")
+    assert len(rows) == len(chosen) == sum(p.row is not None for p in told)
+    for row in rows:
+        assert row["error_energy"] < 1e-5
+        assert row["error_displacement"] < 1e-5
+        assert row["error_pressure"] < 1e-5
+        assert row["seconds"] > 0.0
+        assert row["dofs"] == 132
+    with (tmp_path / "frontier.csv").open() as file:
+        assert next(csv.reader(file)) == list(chart.COLUMNS)
+    assert (tmp_path / "frontier.png").stat().st_size > 10_000
+
+
+def test_an_interrupted_chart_leaves_what_it_had(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = CONFIGS / "block_2d.yaml"
+    sweep = chart.plan(config, largest=1000, peers=False)
+    asked = []
+
+    def point(_config, _sweep, variant, *_rest):
+        asked.append(variant)
+        if variant.cell == "triangle":
+            raise RunError("not done after 1 s")
+        if len(asked) > 5:
+            raise KeyboardInterrupt
+        return dict.fromkeys(chart.COLUMNS, 1.0) | {"method": "contact-app", "cell": variant.cell}
+
+    def reference(*_arguments):
+        yield chart.Progress("reference")
+        return ReferenceAnswer(None, None, np.ones(3), np.ones(3), np.ones(3))
+
+    monkeypatch.setattr(chart, "_point", point)
+    monkeypatch.setattr(chart, "_reference", reference)
+    with pytest.raises(KeyboardInterrupt):
+        list(chart.chart(config, tmp_path, sweep))
+    assert len(chart.read(tmp_path / "frontier.csv")) == 4
+    assert (tmp_path / "frontier.png").exists()
+
+
+def test_what_a_scene_does_not_allow_is_said(tmp_path: Path) -> None:
+    path = scenes.write(scenes.two_bodies("hexahedron", 2), tmp_path / "two.yaml")
+    sweep = chart.plan(path, largest=20_000)
+    assert any("peers" in sentence for sentence in sweep.left_out)
+    assert not any(v.method != "contact-app" for v in sweep.variants)
+    degrees = {v.degree for v in sweep.variants}
+    assert (2 in degrees) != any("degree 2" in sentence for sentence in sweep.left_out)
+    with pytest.raises(ConfigurationError, match="one kind of cell"):
+        chart.plan(CONFIGS / "three_bodies.yaml")
+    with pytest.raises(ConfigurationError, match="more than 10 degrees"):
+        chart.plan(CONFIGS / "cube.yaml", largest=10)
+    with pytest.raises(ConfigurationError, match="unknown"):
+        chart.plan(CONFIGS / "cube.yaml", ["unknown=1"])
+
+
+def test_cells_are_scaled_to_whole_numbers() -> None:
+    assert chart.scaled((20, 8), Fraction(1, 4)) == (5, 2)
+    with pytest.raises(ValueError, match="1/8"):
+        chart.scaled((20, 8), Fraction(1, 8))
+
+
+# --- peers on whole systems
+
+
+@pytest.mark.parametrize(
+    ("name", "cells"),
+    [("sphere", "[4,4,3]"), ("tilted_plane", "[20,3,3]")],
+)
+def test_peers_solve_scenes_with_turned_frames(name: str, cells: str) -> None:
+    """Bounds in turned frames against the reference that keeps the rows."""
+    from contact_app.studies.peers import solve
+
+    overrides = [f"bodies.0.mesh.box.cells={cells}"]
+    scene = build_scene(load(CONFIGS / f"{name}.yaml", overrides))
+    expected = solve_reference(scene)
+    row, system, x = solve(scene, "snes-vi-cholmod", 1e-10)
+    assert row["energy"] == pytest.approx(expected.energy, rel=1e-8)
+    assert row["penetration"] < 1e-10
+    order, other = (np.lexsort(p.round(9).T) for p in (system.points, expected.points))
+    size = np.abs(expected.u).max()
+    assert system.displacement(x)[order] == pytest.approx(expected.u[other], abs=1e-7 * size)
+    assert system.pressure(x).max() > 0.0
+
+
+def test_peers_refuse_two_bodies() -> None:
+    from contact_app.studies.whole import UnsuitableError, assemble
+
+    scene = build_scene(load(CONFIGS / "three_bodies.yaml"))
+    with pytest.raises(UnsuitableError, match="bodies"):
+        assemble(scene)
