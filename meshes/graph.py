@@ -23,7 +23,6 @@ from meshes import versions
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain
 from meshes.unstructured import CellMesh
 
-
 COINCIDENT = -33
 """Power of two: nodes that lie so near, over the size of a piece, are at one place in its copy."""
 
