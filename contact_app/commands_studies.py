@@ -39,6 +39,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(reproduce, name="reproduce")
     app.command("bench")(bench)
     app.command("stability")(stability)
+    app.command("growth")(growth)
     app.command("chart")(chart)
 
 
@@ -158,6 +159,42 @@ def bench(
     typer.echo(f"wrote {directory / 'bench.csv'} and bench.png")
 
 
+def growth(
+    output: OutputOption = None,
+    cells: Annotated[
+        str, typer.Option(help="Cells along an edge of each cube; none runs nothing.")
+    ] = "14,20,30,40,60,80,100",
+    summaries: Annotated[
+        list[Path] | None,
+        typer.Option(help="summary.json of further runs, or directories of them."),
+    ] = None,
+    tolerance: Annotated[float, typer.Option(help="Tolerance of the runs.")] = 1e-6,
+    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 600.0,
+) -> None:
+    """Measure how time and memory grow with the degrees of freedom: table, CSV and figure."""
+    from contact_app.studies import growth as study
+
+    directory = output or Path("results/growth")
+    sizes = _numbers("--cells", cells)
+    rows = []
+    typer.echo(f"{'dofs':>11} {'subdomains':>10} {'seconds':>9} {'GB':>6} {'products':>8}")
+    for row in study.growth(directory, sizes, summaries or [], tolerance, limit):
+        if "note" in row:
+            typer.echo(f"{row['dofs']:11,} {row['note']}")
+            continue
+        rows.append(row)
+        typer.echo(
+            f"{row['dofs']:11,} {row['subdomains']:10,} {row['seconds']:9.2f} "
+            f"{row['peak_rss_gb']:6.2f} {row['products']:8}"
+        )
+    if len(rows) > 1:
+        dofs = [row["dofs"] for row in rows]
+        for key, what in (("seconds", "time"), ("peak_rss_gb", "memory")):
+            growth_rate = study.slope(dofs, [row[key] for row in rows])
+            typer.echo(f"slope of {what}: {growth_rate:.2f}")
+    typer.echo(f"wrote {directory / 'growth.csv'} and growth.png")
+
+
 def chart(
     config: Annotated[Path, typer.Argument(help="The scene, a YAML file.", show_default=False)],
     output: OutputOption = None,
@@ -167,8 +204,8 @@ def chart(
     ] = None,
     largest: Annotated[
         int, typer.Option(help="Degrees of freedom of the finest mesh of the sweep.")
-    ] = 100_000,
-    limit: Annotated[float, typer.Option(help="Seconds a point may take.")] = 60.0,
+    ] = 250_000,
+    limit: Annotated[float, typer.Option(help="Seconds a point may take.")] = 30.0,
     peers: Annotated[bool, typer.Option(help="Run PETSc's solvers, too.")] = True,
 ) -> None:
     """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, peers."""

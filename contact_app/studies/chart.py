@@ -136,7 +136,7 @@ class Sweep:
 
 
 def plan(
-    config: Path, overrides: Sequence[str] = (), largest: int = 100_000, peers: bool = True
+    config: Path, overrides: Sequence[str] = (), largest: int = 250_000, peers: bool = True
 ) -> Sweep:
     """Find out what a scene allows and what is worth running.
 
@@ -252,7 +252,7 @@ class Progress:
 
 
 def chart(
-    config: Path, output: Path, sweep: Sweep, overrides: Sequence[str] = (), limit: float = 60.0
+    config: Path, output: Path, sweep: Sweep, overrides: Sequence[str] = (), limit: float = 30.0
 ) -> Iterator[Progress]:
     """Run a sweep; write ``frontier.csv`` as it grows and ``frontier.png`` at its end.
 
