@@ -51,6 +51,10 @@ OUTSIDE = 10.0
 """Residual that conjugate gradients leave, over the part of the right-hand side that rounding
 puts outside the range of P, which no step can remove."""
 
+MEMORY = 10
+"""Pairs that MPRGP remembers on the contact rows of whole bodies: they are short beside a product,
+and slender bodies, whose F is ill-conditioned, do not end without."""
+
 TIGHTENINGS = 12
 """How often a solve without contact is continued with a smaller residual."""
 
@@ -341,6 +345,8 @@ def _solve_mprgp(
 ) -> Solution:
     """MPRGP alone; without bounds it is the conjugate gradient method."""
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
+    if problem.coarse is None and problem.lower is not None:
+        inner = replace(inner, memory=MEMORY)
     found: list[Solution] = []
 
     def accept(x: NDArray[np.float64]) -> bool:

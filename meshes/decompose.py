@@ -24,6 +24,12 @@ Shape = BoxShape | CellMesh
 WHOLE_BODY_NODES = 1500
 """Bodies of up to this many nodes stay whole: one small factor beats any gluing."""
 
+SLENDER = 20.0
+"""Boxes so many times longer than wide stay whole up to `SLENDER_NODES`: the factor of a narrow
+body is cheap, and the bending of a chain of subdomains makes the dual ill-conditioned."""
+
+SLENDER_NODES = 50_000
+
 PIECE_NODES = 5000
 """Nodes of a subdomain that `auto` makes of a mesh: each has a factor of its own, so fewer and
 larger ones than of a box cost more to factor than they save in gluing."""
@@ -106,7 +112,10 @@ def choose_split(box: BoxShape, at_least: int = 1) -> tuple[int, ...]:
     Sub-boxes about as long in every direction, which divide the box evenly if a split near the
     wish does, so that they are congruent; one subdomain for a small body.
     """
-    if box.nodes <= WHOLE_BODY_NODES and at_least == 1:
+    edges = sorted(c * h for c, h in zip(box.cells, box.spacing, strict=True))
+    slender = edges[-1] > SLENDER * edges[-2]
+    whole = SLENDER_NODES if slender else WHOLE_BODY_NODES
+    if box.nodes <= whole and at_least == 1:
         return (1,) * box.dimension
     mean_cells = math.prod(box.cells) ** (1.0 / box.dimension)
     mean_spacing = math.prod(box.spacing) ** (1.0 / box.dimension)
