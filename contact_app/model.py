@@ -697,6 +697,8 @@ def _dual_problem(
         with timings.measure("factorization"):
             kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
             coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT)
+    wide = np.zeros(len(kinds), bool)
+    wide[kinds == RowKind.CONTACT] = contact.wide
     problem = DualProblem(
         comm=comm,
         dimension=d,
@@ -705,6 +707,7 @@ def _dual_problem(
         c=c,
         kinds=kinds,
         contact=contact,
+        wide=wide,
         forces=tuple(class_loads),
         lifting=tuple(class_lifts),
         coarse=coarse,

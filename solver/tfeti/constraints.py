@@ -166,6 +166,12 @@ class ContactRows:
     spread: NDArray[np.float64]
     entries: ContactEntries
 
+    @property
+    def wide(self) -> NDArray[np.bool_]:
+        """Which rows have entries at several nodes, (k,)."""
+        pairs = np.unique(np.stack([self.entries.row, self.entries.node], axis=1), axis=0)
+        return np.bincount(pairs[:, 0], minlength=len(self.nodes)) > 1
+
     @classmethod
     def join(cls, parts: Sequence[ContactRows]) -> ContactRows:
         """Rows of several parts, sorted."""

@@ -82,6 +82,8 @@ class DualProblem:
         `RowKind` of each row.
     contact : ContactRows
         Geometry of the contact rows, in row order.
+    wide : (dual,)
+        Contact rows over several nodes, which overlap others.
     forces : one (n, members) array a class
         Loads f.
     lifting : one (n, members) array a class
@@ -101,6 +103,7 @@ class DualProblem:
     c: NDArray[np.float64]
     kinds: NDArray[np.int8]
     contact: ContactRows
+    wide: NDArray[np.bool_]
     forces: tuple[NDArray[np.float64], ...]
     lifting: tuple[NDArray[np.float64], ...]
     coarse: CoarseProblem | None

@@ -4,9 +4,9 @@
 
 with S the stiffness restricted to the interface unknowns (Farhat, Roux 1991): B S Bᵀ approximates
 the inverse of F = B K⁺ Bᵀ on the range of P, and ρ⁻¹ Q inverts the penalty of SMALBE there. B has
-orthonormal rows, so no scaling by multiplicity is left to do. The solver cuts the result to the
-free rows. It costs two projections and a product with a sparse matrix, against the product with
-the dense inverse in F.
+orthonormal rows, so no scaling by multiplicity is left to do, but for rows of several nodes, which
+`CoupledRows` weighs. The solver cuts the result to the free rows. It costs two projections and a
+product with a sparse matrix, against the product with the dense inverse in F.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.coarse import petsc_vec
+from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.dual import DualProblem, interface_slices
 
 DENSE_GAIN = 20.0
@@ -35,7 +36,10 @@ class LumpedPreconditioner:
 
     def __init__(self, problem: DualProblem, rho: float) -> None:
         assert problem.coarse is not None
-        self.comm, self.B, self.coarse, self.rho = problem.comm, problem.B, problem.coarse, rho
+        self.comm, self.coarse, self.rho = problem.comm, problem.coarse, rho
+        some = problem.comm.allreduce(int(problem.wide.any()))
+        self._coupled = CoupledRows(problem) if some else None
+        self.B = self._coupled.B if self._coupled else problem.B
         self._slices = interface_slices(problem.classes)
         self._shapes = [(c.members, len(c.interface)) for c in problem.classes]
         self._stiffness = [_fastest(c.interface_stiffness) for c in problem.classes]
@@ -47,10 +51,14 @@ class LumpedPreconditioner:
         """Follow the solver to another ρ."""
         self.rho = rho
 
-    def apply(self, r: NDArray[np.float64], free_mask: object, out: NDArray[np.float64]) -> None:
-        """Put z into out; the mask is the caller's business."""
+    def apply(
+        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
+    ) -> None:
+        """Put z into out; cutting it to the mask is the caller's business."""
         self.coarse.apply(r, self._q)
         np.subtract(r, self._q, out=self._p)
+        if self._coupled:
+            self._coupled.divide(self._p, free_mask)
         self.B.multTranspose(petsc_vec(self._p, self.comm), petsc_vec(self._jumps, self.comm))
         for S, part, shape in zip(self._stiffness, self._slices, self._shapes, strict=True):
             jumps, forces = self._jumps[part].reshape(shape), self._forces[part].reshape(shape)
@@ -59,6 +67,8 @@ class LumpedPreconditioner:
             else:
                 forces[:] = (S @ jumps.T).T
         self.B.mult(petsc_vec(self._forces, self.comm), petsc_vec(out, self.comm))
+        if self._coupled:
+            self._coupled.divide(out, free_mask)
         self.coarse.project(out, out)
         self._q /= self.rho
         out += self._q

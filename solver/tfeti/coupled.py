@@ -1,0 +1,104 @@
+"""Contact rows that share nodes: how a preconditioner weighs them.
+
+Rows over several nodes, between bodies that may be of unlike stiffness, are neither orthonormal
+nor equally stiff on both sides, and B S Bᵀ is no approximate inverse of B K⁺ Bᵀ: it adds the
+stiffness of both sides where F adds their compliance. With D the size of each subdomain's
+stiffness and M = B D⁻¹ Bᵀ, the compliance of these rows if every unknown were a spring of its
+own,
+
+    M⁻¹ B D⁻¹ S D⁻¹ Bᵀ M⁻¹
+
+is one (A. Klawonn, O. Widlund, FETI and Neumann-Neumann iterative substructuring methods, Comm.
+Pure Appl. Math. 54 (2001)); for orthonormal rows within one stiffness it is B S Bᵀ again. Only
+rows free to move count in M, as open contact joins nothing. M is as large as a contact surface;
+every rank holds and factors it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from solver.tfeti.coarse import petsc_vec
+from solver.tfeti.dual import DualProblem
+
+
+class CoupledRows:
+    """M⁻¹ on the rows of several nodes that are free, and B with these rows divided by D.
+
+    Attributes
+    ----------
+    B : PETSc matrix (dual, interface)
+        Rows of several nodes times D⁻¹, the others as they were.
+    """
+
+    def __init__(self, problem: DualProblem) -> None:
+        self.comm = problem.comm
+        self._rows = np.flatnonzero(problem.wide)
+        compliance = np.concatenate(
+            [
+                np.zeros(0),
+                *(
+                    np.full(c.members * len(c.interface), 1.0 / c.stiffness.diagonal().mean())
+                    for c in problem.classes
+                ),
+            ]
+        )
+        mask = problem.wide.astype(float)
+        wide = problem.B.copy()
+        wide.diagonalScale(L=petsc_vec(mask, self.comm))
+        divided = wide.copy()
+        divided.diagonalScale(R=petsc_vec(compliance, self.comm))
+        self._matrix = self._gathered(divided.matMult(wide.transpose(PETSc.Mat())))
+        self.B = problem.B.copy()
+        self.B.diagonalScale(L=petsc_vec(1.0 - mask, self.comm))
+        self.B.axpy(1.0, divided, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        for matrix in (wide, divided):
+            matrix.destroy()
+        counts = self.comm.allgather(len(self._rows))
+        first = sum(counts[: self.comm.rank])
+        self._mine = slice(first, first + len(self._rows))
+        self._filled = self._matrix.diagonal() > 0.0
+        self._face: bytes | None = None
+
+    def _gathered(self, product: PETSc.Mat) -> sparse.csc_matrix:
+        """The rows and columns of several nodes, on every rank."""
+        starts, columns, values = product.getValuesCSR()
+        size = product.getSize()
+        local = sparse.csr_matrix((values, columns, starts), shape=(len(starts) - 1, size[1]))
+        first = product.getOwnershipRange()[0]
+        every = np.concatenate(self.comm.allgather(first + self._rows))
+        parts = self.comm.allgather(local[self._rows][:, every])
+        product.destroy()
+        return sparse.vstack(parts, format="csc")
+
+    def divide(self, x: NDArray[np.float64], free: NDArray[np.bool_] | None) -> None:
+        """Replace the rows of several nodes by M⁻¹ of those that are free, zero elsewhere.
+
+        Parameters
+        ----------
+        x : (dual,)
+        free : (dual,)
+            The face; None for all rows.
+        """
+        own = np.ones(len(self._rows), bool) if free is None else free[self._rows]
+        values, in_face = x[self._rows], own
+        if self.comm.size > 1:
+            pairs = self.comm.allgather((values, own))
+            values, in_face = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        in_face = in_face & self._filled
+        if in_face.tobytes() != self._face:
+            self._face = in_face.tobytes()
+            self._chosen = np.flatnonzero(in_face)
+            if len(self._chosen):
+                block = self._matrix[self._chosen][:, self._chosen]
+                self._factor = splu(
+                    block.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+                )
+        result = np.zeros(len(values))
+        if len(self._chosen):
+            result[self._chosen] = self._factor.solve(values[self._chosen])
+        x[self._rows] = result[self._mine]
