@@ -3,7 +3,7 @@
 The dual graph (cells joined by facets) is partitioned by Scotch. A part may fall into pieces
 that touch only along an edge or in a corner; such a part has more zero-energy modes than the
 rigid motions, so every piece that hangs together through facets becomes a subdomain of its own,
-whose kernel is exactly the rigid motions.
+whose kernel is exactly the rigid motions; small ones are given to a neighbour instead.
 
 The graph is partitioned on the rank that holds the mesh; each other rank receives its
 subdomains only.
@@ -22,6 +22,9 @@ from scipy.sparse.csgraph import connected_components
 from meshes import versions
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain
 from meshes.unstructured import CellMesh
+
+CRUMB = 0.2
+"""Share of the mean size below which a piece that broke off a part is given to a neighbour."""
 
 COINCIDENT = -33
 """Power of two: nodes that lie so near, over the size of a piece, are at one place in its copy."""
@@ -83,11 +86,42 @@ def facet_connected_parts(pairs: NDArray[np.int64], cells: int, parts: int) -> N
     )
     within = pairs[part[pairs[:, 0]] == part[pairs[:, 1]]]
     _, label = connected_components(_symmetric(within, cells), directed=False)
+    of_piece = part[np.unique(label, return_index=True)[1]].astype(np.int64)
+    label, of_piece = _without_crumbs(label, of_piece, pairs, CRUMB * cells / parts)
     # numbered by part, so that the numbers do not depend on the search above
-    keys = part[np.unique(label, return_index=True)[1]]
-    renumber = np.empty(len(keys), np.int64)
-    renumber[np.argsort(keys, kind="stable")] = np.arange(len(keys))
+    renumber = np.empty(len(of_piece), np.int64)
+    renumber[np.argsort(of_piece, kind="stable")] = np.arange(len(of_piece))
     return renumber[label]
+
+
+def _without_crumbs(
+    label: NDArray[np.int64], part: NDArray[np.int64], pairs: NDArray[np.int64], least: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Give small pieces that broke off a part to the piece they share most facets with.
+
+    Parameters
+    ----------
+    label : (cells,)
+        Piece of each cell.
+    part : (pieces,)
+        Part each piece belongs to.
+    least
+        Cells below which a piece is given away, unless it is the largest of its part.
+
+    Returns
+    -------
+    The same without the pieces given away.
+    """
+    size = np.bincount(label)
+    largest = np.zeros(part.max() + 1, np.int64)
+    np.maximum.at(largest, part, size)
+    crumbs = np.flatnonzero((size < least) & (size < largest[part]))
+    for crumb in crumbs[np.argsort(size[crumbs], kind="stable")]:
+        sides = label[pairs]
+        out = sides[(sides == crumb).sum(axis=1) == 1]
+        label[label == crumb] = np.bincount(out[out != crumb]).argmax()
+    kept, label = np.unique(label, return_inverse=True)
+    return label.reshape(-1), part[kept]
 
 
 def place_piece(

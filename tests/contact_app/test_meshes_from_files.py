@@ -149,7 +149,7 @@ def test_the_answer_does_not_depend_on_the_ranks(tmp_path: Path) -> None:
     one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
     assert two["environment"]["ranks"] == 2
     assert two["mesh"] == one["mesh"]
-    assert two["solver"] == one["solver"]
+    assert {key: two["solver"][key] for key in one["solver"]} == one["solver"]
     for key, value in one["solution"].items():
         assert two["solution"][key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from meshes import BoxShape, Partition, decompose
+from meshes import BoxShape, Partition, decompose, graph, versions
 from meshes.decompose import choose_split
 
 BOXES = {
@@ -124,3 +124,15 @@ def test_automatic_splits_are_near_cubes(cells: tuple[int, ...]) -> None:
     edges = np.array(cells) / np.array(choose_split(box))
     assert edges.max() / edges.min() < 2.5
     assert np.prod(choose_split(box, at_least=50)) >= 50
+
+
+def test_what_breaks_off_a_part_is_split_or_given_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A row of 20 cells; part 1 is in three pieces of 8, 1 and 4 cells, part 2 has one cell."""
+    part = np.repeat([1, 0, 1, 0, 1, 2], [8, 3, 1, 3, 4, 1])
+    monkeypatch.setattr(versions, "scotch_parts", lambda graph, parts: part)
+    pairs = np.stack([np.arange(19), np.arange(1, 20)], axis=1)
+    label = graph.facet_connected_parts(pairs, 20, 3)
+    pieces = [np.flatnonzero(label == k).tolist() for k in range(label.max() + 1)]
+    assert sorted(pieces) == [
+        list(range(8)), [8, 9, 10, 11], [12, 13, 14], list(range(15, 19)), [19],
+    ]  # fmt: skip
