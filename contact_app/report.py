@@ -190,8 +190,16 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
         row(name, _number(value), _verdict(met))
     row("certificate", "", _verdict(bool(certificate["passed"])))
     accuracy = summary["accuracy"]
-    row("error of the mesh (energy norm, estimate)", _percent(accuracy["discretisation"]))
+    row("error of the mesh (estimate)", _percent(accuracy["discretisation"]))
     row("error of the solver (bound)", _percent(accuracy["algebraic"]))
+    if "target" in accuracy:
+        row("error of both", _percent(accuracy["total"]), _verdict(bool(accuracy["met"])))
+        for level in summary["levels"]:
+            row(
+                f"  {level['dofs']:,} degrees of freedom",
+                f"{_percent(level['total'])}, {level['hessian_multiplications']:,} Hessian "
+                f"multiplications, {level['seconds']:.1f} s",
+            )
     row("time", f"{timings['total']:.1f} s, {timings['solve']:.1f} s of it solving")
     ranks = environment["ranks"]
     row("memory", f"{environment['peak_rss_gb']:.2f} GB" + (" on a rank" if ranks > 1 else ""))

@@ -18,13 +18,14 @@ from contact_app.checkpoint import Checkpoint
 from contact_app.communication import Communication
 from contact_app.environment import environment, slow_blas_warning
 from contact_app.error_estimate import ErrorEstimator
-from contact_app.errors import ContactError
+from contact_app.errors import ConfigurationError, ContactError
 from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
 from contact_app.history import History
 from contact_app.limits import model_warnings
 from contact_app.model import Model, build_model
 from contact_app.output import write_xdmf
 from contact_app.progress import Interruption, Progress, together
+from contact_app.refinement import solve_to_accuracy, with_levels
 from contact_app.report import log, print_summary, run_log, write_summary
 from contact_app.scene import Scene
 from contact_app.solution import Accuracy, Solution
@@ -91,11 +92,22 @@ def run(
         def interrupted(event: Step) -> bool:
             return bool(comm.allreduce(int(interruption(event)), op=MPI.MAX))
 
+        monitor = together(progress, history, interrupted)
         progress.stage(f"modelling {scene.title or scene.source.name}")
-        solved = solve_scene(
-            scene, comm, together(progress, history, interrupted), checkpoint=checkpoint
-        )
-        if solved.solution.reason is Reason.STOPPED:
+        refined = None
+        if scene.accuracy is None:
+            solved = solve_scene(scene, comm, monitor, checkpoint=checkpoint)
+        else:
+            if resume:
+                raise ConfigurationError(
+                    f"{scene.at('accuracy')}: a run to an accuracy leaves no checkpoint to resume "
+                    "from; start it anew"
+                )
+            refined = solve_to_accuracy(
+                scene, lambda level: solve_scene(level, comm, monitor), progress.stage
+            )
+            solved = refined.solved
+        if solved.solution.reason is Reason.STOPPED and refined is None:
             checkpoint.write()
         else:
             checkpoint.remove()
@@ -108,13 +120,16 @@ def run(
                 write_xdmf(solved, directory / "solution.xdmf")
             files.insert(0, directory / "solution.xdmf")
         summary = {**solved.summary, "timings": solved.timings.as_dict()}
+        if refined is not None:
+            summary = with_levels(summary, refined)
         if first:
             for warning in summary["certificate"]["warnings"]:
                 log.warning("%s", warning)
             write_summary(directory / "summary.json", summary)
     if first:
         print_summary(summary, solved.solution.tolerance, files)
-    return CERTIFIED if solved.solution.converged else NOT_CERTIFIED
+    reached = refined is None or not refined.missed
+    return CERTIFIED if solved.solution.converged and reached else NOT_CERTIFIED
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NoReturn, Protocol
 
@@ -237,9 +237,14 @@ class Decomposition:
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """Options of the solver, as the configuration documents them."""
+    """Options of the solver, as the configuration documents them.
+
+    `tightest` is the smallest tolerance an automatic one comes to, where the mesh is (nearly)
+    exact.
+    """
 
     tolerance: float | Literal["auto"] = 1e-6
+    tightest: float = 1e-3
     expansion: str = "projcg-safe"
     alpha_u: float = 1.9
     gamma: float = 1.0
@@ -274,6 +279,7 @@ class Scene:
     contacts: tuple[Contact, ...]
     pairs: tuple[BodyContact, ...]
     decomposition: Decomposition
+    accuracy: float | None
     solver: SolverOptions
     output: OutputOptions
     source: Path
@@ -337,17 +343,29 @@ class _Builder:
             contacts=contacts,
             pairs=pairs,
             decomposition=decomposition,
-            solver=SolverOptions(**self.c.solver.model_dump()),
+            accuracy=self.c.accuracy,
+            solver=self._solver(),
             output=OutputOptions(self.c.output.xdmf, tuple(dict.fromkeys(self.c.output.fields))),
             source=self.c.source,
             places=self._places(),
         )
+
+    def _solver(self) -> SolverOptions:
+        """With an accuracy the solver follows the mesh, unless a tolerance is given."""
+        given, accuracy = self.c.solver, self.c.accuracy
+        options = SolverOptions(**given.model_dump())
+        if accuracy is None:
+            return options
+        if "tolerance" not in given.model_fields_set:
+            options = replace(options, tolerance="auto")
+        return replace(options, tightest=min(options.tightest, 0.1 * accuracy))
 
     def _places(self) -> dict[str, str]:
         """Where conditions, contacts and the decomposition stand in the file."""
         keys = [("conditions", i) for i in range(len(self.c.conditions))]
         keys += [("contacts", i) for i in range(len(self.c.contacts))]
         places = {f"{name}[{i}]": self.c.where((name, i)) for name, i in keys}
+        places["accuracy"] = self.c.where(("accuracy",))
         places["decomposition"] = self.c.where(("decomposition",))
         return places
 

@@ -87,7 +87,7 @@ def solve(
     assess
         Estimates the errors of an answer; an automatic tolerance needs it.
     """
-    target = aim(options.tolerance, assess)
+    target = aim(options, assess)
     if problem.comm.allreduce(problem.size) == 0:
         return target.judge(certified_answer(problem, np.zeros(0), None, target.tolerance))
     inner = MPRGP(

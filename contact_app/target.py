@@ -16,15 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
 
+from contact_app.scene import SolverOptions
 from contact_app.solution import Accuracy, Solution
 
 SHARE = 0.1
 """Algebraic error over discretisation error where an automatic solve ends."""
 
-LOOSEST, TIGHTEST = 3e-2, 1e-3
-"""Range of the tolerances chosen; the tightest where the mesh is exact, or nearly so."""
+LOOSEST = 3e-2
+"""Largest tolerance that is chosen."""
 
 Assess = Callable[[Solution], Accuracy]
 
@@ -52,13 +52,21 @@ class Target:
 
 
 class AutomaticTarget(Target):
-    """A tolerance that follows the discretisation error; `assess` estimates it (collective)."""
+    """A tolerance that follows the discretisation error.
+
+    Parameters
+    ----------
+    assess
+        Estimates the errors of an answer (collective).
+    tightest
+        Smallest tolerance that is chosen: where the mesh is exact, or nearly so.
+    """
 
     patience = 3
 
-    def __init__(self, assess: Assess) -> None:
+    def __init__(self, assess: Assess, tightest: float) -> None:
         super().__init__(LOOSEST)
-        self._assess = assess
+        self._assess, self._tightest = assess, tightest
 
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate, which fails until enough is enough."""
@@ -66,7 +74,7 @@ class AutomaticTarget(Target):
         if not loosely.converged:
             return loosely
         accuracy = self._assess(solution)
-        limit = max(SHARE * accuracy.discretisation, TIGHTEST)
+        limit = max(SHARE * accuracy.discretisation, self._tightest)
         chosen = min(limit, LOOSEST)
         judged = solution.certificate.judged(chosen)
         if accuracy.algebraic > limit:
@@ -77,16 +85,16 @@ class AutomaticTarget(Target):
         return replace(solution, certificate=judged, tolerance=chosen, accuracy=accuracy)
 
 
-def aim(tolerance: float | Literal["auto"], assess: Assess | None) -> Target:
-    """The target that a tolerance means.
+def aim(options: SolverOptions, assess: Assess | None) -> Target:
+    """The target that a scene's tolerance means.
 
     Raises
     ------
     ValueError
         An automatic tolerance without anything to assess an answer with.
     """
-    if tolerance != "auto":
-        return Target(tolerance)
+    if options.tolerance != "auto":
+        return Target(options.tolerance)
     if assess is None:
         raise ValueError("an automatic tolerance needs an estimate of the error")
-    return AutomaticTarget(assess)
+    return AutomaticTarget(assess, options.tightest)

@@ -1,0 +1,218 @@
+"""Accuracy as the input: meshes are refined until the estimated error is small enough.
+
+All boxes are refined alike. The error falls as a power of the cell size, e ~ s^-p with s cells for
+one of the start; p is 1 at first, what first-order cells attain at best, and then what the last
+two levels showed. The next mesh is the one on which that law meets the target, but at most twice
+as fine as the last, so that a rate seen on coarse meshes is not trusted far. Boundaries given by
+an expression pick nodes, and only meshes whose cells are whole multiples of the start's have the
+same: where a scene uses one, only those are taken.
+
+Each level is solved from scratch, to a tenth of its own error: the levels before the last cost
+little beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from mpi4py import MPI
+
+from contact_app.errors import ConfigurationError
+from contact_app.memory import available_bytes, needed_bytes
+from contact_app.scene import Box, Scene
+from solver import Reason
+
+if TYPE_CHECKING:
+    from contact_app.run import SolvedScene
+
+MARGIN = 0.97
+"""Share of the target that a mesh is predicted to reach."""
+
+FARTHEST = 2.0
+"""Largest step from one mesh to the next, in cells along an edge."""
+
+SLOWEST, FASTEST = 0.4, 1.0
+"""Rates that are believed."""
+
+MOST_LEVELS = 12
+
+
+@dataclass(frozen=True)
+class Level:
+    """What one mesh gave and what it cost.
+
+    Attributes
+    ----------
+    cells, dofs
+        Size of the undecomposed mesh.
+    discretisation, algebraic, total
+        Relative errors in energy norm.
+    hessian_multiplications, seconds
+        The price: products, and wall-clock time from the scene to its summary.
+    """
+
+    cells: int
+    dofs: int
+    discretisation: float
+    algebraic: float
+    total: float
+    hessian_multiplications: int
+    seconds: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """As `summary.json` holds it."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.dofs:,} degrees of freedom: error {100 * self.total:.2g} %, "
+            f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The finest answer and the levels that led to it; `missed` says why it is not enough."""
+
+    solved: SolvedScene
+    levels: tuple[Level, ...]
+    missed: str = ""
+
+
+def solve_to_accuracy(
+    scene: Scene,
+    solve: Callable[[Scene], SolvedScene],
+    tell: Callable[[str], None] = lambda text: None,
+) -> Refined:
+    """Refine a scene until its total error is below `scene.accuracy` (collective).
+
+    Parameters
+    ----------
+    solve
+        Solves one level.
+    tell
+        Called with a sentence on each level.
+
+    Raises
+    ------
+    ConfigurationError
+        A mesh comes from a file.
+    """
+    assert scene.accuracy is not None
+    _refuse_files(scene)
+    target, whole = scene.accuracy, _needs_multiples(scene)
+    factors, levels = [1.0], []
+    current = scene
+    while True:
+        solved = solve(current)
+        levels.append(_level(solved))
+        tell(f"level {len(levels)}: {levels[-1]}")
+        if solved.solution.reason is Reason.STOPPED:
+            return Refined(solved, tuple(levels), "the run was interrupted")
+        if levels[-1].total <= target:
+            return Refined(solved, tuple(levels))
+        if not solved.solution.converged:
+            return Refined(solved, tuple(levels), "the solver did not reach its tolerance")
+        if len(levels) == MOST_LEVELS:
+            return Refined(solved, tuple(levels), f"{MOST_LEVELS} levels were not enough")
+        factor = next_factor(factors, [level.total for level in levels], target, whole)
+        following = refined(scene, factor)
+        dofs = sum(body.mesh.nodes for body in following.bodies) * scene.dimension
+        needed = needed_bytes(dofs)
+        available = solved.model.comm.allreduce(available_bytes(), op=MPI.MIN)
+        if needed > available:
+            missed = (
+                f"the next mesh has {dofs:,} degrees of freedom, which need about "
+                f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available"
+            )
+            return Refined(solved, tuple(levels), missed)
+        factors.append(factor)
+        current = following
+        del solved  # its factors make room for the next
+
+
+def next_factor(
+    factors: list[float], errors: list[float], target: float, whole: bool = False
+) -> float:
+    """How many cells for one of the start the next mesh has along an edge.
+
+    Parameters
+    ----------
+    factors, errors
+        Of the meshes so far; the last error is above the target.
+    whole
+        Whether only whole numbers will do.
+
+    Examples
+    --------
+    >>> round(next_factor([1.0, 2.0], [0.08, 0.04], 0.025), 3)
+    3.299
+    >>> next_factor([1.0], [0.5], 0.01)
+    2.0
+    """
+    rate = FASTEST
+    if len(factors) > 1 and errors[-1] < errors[-2]:
+        rate = math.log(errors[-2] / errors[-1]) / math.log(factors[-1] / factors[-2])
+    elif len(factors) > 1:
+        rate = SLOWEST
+    rate = min(max(rate, SLOWEST), FASTEST)
+    step = (errors[-1] / (MARGIN * target)) ** (1.0 / rate)
+    factor = factors[-1] * min(step, FARTHEST)
+    return float(math.ceil(factor - 1e-9)) if whole else factor
+
+
+def refined(scene: Scene, factor: float) -> Scene:
+    """The scene with that many cells for one along every edge of its boxes."""
+    bodies = []
+    for body in scene.bodies:
+        assert isinstance(body.mesh, Box)
+        cells = tuple(math.ceil(factor * n - 1e-9) for n in body.mesh.cells)
+        bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
+    return replace(scene, bodies=tuple(bodies))
+
+
+def with_levels(summary: dict[str, Any], refined: Refined) -> dict[str, Any]:
+    """`summary.json` with the accuracy asked for and the price of each level."""
+    target = refined.solved.model.scene.accuracy
+    accuracy = {**summary["accuracy"], "target": target, "met": not refined.missed}
+    certificate = dict(summary["certificate"])
+    if refined.missed:
+        text = f"the accuracy {target:g} was not reached: {refined.missed}"
+        certificate["warnings"] = [*certificate["warnings"], text]
+    levels = [level.as_dict() for level in refined.levels]
+    return {**summary, "certificate": certificate, "accuracy": accuracy, "levels": levels}
+
+
+def _refuse_files(scene: Scene) -> None:
+    for i, body in enumerate(scene.bodies):
+        if not isinstance(body.mesh, Box):
+            raise ConfigurationError(
+                f"{scene.at('accuracy')} is given, but bodies[{i}].mesh is a file: only boxes can "
+                "be refined; leave out `accuracy` and give a finer file"
+            )
+
+
+def _needs_multiples(scene: Scene) -> bool:
+    """Whether a condition or contact names a boundary that an expression picks."""
+    named = {(c.body, c.boundary) for c in scene.displacements}
+    named |= {(c.body, c.boundary) for c in scene.tractions}
+    named |= {(c.body, c.boundary) for c in scene.pressures}
+    named |= {(c.body, c.boundary) for c in scene.touching}
+    named |= {(pair.other, pair.other_boundary) for pair in scene.pairs}
+    return any(boundary in scene.bodies[body].boundaries for body, boundary in named)
+
+
+def _level(solved: SolvedScene) -> Level:
+    mesh, accuracy = solved.summary["mesh"], solved.accuracy
+    return Level(
+        cells=mesh["cells"],
+        dofs=mesh["dofs"],
+        discretisation=accuracy.discretisation,
+        algebraic=accuracy.algebraic,
+        total=accuracy.total,
+        hessian_multiplications=solved.summary["solver"]["hessian_multiplications"],
+        seconds=solved.summary["timings"]["total"],
+    )

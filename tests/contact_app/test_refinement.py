@@ -1,0 +1,152 @@
+"""Accuracy as the input, and solves that end where the mesh deserves no more."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contact_app.configuration import load
+from contact_app.errors import ConfigurationError
+from contact_app.refinement import next_factor, refined, solve_to_accuracy
+from contact_app.run import run, solve_scene
+from contact_app.scene import Scene, build_scene
+from tests import scenes
+from tests.comparison import solve
+from tests.contact_app.test_convergence import column, confined_modulus
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def shipped(name: str, *overrides: str) -> Scene:
+    return build_scene(load(CONFIGS / f"{name}.yaml", overrides))
+
+
+@pytest.mark.parametrize("name", ["cube", "sphere", "three_bodies", "bushing", "tilted_plane"])
+def test_auto_saves_products_and_no_accuracy(name: str) -> None:
+    converged = solve_scene(shipped(name)).summary
+    auto = solve_scene(shipped(name, "solver.tolerance=auto")).summary
+    assert auto["solver"]["converged"]
+    saved = 0.8 if name == "bushing" else 2 / 3  # 19 products: a certificate earlier saves four
+    spent = auto["solver"]["hessian_multiplications"]
+    assert spent <= saved * converged["solver"]["hessian_multiplications"]
+    accuracy = auto["accuracy"]
+    assert accuracy["total"] <= 1.05 * converged["accuracy"]["total"]
+    assert accuracy["algebraic"] <= 0.1 * accuracy["discretisation"]
+
+
+def test_auto_keeps_the_contract_of_a_tolerance() -> None:
+    """All numbers of the certificate are below the tolerance it chose and reports."""
+    summary = solve_scene(shipped("cube", "solver.tolerance=auto")).summary
+    tolerance = summary["solver"]["tolerance"]
+    assert tolerance == pytest.approx(0.1 * summary["accuracy"]["discretisation"])
+    certificate = summary["certificate"]
+    assert certificate["passed"]
+    for name in ("max_penetration", "max_gluing_jump", "complementarity", "duality_gap"):
+        assert certificate[name] <= tolerance
+
+
+def test_auto_ends_where_the_mesh_is_exact() -> None:
+    """A patch test has no discretisation error to follow: the tightest tolerance counts."""
+    accuracy = solve_scene(shipped("block_2d", "solver.tolerance=auto")).accuracy
+    assert accuracy.discretisation < 1e-5
+    assert accuracy.algebraic <= 1e-3
+
+
+@pytest.mark.parametrize(
+    ("errors", "target", "whole", "expected"),
+    [
+        ([0.3], 0.2, False, 1.5 / 0.97),  # order 1 until two meshes tell
+        ([0.3], 0.2, True, 2.0),
+        ([0.9], 0.01, False, 2.0),  # no farther than twice
+        ([0.2, 0.2 / 2**0.5], 0.1, False, 2 * (2**0.5 / 0.97) ** 2),  # a singularity
+    ],
+)
+def test_the_next_mesh(errors: list[float], target: float, whole: bool, expected: float) -> None:
+    factors = [1.0, 2.0][: len(errors)]
+    assert next_factor(factors, errors, target, whole) == pytest.approx(min(expected, 4.0))
+
+
+def weight_config(cell: str, accuracy: float) -> scenes.Config:
+    made = column(cell, 2)
+    made["conditions"].append({"in": "block", "force": scenes.vector(cell, 0, 0, -20.0)})
+    made["accuracy"] = accuracy
+    del made["solver"]
+    return made
+
+
+@pytest.mark.parametrize(
+    ("cell", "accuracy"), [("hexahedron", 0.1), ("quadrilateral", 0.05), ("triangle", 0.1)]
+)
+def test_an_accuracy_is_met_with_no_more_than_it_takes(cell: str, accuracy: float) -> None:
+    """Against the exact energy, and against the best mesh of a sweep."""
+    scene = scenes.build(weight_config(cell, accuracy))
+    found = solve_to_accuracy(scene, solve_scene)
+    assert not found.missed
+    exact = -(20.0**2) / (6 * confined_modulus(1000.0, 0.3))
+    energy = found.solved.summary["solution"]["energy"]
+    assert np.sqrt((energy - exact) / -exact) <= accuracy * 1.001
+    assert len(found.levels) <= 5
+    dofs = [level.dofs for level in found.levels]
+    assert dofs == sorted(dofs)
+    best = next(
+        solved.summary["mesh"]["dofs"]
+        for n in range(2, 40)
+        if (solved := solve_scene(refined(scene, n / 2))).accuracy.total <= accuracy
+    )
+    assert dofs[-1] <= 1.5 * best
+
+
+def test_parts_picked_by_an_expression_stay_where_they_are() -> None:
+    """Meshes that are no whole multiple of the start would move the edge of a punch."""
+    made = weight_config("quadrilateral", 0.12)
+    made["bodies"][0]["boundaries"] = {"left": {"where": "y < 1e-9 and x < 0.5 + 1e-9"}}
+    made["contacts"][0]["on"] = "block.left"
+    scene = scenes.build(made)
+    found = solve_to_accuracy(scene, solve_scene)
+    for level in found.levels:
+        assert np.sqrt(level.cells) % 2 == 0
+
+
+def test_the_price_of_each_level_is_reported(tmp_path: Path) -> None:
+    scene = scenes.build(weight_config("quadrilateral", 0.1))
+    assert run(scene, tmp_path) == 0
+    summary: dict[str, Any] = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["accuracy"]["target"] == 0.1
+    assert summary["accuracy"]["met"] is True
+    assert summary["accuracy"]["total"] <= 0.1
+    assert summary["levels"][-1]["dofs"] == summary["mesh"]["dofs"]
+    assert summary["levels"][-1]["total"] == summary["accuracy"]["total"]
+    for level in summary["levels"]:
+        assert level["hessian_multiplications"] >= 0
+        assert level["seconds"] > 0
+    log = (tmp_path / "run.log").read_text()
+    assert "level 1: 18 degrees of freedom: error" in log
+
+
+def test_what_does_not_fit_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scenes.build(weight_config("quadrilateral", 0.01))
+    monkeypatch.setattr("contact_app.refinement.available_bytes", lambda: 0.205e9)
+    assert run(scene, tmp_path) == 1
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["accuracy"]["met"] is False
+    assert summary["certificate"]["passed"]
+    (warning,) = [w for w in summary["certificate"]["warnings"] if "not reached" in w]
+    assert "GB are available" in warning
+
+
+def test_mesh_files_are_refused() -> None:
+    scene = shipped("bushing", "accuracy=0.01")
+    with pytest.raises(ConfigurationError, match=r"accuracy.*only boxes can be refined"):
+        solve_to_accuracy(scene, solve_scene)
+
+
+def test_a_given_tolerance_is_kept() -> None:
+    made = weight_config("quadrilateral", 0.2)
+    assert scenes.build(made).solver.tolerance == "auto"
+    made["solver"] = {"tolerance": 1e-9}
+    assert scenes.build(made).solver.tolerance == 1e-9
+    assert solve(made, [2, 2]).summary["solver"]["tolerance"] == 1e-9
