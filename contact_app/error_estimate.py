@@ -41,11 +41,7 @@ class ErrorEstimator:
 
     def accuracy(self, solution: Solution) -> Accuracy:
         """The errors of an answer."""
-        square, norm = self.squares(solution)
-        if norm == 0.0:
-            return Accuracy(0.0, 0.0, 0.0)
-        parts = np.sqrt(np.array([square, 2.0 * max(solution.measures.gap, 0.0)]) / norm)
-        return Accuracy(float(parts[0]), float(parts[1]), float(np.hypot(*parts)))
+        return accuracy_of(self.squares(solution), solution)
 
     def squares(self, solution: Solution) -> tuple[float, float]:
         """η² and a(u_h, u_h); zeros where nothing is strained."""
@@ -80,6 +76,15 @@ class ErrorEstimator:
             error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress
             total += np.vdot(error, error), np.vdot(stress, stress)
         return total
+
+
+def accuracy_of(squares: tuple[float, float], solution: Solution) -> Accuracy:
+    """The errors of an answer from η² and a(u_h, u_h)."""
+    square, norm = squares
+    if norm == 0.0:
+        return Accuracy(0.0, 0.0, 0.0)
+    parts = np.sqrt(np.array([square, 2.0 * max(solution.measures.gap, 0.0)]) / norm)
+    return Accuracy(float(parts[0]), float(parts[1]), float(np.hypot(*parts)))
 
 
 def touching_nodes(model: Model, solution: Solution) -> list[NDArray[np.bool_]]:
