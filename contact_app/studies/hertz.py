@@ -1,0 +1,92 @@
+"""Hertz's contact of a ball and of a cylinder with a rigid plane, ours beside the theory.
+
+    python -m contact_app.studies.hertz configs/hertz_sphere.yaml [MESH]
+
+solves a scene with a bottom like a paraboloid's, pressed on a plane through the origin, and prints
+the half-width of the contact a, the peak pressure p0 and, in space, the approach δ of the loaded
+equator. a and p0 follow from all touching nodes: the squares of the theory's pressures
+
+    p² = p0² (1 - r²/a²),   a = (3FR/(4E*))^(1/3), p0 = 3F/(2πa²), δ = a²/R   in space,
+                            a = √(4F'R/(πE*)),     p0 = 2F'/(πa)              in the plane,
+
+lie on a line over r², which is fitted to ours (H. Hertz, *Über die Berührung fester elastischer
+Körper*, 1882; K. L. Johnson, *Contact Mechanics*, 1985, chapter 4).
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.configuration import load
+from contact_app.run import solve_scene
+from contact_app.scene import build_scene
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of ours beside the theory's."""
+
+    name: str
+    ours: float
+    theory: float
+
+    @property
+    def error(self) -> float:
+        """Relative to the theory's."""
+        return self.ours / self.theory - 1.0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a mesh gives: its unknowns, the seconds of the run and the quantities."""
+
+    dofs: int
+    seconds: float
+    quantities: tuple[Quantity, ...]
+
+
+def compare(config: str, mesh: str | None = None) -> Comparison:
+    """Solve one of the scenes on one process, with another mesh if one is given."""
+    scene = build_scene(load(config, [f"bodies.0.mesh.file={mesh}"] if mesh else ()))
+    solved = solve_scene(scene, MPI.COMM_SELF)
+    d, nodes = scene.dimension, solved.nodes
+    (material,) = scene.bodies[0].materials
+    modulus = material.young / (1.0 - material.poisson**2)
+    radius = scene.bodies[0].mesh.upper[0]
+    force = 2.0 ** (d - 1) * solved.summary["solution"]["contact_force"][d - 1]
+    if d == 3:
+        half_width = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
+        peak = 1.5 * force / (np.pi * half_width**2)
+    else:
+        half_width = np.sqrt(4.0 * force * radius / (np.pi * modulus))
+        peak = 2.0 * force / (np.pi * half_width)
+
+    touching = nodes.contact_pressure > 0.0
+    r2 = (nodes.points[touching][:, : d - 1] ** 2).sum(axis=1)
+    pressure = nodes.contact_pressure[touching]
+    slope, square = np.polyfit(r2, pressure**2, 1)
+    equator = nodes.points[:, d - 1] > radius * (1.0 - 1e-9)
+    quantities = [
+        Quantity("half-width a", float(np.sqrt(-square / slope)), float(half_width)),
+        Quantity("peak pressure p0", float(np.sqrt(square)), float(peak)),
+        Quantity("largest nodal pressure", float(pressure.max()), float(peak)),
+    ]
+    if d == 3:
+        approach = -float(nodes.displacement[equator, 2].mean())
+        quantities.append(Quantity("approach", approach, float(half_width**2 / radius)))
+    seconds = solved.summary["timings"]["total"]
+    return Comparison(solved.model.dofs, seconds, tuple(quantities))
+
+
+if __name__ == "__main__":
+    found = compare(*sys.argv[1:3])
+    print(f"{found.dofs:,} degrees of freedom, {found.seconds:.1f} s")
+    for quantity in found.quantities:
+        print(
+            f"{quantity.name:24s} {quantity.ours:10.5g}  theory {quantity.theory:10.5g} "
+            f"({quantity.error:+.2%})"
+        )
