@@ -138,7 +138,7 @@ def bench(
         str, typer.Option(help="The same for tetrahedra cut by a graph partitioner.")
     ] = "10,20,30,36",
     tolerance: Annotated[float, typer.Option(help="Relative tolerance of all methods.")] = 1e-8,
-    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 120.0,
+    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 60.0,
     methods: Annotated[
         str, typer.Option(help="Methods to run, separated by commas; all unless given.")
     ] = "",

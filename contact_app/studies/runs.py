@@ -17,7 +17,7 @@ def run_one(
     method: str,
     scene: Path,
     overrides: Sequence[str],
-    tolerance: float,
+    tolerance: float | str,
     limit: float | None = None,
     fields: Path | None = None,
 ) -> dict[str, Any]:

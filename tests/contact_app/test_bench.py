@@ -61,6 +61,17 @@ def test_a_method_that_takes_too_long_is_left_out_from_then_on(
     assert (OURS, 8) in asked
     assert bench.line(found[-1]).endswith("left out after a smaller mesh")
 
+    def faster(*_):
+        return {"energy": -1.0, "seconds": 0.5, "peak_rss_gb": 1.0}
+
+    monkeypatch.setattr(bench, "_run", faster)
+    list(bench.bench(tmp_path, [6], [], methods=["tao-bnls"]))
+    rows = {(row["cells"], row["method"]): row for row in bench.read(tmp_path / "bench.csv")}
+    assert len(rows) == 6
+    assert rows[6, "tao-bnls"]["seconds"] == 0.5
+    assert rows[6, "tao-bnls"]["energy_error"] == 0.0
+    assert rows[6, OURS]["seconds"] == 1.0
+
 
 def test_a_process_out_of_time_or_in_error_says_so() -> None:
     with pytest.raises(processes.RunError, match=r"not done after 0\.5 s"):
