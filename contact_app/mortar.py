@@ -56,6 +56,9 @@ SLIVER = 1e-13
 QUERIES = 200_000
 """Points asked of the tree at a time."""
 
+PAIRS = 50_000
+"""Pairs of facets intersected at a time; some kilobytes each."""
+
 # Gauss points of triangles, barycentric, and weights that add up to one: degrees 2, 4 and 8
 # (D. A. Dunavant, High degree efficient symmetrical Gaussian quadrature rules for the triangle,
 # IJNME 21 (1985)).
@@ -276,11 +279,24 @@ class _Overlaps:
     def of(
         cls, on: Surface, against: Surface, i: NDArray[np.int64], j: NDArray[np.int64]
     ) -> _Overlaps:
-        """Project, intersect, integrate; pairs that do not overlap are dropped."""
+        """The overlaps among pairs of facets (n,), (n,), sorted by i; others are dropped."""
+        parts = np.array_split(np.arange(len(i)), len(i) // PAIRS + 1)
+        found = [cls._some(on, against, i[part], j[part]) for part in parts]
+        joined = zip(*(part.__dict__.values() for part in found), strict=True)
+        return cls(*(np.concatenate(values) for values in joined)).nearest_layer(on)
+
+    @classmethod
+    def _some(
+        cls, on: Surface, against: Surface, i: NDArray[np.int64], j: NDArray[np.int64]
+    ) -> _Overlaps:
+        """Project, intersect, integrate."""
         frame = _frames(on)[i]
         origin = on.centres[i][:, None]
         here = np.einsum("pvk,pdk->pvd", on.points[i] - origin, frame)
         there = np.einsum("pvk,pdk->pvd", against.points[j] - origin, frame)
+        apart = (here.max(axis=1) < there.min(axis=1)) | (there.max(axis=1) < here.min(axis=1))
+        near = ~apart[:, :-1].any(axis=1)  # by their boxes in the plane
+        here, there, i, j = here[near], there[near], i[near], j[near]
         flat, height = here[..., :-1], here[..., -1]
         other, other_height = there[..., :-1], there[..., -1]
         pair, x, w = (_segments if on.dimension == 2 else _polygons)(flat, other)
@@ -288,8 +304,6 @@ class _Overlaps:
         gap = np.einsum("qv,qv->q", theirs, other_height[pair])
         gap -= np.einsum("qv,qv->q", phi, height[pair])
         kept, start = np.unique(pair, return_index=True)
-        if len(kept) == 0:
-            start = np.zeros(0, np.int64)
 
         def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
             weighted = values * w.reshape(-1, *(1,) * (values.ndim - 1))
@@ -303,7 +317,7 @@ class _Overlaps:
             shared=integrate(phi[:, :, None] * theirs[:, None, :]),
             weight=integrate(phi),
             gap=integrate(phi * gap[:, None]),
-        ).nearest_layer(on)
+        )
 
     def nearest_layer(self, on: Surface) -> _Overlaps:
         """Of facets one behind the other keep the layer nearest to each `on` facet."""
