@@ -21,8 +21,9 @@ Multipliers. On facets the other side covers wholly the ψ_j are dual to the sha
 ∫ ψ_j φ_k = δ_jk ∫ φ_k (B. Wohlmuth, A mortar finite element method using dual spaces for the
 Lagrange multiplier, SINUM 38 (2000)): a row has one `on` node, and matching meshes reduce to node
 pairs. On facets covered in part, where dual functions grow without bound, they are the shape
-functions themselves. Both add up to one, so a constant pressure is transmitted exactly. A node
-whose share is mostly uncovered gives its rows to its neighbours.
+functions themselves, as they are on facets of the second order, where multipliers live on the
+vertices and displacements on all nodes. All of them add up to one, so a constant pressure is
+transmitted exactly. A node whose share is hardly covered gives its row to its neighbours.
 """
 
 from __future__ import annotations
@@ -78,6 +79,10 @@ _ORBITS: dict[int, list[tuple[float, tuple[float, float, float]]]] = {
 }
 
 
+VERTICES = {(2, 2): 2, (2, 3): 2, (3, 3): 3, (3, 6): 3, (3, 4): 4, (3, 9): 4}
+"""Vertices of a facet by dimension and number of nodes."""
+
+
 class SurfacesApartError(ValueError):
     """The two sides have nothing to do with each other; the message says why."""
 
@@ -88,14 +93,18 @@ class Surface:
 
     Attributes
     ----------
-    nodes : (facets, vertices)
-        Global nodes, anticlockwise seen from outside; two in the plane, three or four in space.
-    points : (facets, vertices, 3)
+    dimension
+        2 for lines, 3 for triangles and quadrilaterals.
+    nodes : (facets, nodes a facet)
+        Global nodes: the vertices, anticlockwise seen from outside; of the second order also the
+        middles of the edges that start in each vertex, and of a quadrilateral its own.
+    points : (facets, nodes a facet, 3)
         Coordinates.
     normals : (facets, 3)
-        Outward unit normal; of a warped quadrilateral the normal of its diagonals.
+        Outward unit normal of the vertices; of a warped quadrilateral that of its diagonals.
     """
 
+    dimension: int
     nodes: NDArray[np.int64]
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
@@ -103,6 +112,7 @@ class Surface:
     @classmethod
     def of(
         cls,
+        dimension: int,
         nodes: NDArray[np.int64],
         points: NDArray[np.float64],
         inside: NDArray[np.float64],
@@ -112,45 +122,44 @@ class Surface:
         Parameters
         ----------
         nodes, points
-            As the attributes, the vertices in any order.
+            As the attributes, the vertices first, otherwise in any order.
         inside : (facets, 3)
             A point of the body behind each facet.
         """
         order = np.lexsort(np.sort(nodes, axis=1).T)
         nodes, points, inside = nodes[order], points[order], inside[order]
-        if nodes.shape[1] == 4:
-            nodes, points = _around(nodes, points)
-        if nodes.shape[1] == 2:
-            along = points[:, 1] - points[:, 0]
-            normals = np.stack([along[:, 1], -along[:, 0], np.zeros(len(along))], axis=1)
-        else:
-            last = points[:, 3] - points[:, 1] if nodes.shape[1] == 4 else points[:, 1]
-            first = points[:, 2] - points[:, 0]
-            if nodes.shape[1] == 3:
-                first, last = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-            normals = np.cross(first, last)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        away = points.mean(axis=1) - inside
-        inward = np.einsum("ij,ij->i", normals, away) < 0.0
-        nodes, points = nodes.copy(), points.copy()
-        nodes[inward], points[inward] = nodes[inward, ::-1], points[inward, ::-1]
+        v = VERTICES[dimension, nodes.shape[1]]
+        place = np.tile(np.arange(nodes.shape[1]), (len(nodes), 1))
+        if v == 4:
+            place[:, :v] = _around(points[:, :v])
+        normals = _normals(np.take_along_axis(points, place[:, :v, None], axis=1))
+        inward = np.einsum("ij,ij->i", normals, points[:, :v].mean(axis=1) - inside) < 0.0
         normals[inward] *= -1.0
-        return cls(nodes, points, normals)
+        place[inward, :v] = place[inward, v - 1 :: -1]
+        if nodes.shape[1] > v:
+            vertices = np.take_along_axis(points, place[:, :v, None], axis=1)
+            place[:, v:] = v + _middles(vertices, points[:, v:])
+        return cls(
+            dimension,
+            np.take_along_axis(nodes, place, axis=1),
+            np.take_along_axis(points, place[..., None], axis=1),
+            normals,
+        )
 
     @property
-    def dimension(self) -> int:
-        """2 for segments, 3 for triangles and quadrilaterals."""
-        return 2 if self.nodes.shape[1] == 2 else 3
+    def vertices(self) -> NDArray[np.float64]:
+        """Coordinates of the vertices, (facets, vertices, 3)."""
+        return self.points[:, : VERTICES[self.dimension, self.nodes.shape[1]]]
 
     @property
     def centres(self) -> NDArray[np.float64]:
         """Mean of the vertices of each facet, (facets, 3)."""
-        return self.points.mean(axis=1)
+        return self.vertices.mean(axis=1)
 
     @property
     def radii(self) -> NDArray[np.float64]:
         """Largest distance of a vertex from the centre, (facets,)."""
-        away = self.points - self.centres[:, None]
+        away = self.vertices - self.centres[:, None]
         return np.linalg.norm(away, axis=2).max(axis=1)
 
 
@@ -263,8 +272,9 @@ class _Overlaps:
     i, j : (pairs,)
         Facets of the two sides.
     area : (pairs,)
-    own : (pairs, v, v), shared : (pairs, v, w), weight : (pairs, v), gap : (pairs, v)
-        ∫ φ_k φ_l, ∫ φ_k φ'_l with φ' of the other side, ∫ φ_k and ∫ φ_k g.
+    own : (pairs, v, n), shared : (pairs, v, m), weight : (pairs, v), gap : (pairs, v)
+        ∫ φ_k N_l, ∫ φ_k N'_l with N' of the other side, ∫ φ_k and ∫ φ_k g; φ the shape functions
+        of the v vertices, N those of all nodes.
     """
 
     i: NDArray[np.int64]
@@ -297,23 +307,26 @@ class _Overlaps:
         apart = (here.max(axis=1) < there.min(axis=1)) | (there.max(axis=1) < here.min(axis=1))
         near = ~apart[:, :-1].any(axis=1)  # by their boxes in the plane
         here, there, i, j = here[near], there[near], i[near], j[near]
-        flat, height = here[..., :-1], here[..., -1]
-        other, other_height = there[..., :-1], there[..., -1]
-        pair, x, w = (_segments if on.dimension == 2 else _polygons)(flat, other)
-        phi, theirs = shape(flat[pair], x), shape(other[pair], x)
-        gap = np.einsum("qv,qv->q", theirs, other_height[pair])
-        gap -= np.einsum("qv,qv->q", phi, height[pair])
+        v, w = on.vertices.shape[1], against.vertices.shape[1]
+        flat, other = here[:, :v, :-1], there[:, :w, :-1]
+        linear = (here.shape[1], there.shape[1]) == (v, w)
+        pair, x, weights = (_segments if on.dimension == 2 else _polygons)(flat, other, linear)
+        phi = shape(flat[pair], x)
+        mine = all_nodes(phi, here.shape[1])
+        theirs = all_nodes(shape(other[pair], x), there.shape[1])
+        gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
+        gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
         kept, start = np.unique(pair, return_index=True)
 
         def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            weighted = values * w.reshape(-1, *(1,) * (values.ndim - 1))
+            weighted = values * weights.reshape(-1, *(1,) * (values.ndim - 1))
             return np.add.reduceat(weighted, start) if len(start) else weighted[:0]
 
         return cls(
             i=i[kept],
             j=j[kept],
-            area=integrate(np.ones(len(w))),
-            own=integrate(phi[:, :, None] * phi[:, None, :]),
+            area=integrate(np.ones(len(weights))),
+            own=integrate(phi[:, :, None] * mine[:, None, :]),
             shared=integrate(phi[:, :, None] * theirs[:, None, :]),
             weight=integrate(phi),
             gap=integrate(phi * gap[:, None]),
@@ -331,7 +344,7 @@ class _Overlaps:
 def _frames(surface: Surface) -> NDArray[np.float64]:
     """Orthonormal axes of each facet, tangents first, the normal last, (facets, d, 3)."""
     normals = surface.normals
-    along = surface.points[:, 1] - surface.points[:, 0]
+    along = surface.vertices[:, 1] - surface.vertices[:, 0]
     along = along - np.einsum("ij,ij->i", along, normals)[:, None] * normals
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     if surface.dimension == 2:
@@ -340,9 +353,12 @@ def _frames(surface: Surface) -> NDArray[np.float64]:
 
 
 def _segments(
-    flat: NDArray[np.float64], other: NDArray[np.float64]
+    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight."""
+    """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight.
+
+    Two, which integrate degree 3, are enough for the second order, too.
+    """
     lower = np.maximum(flat.min(axis=1), other.min(axis=1))[:, 0]
     upper = np.minimum(flat.max(axis=1), other.max(axis=1))[:, 0]
     size = np.ptp(flat, axis=1)[:, 0]
@@ -353,7 +369,7 @@ def _segments(
 
 
 def _polygons(
-    flat: NDArray[np.float64], other: NDArray[np.float64]
+    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Gauss points of the overlap of convex polygons (n, v, 2): pair, coordinates, weight."""
     polygon, count = clip(flat, other)
@@ -369,22 +385,22 @@ def _polygons(
     solid = area > SLIVER * size[pair]
     order = np.argsort(pair[solid], kind="stable")
     pair, triangle, area = pair[solid][order], triangle[solid][order], area[solid][order]
-    barycentric, weights = _triangle_rule(_degree(flat, other))
+    barycentric, weights = _triangle_rule(_degree(linear, flat, other))
     x = np.einsum("gv,tvd->tgd", barycentric, triangle)
     w = area[:, None] * weights
     return np.repeat(pair, len(weights)), x.reshape(-1, 2), w.ravel()
 
 
-def _degree(*polygons: NDArray[np.float64]) -> int:
+def _degree(linear: bool, *polygons: NDArray[np.float64]) -> int:
     """Degree the product of shape functions of both sides needs."""
     if all(p.shape[1] == 3 for p in polygons):
-        return 2
+        return 2 if linear else 4
     for p in polygons:
         if p.shape[1] == 4:
             skew = np.abs(p[:, 0] - p[:, 1] + p[:, 2] - p[:, 3]).max(initial=0.0)
             if skew > 1e-12 * np.abs(p).max(initial=0.0):
                 return 8
-    return 4
+    return 4 if linear else 8
 
 
 def _triangle_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -464,6 +480,22 @@ def shape(vertices: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.f
     return np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
 
 
+def all_nodes(phi: NDArray[np.float64], nodes: int) -> NDArray[np.float64]:
+    """Shape functions of all nodes (q, nodes) of facets from those of the vertices (q, v)."""
+    v = phi.shape[1]
+    if nodes == v:
+        return phi
+    if nodes == 9:
+        r, s = phi[:, 1] + phi[:, 2], phi[:, 2] + phi[:, 3]
+        x, y = (
+            ((1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)) for t in (r, s)
+        )  # start, end, middle
+        order = ((0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (1, 2), (2, 1), (0, 2), (2, 2))
+        return np.stack([x[a] * y[b] for a, b in order], axis=1)
+    middle = 4.0 * phi * np.roll(phi, -1, axis=1)
+    return np.concatenate([phi * (2.0 * phi - 1.0), middle[:, : nodes - v]], axis=1)
+
+
 def _solve(
     a: NDArray[np.float64], b: NDArray[np.float64], rhs: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -474,17 +506,33 @@ def _solve(
     return r, s
 
 
-def _around(
-    nodes: NDArray[np.int64], points: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Quadrilaterals in the order that goes round: the one whose diagonals span most area."""
+def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order in which vertices (n, 4) go round: the one whose diagonals span most area."""
     orders = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]])
     turned = points[:, orders]
     diagonals = turned[:, :, 2:] - turned[:, :, :2]
     area = np.linalg.norm(np.cross(diagonals[:, :, 0], diagonals[:, :, 1]), axis=-1)
-    best = orders[np.argmax(area, axis=1)]
-    rows = np.arange(len(nodes))[:, None]
-    return nodes[rows, best], points[rows, best]
+    return orders[np.argmax(area, axis=1)]
+
+
+def _middles(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Which of the further nodes (n, m, 3) is in the middle of each edge, and of all."""
+    wanted = 0.5 * (vertices + np.roll(vertices, -1, axis=1))
+    wanted = np.concatenate([wanted, vertices.mean(axis=1, keepdims=True)], axis=1)
+    wanted = wanted[:, [0] if vertices.shape[1] == 2 else range(points.shape[1])]
+    return np.linalg.norm(wanted[:, :, None] - points[:, None], axis=3).argmin(axis=2)
+
+
+def _normals(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals of facets (n, v, 3)."""
+    if vertices.shape[1] == 2:
+        along = vertices[:, 1] - vertices[:, 0]
+        normals = np.stack([along[:, 1], -along[:, 0], np.zeros(len(along))], axis=1)
+    elif vertices.shape[1] == 3:
+        normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+    else:
+        normals = np.cross(vertices[:, 2] - vertices[:, 0], vertices[:, 3] - vertices[:, 1])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 # --- rows ----------------------------------------------------------------------------------------
@@ -492,7 +540,7 @@ def _around(
 
 def _rows(on: Surface, against: Surface, found: _Overlaps) -> MeanGaps:
     """Multiplier functions facet by facet, their rows, and weak rows given to neighbours."""
-    d, (facets, v) = on.dimension, on.nodes.shape
+    d, facets, v = on.dimension, len(on.nodes), on.vertices.shape[1]
     nodes, local = np.unique(on.nodes, return_inverse=True)
     others, other_local = np.unique(against.nodes, return_inverse=True)
     local, other_local = local.reshape(on.nodes.shape), other_local.reshape(against.nodes.shape)
@@ -510,24 +558,25 @@ def _rows(on: Surface, against: Surface, found: _Overlaps) -> MeanGaps:
             "a facet of the first side meets two layers of the second; name a smaller part of it"
         )
     functions = np.tile(np.eye(v), (facets, 1, 1))  # ψ = C φ
-    functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
-    own[covered] = weight[covered, :, None] * np.eye(v)
+    if own.shape[2] == v:
+        functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
+        own[covered] = weight[covered, :, None] * np.eye(v)
     shared = functions[found.i] @ found.shared
     gap = np.einsum("pjk,pk->pj", functions[found.i], found.gap)
 
-    count = len(nodes)
-    total = np.bincount(local.ravel(), weight.ravel(), minlength=count)
-    gaps = np.bincount(local[found.i].ravel(), gap.ravel(), minlength=count)
+    count, corners = len(nodes), local[:, :v]
+    total = np.bincount(corners.ravel(), weight.ravel(), minlength=count)
+    gaps = np.bincount(corners[found.i].ravel(), gap.ravel(), minlength=count)
     touched = np.unique(found.i)
     normals = on.normals[:, :d]
-    here = _scatter(local[touched], local[touched], own[touched], normals[touched], count, count)
+    here = _scatter(corners[touched], local[touched], own[touched], normals[touched], count, count)
     there = _scatter(
-        local[found.i], other_local[found.j], -shared, normals[found.i], count, len(others)
+        corners[found.i], other_local[found.j], -shared, normals[found.i], count, len(others)
     )
     matrix = sparse.hstack([here, there], format="csr")
 
-    share = np.bincount(local.ravel(), np.repeat(sizes / v, v), minlength=count)
-    given = _give(local, weight, total, share)
+    share = np.bincount(corners.ravel(), np.repeat(sizes / v, v), minlength=count)
+    given = _give(corners, weight, total, share)
     total, gaps, matrix = given @ total, given @ gaps, (given @ matrix).tocsr()
     strong = np.flatnonzero(given.diagonal() > 0.0)
 
@@ -606,7 +655,7 @@ def _give(
 def _areas(surface: Surface) -> NDArray[np.float64]:
     """Area of each facet in its own plane, (facets,)."""
     flat = np.einsum(
-        "pvk,pdk->pvd", surface.points - surface.centres[:, None], _frames(surface)
+        "pvk,pdk->pvd", surface.vertices - surface.centres[:, None], _frames(surface)
     )[..., :-1]  # fmt: skip
     if surface.dimension == 2:
         return np.ptp(flat, axis=1)[:, 0]

@@ -35,7 +35,8 @@ def gather_surface(partition: Partition, chosen: Sequence[NDArray[np.int32]]) ->
     gathered = [part for rank in partition.comm.allgather(parts) for part in rank]
     if not gathered:
         return None
-    return Surface.of(*(np.concatenate(arrays) for arrays in zip(*gathered, strict=True)))
+    nodes, points, inside = (np.concatenate(part) for part in zip(*gathered, strict=True))
+    return Surface.of(partition.dimension, nodes, points, inside)
 
 
 def _behind(reference: Reference, rows: NDArray[np.int32]) -> NDArray[np.float64]:
