@@ -166,7 +166,7 @@ class Body(Model):
 
     name: str = Field(description="Name by which conditions and contacts refer to it.")
     mesh: Mesh = Field(description="Where the mesh comes from: {box: …} or {file: …}.")
-    degree: int = Field(1, description="Polynomial degree of the displacement; 1.")
+    degree: int = Field(1, description="Polynomial degree of the displacement, 1 or 2.")
     material: Annotated[
         Annotated[Material, Tag("{one}")] | Annotated[dict[str, Material], Tag("{groups}")],
         Discriminator(_material_form),

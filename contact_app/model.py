@@ -110,7 +110,7 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
         The decomposition asked for is impossible.
     """
     try:
-        shapes = [body.mesh.shape() for body in scene.bodies]
+        shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
         return decompose(shapes, scene.decomposition.subdomains, comm)
     except ValueError as error:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from contact_app.fields import slabs
-from contact_app.xdmf import XDMFWriter
+from contact_app.xdmf import XDMFWriter, cell_type_name
 
 if TYPE_CHECKING:
     from contact_app.run import SolvedScene
@@ -40,7 +40,10 @@ def write_xdmf(solved: SolvedScene, path: Path) -> None:
                 pass
         return
     sizes = np.diff(partition.first_cell)
-    runs = [(b.mesh.cell, int(n)) for b, n in zip(scene.bodies, sizes, strict=True)]
+    runs = [
+        (cell_type_name(b.mesh.cell, b.degree), int(n))
+        for b, n in zip(scene.bodies, sizes, strict=True)
+    ]
     with XDMFWriter(path, runs, partition.nodes, partition.cells) as writer:
         for start, (points, fields) in node_slabs:
             writer.points(start, points)

@@ -85,8 +85,11 @@ class BodyMesh(Protocol):
     def notes(self) -> tuple[str, ...]:
         """What was repaired or left out, a sentence each."""
 
-    def shape(self) -> Any:
-        """What `meshes.decompose` cuts."""
+    def nodes_of(self, degree: int) -> int:
+        """Nodes a displacement of a degree has."""
+
+    def shape(self, degree: int) -> Any:
+        """What `meshes.decompose` cuts, with the nodes of a degree."""
 
     def describe(self) -> str:
         """A phrase for reports."""
@@ -115,7 +118,11 @@ class Box:
     @property
     def nodes(self) -> int:
         """Nodes of the mesh."""
-        return math.prod(n + 1 for n in self.cells)
+        return self.nodes_of(1)
+
+    def nodes_of(self, degree: int) -> int:
+        """Nodes a displacement of a degree has."""
+        return math.prod(degree * n + 1 for n in self.cells)
 
     @property
     def total_cells(self) -> int:
@@ -127,11 +134,11 @@ class Box:
         """The faces."""
         return FACES[: 2 * self.dimension]
 
-    def shape(self) -> Any:
+    def shape(self, degree: int) -> Any:
         """The box as `meshes` knows it."""
         from meshes import BoxShape
 
-        return BoxShape(self.lower, self.upper, self.cells, self.cell)
+        return BoxShape(self.lower, self.upper, self.cells, self.cell, degree)
 
     def describe(self) -> str:
         """A phrase for reports."""
@@ -166,6 +173,11 @@ class Body:
     degree: int
     materials: tuple[Material, ...]
     boundaries: dict[str, Expression]
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of its displacement."""
+        return self.mesh.nodes_of(self.degree)
 
 
 @dataclass(frozen=True)
@@ -354,10 +366,19 @@ class _Builder:
         """With an accuracy the solver follows the mesh, unless a tolerance is given."""
         given, accuracy = self.c.solver, self.c.accuracy
         options = SolverOptions(**given.model_dump())
+        if accuracy is not None and "tolerance" not in given.model_fields_set:
+            options = replace(options, tolerance="auto")
+        if any(b.degree != 1 for b in self.bodies):
+            wanted = {("accuracy",): accuracy, ("solver", "tolerance"): options.tolerance == "auto"}
+            for path, asked in wanted.items():
+                if asked:
+                    self._fail(
+                        path,
+                        "takes the error of the mesh for its measure, which is estimated for "
+                        "bodies of degree 1 only: give solver.tolerance a number",
+                    )
         if accuracy is None:
             return options
-        if "tolerance" not in given.model_fields_set:
-            options = replace(options, tolerance="auto")
         return replace(options, tightest=min(options.tightest, 0.1 * accuracy))
 
     def _places(self) -> dict[str, str]:
@@ -393,8 +414,8 @@ class _Builder:
                 (*path, "name"),
                 f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
             )
-        if body.degree != 1:
-            self._fail((*path, "degree"), f"is {body.degree}; only 1 is available so far")
+        if body.degree not in (1, 2):
+            self._fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
         mesh = self._mesh(body.mesh, (*path, "mesh"))
         materials, mesh = self._materials(body, mesh, (*path, "material"))
         boundaries = {}
@@ -537,22 +558,22 @@ class _Builder:
     def _memory(self, decomposition: Decomposition) -> None:
         """Refuse what cannot fit: the mesh, and factors of subdomains that are too large."""
         bodies, d = self.bodies, self.dimension
-        dofs = sum(b.mesh.nodes for b in bodies) * d
+        dofs = sum(b.nodes for b in bodies) * d
         parts = decomposition.subdomains
         factors: list[tuple[float, int]] = []
         for body in bodies:
-            unknowns = float(body.mesh.nodes * d)
+            unknowns = float(body.nodes * d)
             if isinstance(parts, int):
                 factors += [(dofs / parts, d)] * min(math.ceil(parts / len(bodies)), 1000)
             elif isinstance(parts, tuple):  # congruent sub-boxes: one factor for each body
                 count = math.prod(parts)
                 factors += [(unknowns / count, d)] * (1 if body.mesh.congruent else count)
             elif not body.mesh.congruent:
-                count = max(1, round(body.mesh.nodes / PIECE_NODES))
+                count = max(1, round(body.nodes / PIECE_NODES))
                 factors += [(unknowns / count, d)] * count
         needed, available = needed_bytes(dofs, factors=tuple(factors)), available_bytes()
         if needed > available:
-            largest = int(np.argmax([float(b.mesh.nodes) for b in bodies]))
+            largest = int(np.argmax([float(b.nodes) for b in bodies]))
             key = ("box", "cells") if self.c.bodies[largest].mesh.box else ("file",)
             self._fail(
                 ("bodies", largest, "mesh", *key),
@@ -628,6 +649,10 @@ class _Builder:
                 path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
             )
         body, boundary = self._boundary(contact.on, (*path, "on"))
+        for side, b in (("on", body),) if contact.obstacle is not None else (
+            ("on", body), ("against", self._boundary(contact.against or "", (*path, "against"))[0])
+        ):  # fmt: skip
+            self._refuse_degree(b, contact, (*path, side))
         if contact.obstacle is not None:
             obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
             return Contact(body, boundary, obstacle, f"contacts[{i}]")
@@ -642,6 +667,22 @@ class _Builder:
             if {earlier.on, earlier.against} == {contact.on, contact.against}:
                 self._fail(path, f"repeats contacts[{k}]: each pair of boundaries is given once")
         return BodyContact(body, boundary, other, other_boundary, f"contacts[{i}]")
+
+    def _refuse_degree(self, body: int, contact: c.Contact, path: tuple[str | int, ...]) -> None:
+        """Refuse contact of degree 2 where there are no rows that hold a constant pressure."""
+        made = self.bodies[body]
+        if made.degree == 1:
+            return
+        if contact.against is not None:
+            self._fail(
+                path, f"is on {made.name}, of degree 2; contact between bodies takes degree 1"
+            )
+        if made.mesh.cell == "tetrahedron":
+            self._fail(
+                path,
+                f"is on {made.name}, tetrahedra of degree 2, whose nodal forces cannot represent "
+                "a constant pressure; use degree 1 or hexahedra",
+            )
 
     def _obstacle(self, given: c.Obstacle, path: tuple[str | int, ...]) -> Obstacle:
         known = given.known_keys()

@@ -18,18 +18,18 @@ class Accuracy:
     Attributes
     ----------
     discretisation
-        Estimated error of the mesh.
+        Estimated error of the mesh; None where there is no estimate (degree 2).
     algebraic
         Bound on the error of the solver, √(2 gap).
     total
-        Root of the sum of their squares.
+        Root of the sum of their squares; None where one is unknown.
     """
 
-    discretisation: float
+    discretisation: float | None
     algebraic: float
-    total: float
+    total: float | None
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[str, float | None]:
         """As `summary.json` holds it."""
         return asdict(self)
 

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact_app.errors import ContactError
+from meshes.quadratic import node_vertices
 
 
 class XDMFError(ContactError):
@@ -33,19 +34,24 @@ class XDMFError(ContactError):
 
 @dataclass(frozen=True)
 class CellType:
-    """How XDMF names a cell: its topology, its number in mixed grids, how many vertices."""
+    """How XDMF names a cell: its topology, its number in mixed grids, how many nodes."""
 
     topology: str
     number: int
     vertices: int
 
 
-#: Names as dolfinx and the configuration use them; vertices in VTK's order.
+#: Names as dolfinx and the configuration use them, and of cells of second order with the number of
+#: their nodes; nodes in VTK's order.
 CELL_TYPES = {
     "triangle": CellType("Triangle", 4, 3),
     "quadrilateral": CellType("Quadrilateral", 5, 4),
     "tetrahedron": CellType("Tetrahedron", 6, 4),
     "hexahedron": CellType("Hexahedron", 9, 8),
+    "triangle6": CellType("Triangle_6", 36, 6),
+    "quadrilateral9": CellType("Quadrilateral_9", 35, 9),
+    "tetrahedron10": CellType("Tetrahedron_10", 38, 10),
+    "hexahedron27": CellType("Hexahedron_27", 50, 27),
 }
 
 #: XDMF's word for a value of so many components.
@@ -54,6 +60,11 @@ _ATTRIBUTES = {1: "Scalar", 3: "Vector", 9: "Tensor"}
 #: Where xx, yy, zz, xy, yz, xz stand in the 9 components of a tensor. XDMF's own Tensor6 has
 #: another order than VTK's symmetric tensors, and readers disagree on it; all agree on Tensor.
 _FULL = [0, 3, 5, 3, 1, 4, 5, 4, 2]
+
+
+def cell_type_name(cell: str, degree: int) -> str:
+    """Name in `CELL_TYPES` of a cell with the nodes of a degree."""
+    return cell if degree == 1 else f"{cell}{len(node_vertices(cell))}"
 
 
 class XDMFWriter:

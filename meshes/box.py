@@ -39,12 +39,17 @@ class BoxShape:
         triangles).
     cell
         ``hexahedron``, ``tetrahedron``, ``quadrilateral`` or ``triangle``.
+    degree
+        Of the displacement. The nodes of degree 2 are those of a lattice twice as fine: vertices
+        have even places, the middles of edges, faces and cells have an odd one among theirs, and
+        the cut of a cube into tetrahedra has an edge through each of these.
     """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     cells: tuple[int, ...]
     cell: str
+    degree: int = 1
 
     @property
     def dimension(self) -> int:
@@ -54,12 +59,12 @@ class BoxShape:
     @cached_property
     def strides(self) -> NDArray[np.int64]:
         """Difference in node number between neighbours along each axis; x runs fastest."""
-        return np.cumprod([1, *(n + 1 for n in self.cells[:-1])], dtype=np.int64)
+        return np.cumprod([1, *(self.degree * n + 1 for n in self.cells[:-1])], dtype=np.int64)
 
     @property
     def nodes(self) -> int:
         """Nodes of the lattice."""
-        return int(np.prod([n + 1 for n in self.cells], dtype=np.int64))
+        return int(np.prod([self.degree * n + 1 for n in self.cells], dtype=np.int64))
 
     @property
     def total_cells(self) -> int:
@@ -83,7 +88,7 @@ class BoxShape:
 
     def cell_mesh(self) -> CellMesh:
         """The whole box cell by cell, its nodes numbered by their place in the lattice."""
-        reference = Reference.of(self.mesh(), self.cell)
+        reference = Reference.of(self.mesh(), self.cell, self.degree)
         lattice = self.lattice(reference.points)
         number = lattice @ self.strides
         points = np.empty((self.nodes, self.dimension))
@@ -100,11 +105,13 @@ class BoxShape:
             sides=sides_of(self, place, topology.facets),
             groups={},
             tags=reference.tags,
+            degree=self.degree,
         )
 
     def lattice(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """Lattice indices (n, dimension) of points (n, 3) measured from the lower corner."""
-        return np.rint(points[:, : self.dimension] / self.spacing).astype(np.int64)
+        places = points[:, : self.dimension] * (self.degree / self.spacing)
+        return np.rint(places).astype(np.int64)
 
 
 def sides_of(
@@ -113,7 +120,7 @@ def sides_of(
     """Rows of `facets` (nodes each) on each side of a box, given the lattice index of nodes."""
     found = {}
     for name, axis, end in SIDES[: 2 * box.dimension]:
-        on_side = lattice[:, axis] == end * box.cells[axis]
+        on_side = lattice[:, axis] == end * box.degree * box.cells[axis]
         found[name] = np.flatnonzero(on_side[facets].all(axis=1)).astype(np.int32)
     return found
 
@@ -151,7 +158,7 @@ def split_regularly(
         place = np.unravel_index(number - first_number, parts, order="F")
         begin = np.array([c[i] for c, i in zip(cuts, place, strict=True)])
         size = tuple(int(c[i + 1] - c[i]) for c, i in zip(cuts, place, strict=True))
-        key = (box.cell, size, tuple(box.spacing))
+        key = (box.cell, box.degree, size, tuple(box.spacing))
         if key not in references:
             references[key] = _reference(box, size)
         reference, sides, lattice = references[key]
@@ -169,7 +176,7 @@ def split_regularly(
                 body=body,
                 reference=reference,
                 translation=translation,
-                nodes=first_node + (lattice + begin) @ box.strides,
+                nodes=first_node + (lattice + box.degree * begin) @ box.strides,
                 exterior=exterior,
                 boundaries=boundaries,
             )
@@ -181,7 +188,8 @@ def _reference(
     box: BoxShape, size: tuple[int, ...]
 ) -> tuple[Reference, dict[str, NDArray[np.int32]], NDArray[np.int64]]:
     """Mesh a sub-box of `size` cells; with its sides and the lattice indices of its nodes."""
-    block = BoxShape((0.0,) * box.dimension, tuple(box.spacing * size), size, box.cell)
-    reference = Reference.of(block.mesh(), box.cell)
+    lower, upper = (0.0,) * box.dimension, tuple(box.spacing * size)
+    block = BoxShape(lower, upper, size, box.cell, box.degree)
+    reference = Reference.of(block.mesh(), box.cell, box.degree)
     lattice = block.lattice(reference.points)
     return reference, sides_of(block, lattice, reference.facets), lattice

@@ -34,11 +34,12 @@ COINCIDENT = -33
 class Piece:
     """A subdomain as it travels from the partitioning rank: plain arrays.
 
-    `cells` are local nodes in VTK order; `tags` number the material of each cell; `exterior` and
-    `boundaries` list facets by their sorted local nodes.
+    `cells` are local nodes in VTK order, of degree 1 or 2; `tags` number the material of each
+    cell; `exterior` and `boundaries` list facets by their sorted local nodes.
     """
 
     cell: str
+    degree: int
     cells: NDArray[np.int64]
     tags: NDArray[np.int32]
     points: NDArray[np.float64]
@@ -137,14 +138,18 @@ def place_piece(
     # a power of two, which the round-off of a translation does not change
     quantum = float(np.exp2(np.rint(np.log2(np.ptp(local, axis=0).max())) + COINCIDENT))
     shape = np.rint(local / quantum).astype(np.int64)
-    key = (piece.cell, quantum, shape.tobytes(), piece.cells.tobytes(), piece.tags.tobytes())
+    key = (
+        piece.cell, piece.degree, quantum, shape.tobytes(), piece.cells.tobytes(),
+        piece.tags.tobytes(),
+    )  # fmt: skip
     if key not in references:
-        cells = piece.cells[:, VTK_ORDER[piece.cell]]  # this order is its own inverse
-        references[key] = Reference.of(
-            versions.create_mesh(cells, local, piece.cell), piece.cell, piece.tags
-        )
+        corners = piece.cells[:, VTK_ORDER[piece.cell]]  # this order is its own inverse
+        used, cells = np.unique(corners, return_inverse=True)
+        mesh = versions.create_mesh(cells.reshape(corners.shape), local[used], piece.cell)
+        references[key] = Reference.of(mesh, piece.cell, piece.degree, piece.tags)
     reference = references[key]
-    given = np.asarray(reference.mesh.geometry.input_global_indices)
+    given = np.empty(len(local), np.int64)
+    given[reference.cells] = piece.cells[versions.original_cells(reference.mesh)]
     translation = np.zeros(3)
     translation[: len(origin)] = origin
     table = np.sort(given[reference.facets], axis=1)
@@ -195,6 +200,7 @@ def _piece(mesh: CellMesh, rows: NDArray[np.int64], own: NDArray[np.bool_]) -> P
 
     return Piece(
         cell=mesh.cell,
+        degree=mesh.degree,
         cells=local.reshape(cells.shape).astype(np.int64),
         tags=mesh.tags[rows],
         points=mesh.points[used],

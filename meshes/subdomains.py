@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from meshes import versions
+from meshes.quadratic import VERTICES, node_vertices
 
 VTK_ORDER = {
     "triangle": (0, 1, 2),
@@ -27,6 +29,18 @@ VTK_ORDER = {
 """Vertices of dolfinx's tensor-product cells in the order VTK and XDMF use."""
 
 
+@cache
+def vtk_order(cell: str, degree: int) -> tuple[int, ...]:
+    """Nodes of dolfinx's Lagrange cells in the order VTK and XDMF use."""
+    if degree == 1:
+        return VTK_ORDER[cell]
+    nodes, vertices, _ = versions.lagrange_nodes(cell, degree)
+    corners = vertices[list(VTK_ORDER[cell])]
+    middles = np.array([corners[list(on)].mean(axis=0) for on in node_vertices(cell)])
+    away = np.linalg.norm(middles[:, None] - nodes[None], axis=2)
+    return tuple(int(i) for i in away.argmin(axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class Reference:
     """Mesh of one congruence class of subdomains, on one process.
@@ -34,15 +48,17 @@ class Reference:
     Attributes
     ----------
     mesh
-        The dolfinx mesh; its geometry nodes number everything below.
+        The dolfinx mesh; its geometry nodes come first among the nodes.
     cell
         Name of the cell, e.g. ``hexahedron``.
+    degree
+        Degree of the displacement, 1 or 2: where the nodes are.
     points : (nodes, 3)
         Coordinates.
-    cells : (cells, vertices)
-        Nodes of each cell in VTK order.
-    facets : (facets, vertices a facet)
-        Nodes of the facets on the surface of the subdomain.
+    cells : (cells, nodes a cell)
+        Nodes of each cell in VTK order, vertices first.
+    facets : (facets, nodes a facet)
+        Nodes of the facets on the surface of the subdomain, in dolfinx's order, vertices first.
     facet_entities : (facets,)
         The same facets as entities of `mesh`.
     tags : (cells,)
@@ -51,6 +67,7 @@ class Reference:
 
     mesh: Any
     cell: str
+    degree: int
     points: NDArray[np.float64]
     cells: NDArray[np.int32]
     facets: NDArray[np.int32]
@@ -58,11 +75,15 @@ class Reference:
     tags: NDArray[np.int32]
 
     @classmethod
-    def of(cls, mesh: Any, cell: str, tags: NDArray[np.int32] | None = None) -> Reference:
+    def of(
+        cls, mesh: Any, cell: str, degree: int = 1, tags: NDArray[np.int32] | None = None
+    ) -> Reference:
         """Describe a dolfinx mesh on one process.
 
         Parameters
         ----------
+        degree
+            Degree of the displacement.
         tags
             Numbers of the materials of the cells the mesh was made from, in their order; all 0
             unless given.
@@ -70,17 +91,52 @@ class Reference:
         dimension = mesh.topology.dim
         mesh.topology.create_connectivity(dimension - 1, dimension)
         entities = np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
-        cells = versions.cell_nodes(mesh)[:, VTK_ORDER[cell]]
-        given = np.zeros(len(cells), np.int32) if tags is None else tags
+        points, nodes = _nodes(mesh, cell, degree)
+        closures = versions.lagrange_nodes(cell, degree)[2]
+        owner, local = _sides_of_facets(mesh, entities)
+        given = np.zeros(len(nodes), np.int32) if tags is None else tags
         return cls(
             mesh=mesh,
             cell=cell,
-            points=mesh.geometry.x.copy(),
-            cells=cells,
-            facets=versions.facet_nodes(mesh, entities).reshape(len(entities), -1),
+            degree=degree,
+            points=points,
+            cells=nodes[:, list(vtk_order(cell, degree))],
+            facets=nodes[owner[:, None], closures[local]],
             facet_entities=entities,
             tags=given if tags is None else given[versions.original_cells(mesh)],
         )
+
+
+def _nodes(mesh: Any, cell: str, degree: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Coordinates of the nodes, those of the geometry first, and the nodes of cells.
+
+    Returns (nodes, 3) and (cells, nodes a cell) in dolfinx's order.
+    """
+    corners = versions.cell_nodes(mesh)
+    points = mesh.geometry.x
+    vertices = VERTICES[cell]
+    if corners.shape[1] == (vertices if degree == 1 else len(node_vertices(cell))):
+        return points.copy(), corners
+    space = versions.scalar_space(mesh, degree)
+    dofs, at = versions.dof_nodes(space), space.tabulate_dof_coordinates()
+    number = np.full(len(at), -1, np.int32)
+    number[dofs[:, :vertices]] = corners
+    added = number < 0
+    number[added] = len(points) + np.arange(int(added.sum()))
+    return np.concatenate([points, at[added]]), number[dofs]
+
+
+def _sides_of_facets(
+    mesh: Any, entities: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """The cell of each facet on the surface, and which of the cell's facets it is."""
+    d = mesh.topology.dim
+    mesh.topology.create_connectivity(d, d - 1)
+    cells, offsets = versions.adjacency(mesh.topology.connectivity(d - 1, d))
+    owner = cells[offsets[entities]]
+    facets, starts = versions.adjacency(mesh.topology.connectivity(d, d - 1))
+    of_cells = facets.reshape(len(starts) - 1, -1)
+    return owner, np.argmax(of_cells[owner] == entities[:, None], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.quadratic import VERTICES, facet_table, with_middles
+
 
 class MeshError(ValueError):
     """A mesh that cannot be used; the text says why and what would do."""
@@ -36,8 +38,8 @@ class Topology:
 
     Attributes
     ----------
-    facets : (facets, vertices a facet)
-        Nodes of the facets on the surface.
+    facets : (facets, nodes a facet)
+        Nodes of the facets on the surface, vertices first.
     facet_cells : (facets,)
         The cell each of them belongs to.
     pairs : (pairs, 2)
@@ -53,7 +55,7 @@ class Topology:
 
     @classmethod
     def of(cls, cells: NDArray[np.int64], cell: str) -> Topology:
-        """Topology of cells (cells, vertices) in VTK order."""
+        """Topology of cells (cells, nodes) in VTK order, of first or second order."""
         table = np.array(FACETS[cell])
         facets = cells[:, table].reshape(-1, table.shape[1])
         owner = np.repeat(np.arange(len(cells)), len(table))
@@ -66,8 +68,12 @@ class Topology:
         count = np.diff(np.append(start, len(ordered)))
         single, double = order[start[count == 1]], start[count == 2]
         single.sort()
+        on_surface = facets[single]
+        if cells.shape[1] > VERTICES[cell]:
+            nodes = facet_table(FACETS[cell], cell)[single % len(table)]
+            on_surface = cells[owner[single][:, None], nodes]
         return cls(
-            facets=facets[single],
+            facets=on_surface,
             facet_cells=owner[single],
             pairs=np.stack([owner[order[double]], owner[order[double + 1]]], axis=1),
             crowded=int((count > 2).sum()),
@@ -84,8 +90,8 @@ class CellMesh:
         ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
     points : (nodes, dimension)
         Coordinates, in the unit of length of the scene.
-    cells : (cells, vertices)
-        Nodes of each cell in VTK order.
+    cells : (cells, nodes a cell)
+        Nodes of each cell in VTK order, vertices first.
     topology
         Its surface and neighbours.
     sides
@@ -98,6 +104,8 @@ class CellMesh:
         Where it comes from, for reports.
     notes
         What was repaired or left out when it was read, a sentence each.
+    degree
+        1, or 2 where cells have nodes amid their edges, faces and in their middle, too.
     """
 
     cell: str
@@ -109,6 +117,7 @@ class CellMesh:
     tags: NDArray[np.int32]
     name: str = "mesh"
     notes: tuple[str, ...] = field(default=())
+    degree: int = 1
 
     @property
     def dimension(self) -> int:
@@ -184,9 +193,20 @@ class CellMesh:
             return f"asks for {math.prod(parts)} parts, where {name} has {self.total_cells} cells"
         return ""
 
-    def shape(self) -> CellMesh:
-        """What is cut into subdomains: the mesh itself."""
-        return self
+    @cached_property
+    def _quadratic(self) -> CellMesh:
+        """The same mesh with the nodes of degree 2."""
+        points, cells = with_middles(self.points, self.cells, self.cell)
+        topology = Topology.of(cells, self.cell)  # facets in the same order
+        return replace(self, points=points, cells=cells, topology=topology, degree=2)
+
+    def shape(self, degree: int) -> CellMesh:
+        """What is cut into subdomains: the mesh itself, with the nodes of a degree."""
+        return self if degree == self.degree else self._quadratic
+
+    def nodes_of(self, degree: int) -> int:
+        """Nodes a displacement of a degree has."""
+        return self.shape(degree).nodes
 
     def describe(self) -> str:
         """A phrase for reports."""

@@ -26,6 +26,11 @@ def vector_space(mesh: Any, degree: int, components: int) -> Any:
     return fem.VectorFunctionSpace(mesh, ("Lagrange", degree), dim=components)
 
 
+def scalar_space(mesh: Any, degree: int) -> Any:
+    """Continuous Lagrange space with one value a node."""
+    return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("Lagrange", degree))
+
+
 def cellwise_space(mesh: Any, components: int) -> Any:
     """Piecewise constant space with `components` values a cell."""
     if _MODERN:
@@ -75,14 +80,17 @@ def dof_nodes(space: Any) -> NDArray[np.int32]:
     return dofs.array.reshape(dofs.num_nodes, -1)
 
 
-def facet_nodes(mesh: Any, facets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Geometry nodes of facets, (facets, vertices a facet)."""
-    dimension = mesh.topology.dim
-    mesh.topology.create_connectivity(dimension - 1, dimension)
-    mesh.topology.create_connectivity(dimension, dimension - 1)
-    if _MODERN:
-        return dolfinx.mesh.entities_to_geometry(mesh, dimension - 1, facets)
-    return dolfinx.cpp.mesh.entities_to_geometry(mesh._mesh, dimension - 1, facets, False)
+def lagrange_nodes(cell: str, degree: int) -> tuple[NDArray, NDArray, NDArray]:
+    """Nodes of a Lagrange cell in dolfinx's order.
+
+    Returns reference coordinates of its nodes (nodes, dimension) and of its vertices (vertices,
+    dimension), and the nodes of each facet (facets, nodes a facet), vertices first.
+    """
+    kind = getattr(basix.CellType, cell)
+    variant = basix.LagrangeVariant.gll_warped
+    element = basix.create_element(basix.ElementFamily.P, kind, degree, variant)
+    closures = element.entity_closure_dofs[-2]
+    return np.asarray(element.points), np.asarray(basix.geometry(kind)), np.array(closures)
 
 
 def compile_form(form: Any) -> Any:

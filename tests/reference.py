@@ -225,9 +225,10 @@ class _AssembledBody:
             return ufl.sym(ufl.grad(w))
 
         stress = lame[0] * ufl.div(u) * ufl.Identity(dimension) + 2 * lame[1] * strain(u)
-        # Two points a direction, as every code has it: exact on boxes; on distorted cells the
-        # integrand is rational, and another rule would make another discrete problem.
-        dx = ufl.dx(metadata={"quadrature_degree": 2})
+        # Two points a direction for degree 1, three for degree 2, as every code has it: exact on
+        # boxes; on distorted cells the integrand is rational, and another rule would make another
+        # discrete problem.
+        dx = ufl.dx(metadata={"quadrature_degree": 2 * body.degree})
         matrix = assemble_matrix(fem.form(ufl.inner(stress, strain(v)) * dx))
         matrix.assemble()
         indptr, indices, values = matrix.getValuesCSR()

@@ -139,7 +139,7 @@ WRONG = [
     (f"{BOX}.cell=triangle", "in 3D hexahedron or tetrahedron is allowed"),
     ("bodies.0.mesh={}", "needs `box:"),
     ("bodies.0.mesh.file=part.msh", "bodies[0].mesh has both; exactly one of `box"),
-    ("bodies.0.degree=2", "only 1 is available"),
+    ("bodies.0.degree=3", "1 or 2 is allowed"),
     ("bodies.0.material={steel: {young: 1, poisson: 0.3}}", "by tag needs a mesh from a file"),
     # names
     ("bodies.0.name=a.b", "letters, digits, _ and - are allowed"),

@@ -1,0 +1,98 @@
+"""Nodes of second-order cells: vertices, middles of edges, of quadrilateral faces and of cells.
+
+Full Lagrange cells: 6 nodes in a triangle, 9 in a quadrilateral, 10 in a tetrahedron, 27 in a
+hexahedron, in VTK's order (VTK_QUADRATIC_TRIANGLE, VTK_BIQUADRATIC_QUAD, VTK_QUADRATIC_TETRA,
+VTK_TRIQUADRATIC_HEXAHEDRON): first the vertices, then what is listed here.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+EDGES = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "hexahedron": (
+        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
+        (0, 4), (1, 5), (2, 6), (3, 7),
+    ),
+}  # fmt: skip
+"""Vertices of the edges of a cell."""
+
+FACES = {
+    "hexahedron": (
+        (0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7),
+    ),
+}  # fmt: skip
+"""Vertices of the faces that have a node amid them."""
+
+VERTICES = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+
+CENTRED = ("quadrilateral", "hexahedron")
+"""Cells that have a node in their middle."""
+
+
+@cache
+def node_vertices(cell: str) -> tuple[tuple[int, ...], ...]:
+    """The vertices each node of a second-order cell is in the middle of, in VTK's order."""
+    corners = tuple((v,) for v in range(VERTICES[cell]))
+    centre = (tuple(range(VERTICES[cell])),) if cell in CENTRED else ()
+    return (*corners, *EDGES[cell], *FACES.get(cell, ()), *centre)
+
+
+def facet_table(facets: tuple[tuple[int, ...], ...], cell: str) -> NDArray[np.int64]:
+    """Nodes of each facet of a second-order cell, its vertices first, (facets, nodes)."""
+    nodes = node_vertices(cell)
+    table = []
+    for facet in facets:
+        inner = [
+            i for i, on in enumerate(nodes) if len(on) > 1 and set(on) <= set(facet)
+        ]  # middles of its edges and its own
+        table.append([*facet, *inner])
+    return np.array(table)
+
+
+def with_middles(
+    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points and cells of second order on the vertices of a mesh of straight edges.
+
+    Parameters
+    ----------
+    points : (nodes, dimension)
+    cells : (cells, vertices)
+        In VTK order.
+
+    Returns
+    -------
+    Points, the given ones first, and cells with all their nodes in VTK order.
+    """
+    found, added = [cells], [points]
+    count = len(points)
+    groups = [np.array(EDGES[cell])]
+    if cell in FACES:
+        groups.append(np.array(FACES[cell]))
+    for table in groups:
+        corners = cells[:, table].reshape(-1, table.shape[1])
+        first, number = _distinct(np.sort(corners, axis=1))
+        added.append(points[corners[first]].mean(axis=1))
+        found.append(count + number.reshape(len(cells), -1))
+        count += len(first)
+    if cell in CENTRED:
+        added.append(points[cells].mean(axis=1))
+        found.append(count + np.arange(len(cells))[:, None])
+    return np.concatenate(added), np.concatenate(found, axis=1)
+
+
+def _distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First occurrence of each distinct row, and the number of each row among them."""
+    order = np.lexsort(rows.T[::-1])
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order][1:] != rows[order][:-1]).any(axis=1)
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return order[new], number
