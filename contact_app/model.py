@@ -21,6 +21,7 @@ from scipy.linalg import block_diag
 
 from contact_app.assembly import Element
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+from contact_app.memory import give_back
 from contact_app.mortar import SurfacesApartError, mean_gaps
 from contact_app.pairs import gather_surface, owned_rows
 from contact_app.scene import (
@@ -225,6 +226,7 @@ def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = Non
         notes.append("every body is one held subdomain: no gluing, no coarse problem")
     if not comm.allreduce(int((problem.kinds == RowKind.CONTACT).sum())):
         notes.append("no contact rows: plain conjugate gradients")
+    give_back()
     return Model(
         scene=scene,
         partition=partition,

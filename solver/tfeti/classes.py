@@ -43,7 +43,7 @@ class SubdomainClass:
     free : (m,)
         Unknowns that are solved for; all of them unless held ones are eliminated.
     interface : (i,)
-        Unknowns that B touches in some member.
+        Unknowns that B touches in some member, in the order in which K⁺ takes them.
     members
         How many subdomains share all this.
     inverse
@@ -134,7 +134,9 @@ def subdomain_class(
         nodes = fixing_nodes(points, dimension)
         fixing = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
         symmetry = find_symmetry(points, dimension, stiffness)
-        interface = np.unique(touched) if symmetry is None else symmetry.closure(touched)
+        interface = np.unique(touched)
+        if symmetry is not None:
+            interface = symmetry.split(symmetry.closure(touched)).unknowns
         how = choose_block(len(free), len(interface), members, symmetry.order if symmetry else 1)
         if symmetry is None or how is BlockKind.NONE:
             inverse = GeneralisedInverse(stiffness, kernel, fixing)

@@ -57,11 +57,13 @@ class CoarseProblem:
         self.size, interface = B.getLocalSize()
         self.kernels = sum(members * R.shape[1] for members, R in kernels)
         self._classes = _kernel_parts(kernels)
-        Gt = B.matMult(_kernel_matrix(self.comm, kernels, interface, self.kernels))
-        self._gram = Gt.transposeMatMult(Gt)
+        R = _kernel_matrix(self.comm, kernels, interface, self.kernels)
+        Gt = B.matMult(R)
+        self._gram = _gram(Gt)
         self._contact_rows = np.flatnonzero(inequality)
         self._contact = _rows_of(Gt, self._contact_rows)
-        Gt.destroy()
+        for matrix in (Gt, R):
+            matrix.destroy()
         self._weights: NDArray[np.float64] | None = None
         self._interface = np.empty(interface)
         self._dual = np.empty(self.size)
@@ -86,7 +88,7 @@ class CoarseProblem:
         part = self._contact.duplicate(copy=True)
         part.diagonalScale(L=petsc_vec(np.sqrt(np.maximum(lost, 0.0)), self.comm))
         gram = self._gram.duplicate(copy=True)
-        loss = part.transposeMatMult(part)
+        loss = _gram(part)
         gram.axpy(-1.0, loss, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         for matrix in (part, loss):
             matrix.destroy()
@@ -203,6 +205,14 @@ def petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> P
     )
     matrix.assemble()
     return matrix
+
+
+def _gram(Gt: PETSc.Mat) -> PETSc.Mat:
+    """G Gᵀ, as a copy: a product keeps its factors alive."""
+    product = Gt.transposeMatMult(Gt)
+    result = product.copy()
+    product.destroy()
+    return result
 
 
 def _rows_of(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.tfeti.symmetry import Symmetry
+from solver.tfeti.symmetry import Split, Symmetry
 
 COLUMNS_AT_ONCE = 256
 """Right-hand sides a sparse solve takes at once; more only cost memory."""
@@ -164,37 +164,36 @@ class SymmetricInverse:
     ) -> None:
         self.symmetry = symmetry
         regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
-        self._bases = symmetry.bases(np.arange(stiffness.shape[0]))
-        self._transposed = [V.T.tocsr() for V in self._bases]
+        self._split = symmetry.split(np.arange(stiffness.shape[0]))
         self._factors = []
-        for V in self._bases:
+        bases = self._split.bases(stiffness.shape[0])
+        for V, (first, orbit) in zip(bases, self._split.orbits, strict=True):
             # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
-            first, orbit = V.indices[V.indptr[:-1]], np.diff(V.indptr)
-            self._factors.append(
-                CholeskyFactor(sparse.diags(np.sqrt(orbit)) @ (regular[first] @ V))
-            )
+            self._factors.append(CholeskyFactor(sparse.diags(orbit) @ (regular[first] @ V)))
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
-        result = np.zeros(loads.shape, order="F")
+        result = np.empty(loads.shape, order="F")
+        order = self._split.unknowns
+        back = np.argsort(order)
         for begin in range(0, loads.shape[1], COLUMNS_AT_ONCE):
             part = slice(begin, begin + COLUMNS_AT_ONCE)
-            columns = np.ascontiguousarray(loads[:, part])
-            total = np.zeros(columns.shape)
-            for V, Vt, factor in zip(self._bases, self._transposed, self._factors, strict=True):
-                total += V @ np.ascontiguousarray(factor.solve(Vt @ columns))
-            result[:, part] = total
+            rows = loads.T[part][:, order]
+            split = self._split.forward(rows)
+            solved = [f.solve(c.T).T for f, c in zip(self._factors, split, strict=True)]
+            self._split.backward(solved, rows)
+            result.T[part] = rows[:, back]
         return result
 
     def restricted(self, unknowns: NDArray[np.int64]) -> SymmetricBlock:
-        """K⁺ between some unknowns, which are closed under reflection and sorted."""
-        inside = np.zeros(self._bases[0].shape[0], bool)
+        """K⁺ between some unknowns, which are in the order of a split."""
+        inside = np.zeros(len(self._split.unknowns), bool)
         inside[unknowns] = True
-        blocks = []
-        for V, factor in zip(self._bases, self._factors, strict=True):
-            columns = np.flatnonzero(inside[V.indices[V.indptr[:-1]]])
-            blocks.append(factor.restricted(columns))
-        return SymmetricBlock(blocks, self.symmetry.bases(unknowns))
+        blocks = [
+            factor.restricted(np.flatnonzero(inside[first]))
+            for factor, (first, _) in zip(self._factors, self._split.orbits, strict=True)
+        ]
+        return SymmetricBlock(blocks, self.symmetry.split(unknowns))
 
 
 class DenseBlock:
@@ -223,19 +222,16 @@ class SymmetricBlock:
     Parameters
     ----------
     blocks : one (m_χ, m_χ) array a character
-    bases : one (m, m_χ) matrix a character
-        Orthonormal V_χ.
+        (V_χᵀ K V_χ)⁻¹ between coordinates of the interface.
+    split
+        The coordinates; loads and displacements are in the order of its unknowns.
     """
 
-    MEMBERS_AT_ONCE = 64
+    MEMBERS_AT_ONCE = 32
     """Members transformed together: few enough to stay in cache, enough for a fast product."""
 
-    def __init__(self, blocks: list[NDArray[np.float64]], bases: list[sparse.csc_matrix]) -> None:
-        self.blocks = blocks
-        ends = np.cumsum([0, *(len(b) for b in blocks)])
-        self._parts = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        self._back = sparse.hstack(bases).tocsr()
-        self._there = self._back.T.tocsr()
+    def __init__(self, blocks: list[NDArray[np.float64]], split: Split) -> None:
+        self.blocks, self.split = blocks, split
 
     @property
     def nbytes(self) -> int:
@@ -246,18 +242,15 @@ class SymmetricBlock:
         """One row a member: (s, m) to (s, m)."""
         for begin in range(0, len(loads), self.MEMBERS_AT_ONCE):
             members = slice(begin, begin + self.MEMBERS_AT_ONCE)
-            split = self._there @ np.ascontiguousarray(loads[members].T)
-            solved = np.empty_like(split)
-            for block, part in zip(self.blocks, self._parts, strict=True):
-                np.matmul(block, split[part], out=solved[part])
-            out[members] = (self._back @ solved).T
+            parts = self.split.forward(loads[members])
+            solved = [part @ block for part, block in zip(parts, self.blocks, strict=True)]
+            self.split.backward(solved, out[members])
 
     def toarray(self) -> NDArray[np.float64]:
         """The block as one matrix, (m, m)."""
-        result = np.zeros(self._back.shape)
-        for block, part in zip(self.blocks, self._parts, strict=True):
-            V = self._back[:, part]
-            result += V @ (V @ block.T).T
+        identity = np.eye(len(self.split.unknowns))
+        result = np.empty_like(identity)
+        self.apply(identity, result)
         return result
 
 

@@ -12,6 +12,7 @@ A dense inverse then costs |H| times less to apply and to hold, and its factors 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -45,7 +46,7 @@ class Symmetry:
         return len(self.images)
 
     def closure(self, unknowns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The unknowns and their mirror images, sorted."""
+        """The unknowns and their mirror images, in increasing order."""
         return np.unique(self.images[:, unknowns])
 
     def average(self, stiffness: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -64,32 +65,166 @@ class Symmetry:
         result.sort_indices()
         return result
 
-    def bases(self, unknowns: NDArray[np.int64]) -> list[sparse.csc_matrix]:
-        """Orthonormal bases V_χ on some unknowns, closed under reflection: (m, m_χ) each.
+    def split(self, unknowns: NDArray[np.int64]) -> Split:
+        """How vectors on some unknowns, closed under reflection, fall into characters."""
+        inside = np.zeros(self.images.shape[1], bool)
+        inside[unknowns] = True
+        first = np.flatnonzero(inside & (self.images.min(axis=0) == np.arange(len(inside))))
+        fixed = self.images[:, first] == first
+        # which elements leave an unknown where it is, and the signs of all, as bits of one number
+        bits = 1 << np.arange(self.order)
+        kind = np.stack([bits @ fixed, bits @ (self.signs[:, first] > 0)], axis=1)
+        families = []
+        for known in np.unique(kind, axis=0):
+            mine = first[(kind == known).all(axis=1)]
+            families.append(self._family(mine))
+        return Split(tuple(families), self.order)
 
-        A column belongs to an orbit; its first entry is positive and all have one magnitude.
-        """
-        place = np.full(self.images.shape[1], -1, np.int64)
-        place[unknowns] = np.arange(len(unknowns))
-        images, signs = place[self.images[:, unknowns]], self.signs[:, unknowns]
-        first = np.flatnonzero(images.min(axis=0) == np.arange(len(unknowns)))
-        images, signs = images[:, first], signs[:, first]
+    def _family(self, first: NDArray[np.int64]) -> Family:
+        """Orbits that the group treats alike, from their first unknowns."""
+        one, elements = first[0], range(self.order)
+        stays = [h for h in elements if self.images[h, one] == one]
+        moves: list[int] = []  # a basis of the group over those that stay
+        reached = set(stays)
+        for h in elements:
+            if h not in reached:
+                moves.append(h)
+                reached |= {h ^ g for g in reached}
+        cosets = [0]
+        for h in moves:
+            cosets += [h ^ g for g in cosets]
+        characters = np.empty(len(cosets), np.int64)
+        for character in elements:
+            signs = [_parity(character & h) * int(self.signs[h, one]) for h in elements]
+            if all(signs[h] == 1 for h in stays):
+                flipped = [signs[h] < 0 for h in moves]
+                characters[sum(1 << k for k, flip in enumerate(flipped) if flip)] = character
+        return Family(self.images[cosets][:, first], characters)
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Orbits of unknowns that the group treats alike.
+
+    Attributes
+    ----------
+    unknowns : (2^k, orbits)
+        Row β holds the images under the product of those of k elements whose bit is set in β.
+    characters : (2^k,)
+        Character of Σ_β (-1)^{β·γ} u_β, for each γ.
+    """
+
+    unknowns: NDArray[np.int64]
+    characters: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """The change to one coordinate an orbit and character, and back.
+
+    Coordinates are Σ_β (-1)^{β·γ} u_β over the images of an unknown, made by sums and differences
+    of halves (a Walsh-Hadamard transform); they are orthogonal but not normalised.
+
+    Attributes
+    ----------
+    families
+        Orbits by the way the group acts on them.
+    order
+        Characters.
+    """
+
+    families: tuple[Family, ...]
+    order: int
+
+    @cached_property
+    def unknowns(self) -> NDArray[np.int64]:
+        """The unknowns in the order in which vectors are taken, (m,)."""
+        return np.concatenate([f.unknowns.ravel() for f in self.families])
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        """Coordinates of each character, m_χ."""
+        sizes = [0] * self.order
+        for family in self.families:
+            for character in family.characters:
+                sizes[character] += family.unknowns.shape[1]
+        return sizes
+
+    @cached_property
+    def orbits(self) -> list[NDArray[np.int64]]:
+        """First unknown and size of the orbit of each coordinate, (2, m_χ) a character."""
+        parts: list[list[NDArray[np.int64]]] = [[] for _ in range(self.order)]
+        for family in self.families:
+            first = family.unknowns[0]
+            for character in family.characters:
+                parts[character].append(
+                    np.stack([first, np.full_like(first, len(family.unknowns))])
+                )
+        return [np.concatenate([np.zeros((2, 0), np.int64), *p], axis=1) for p in parts]
+
+    def bases(self, size: int) -> list[sparse.csc_matrix]:
+        """V_χ, whose transpose makes the coordinates of vectors on all `size` unknowns."""
         result = []
-        for character in range(self.order):
-            weights = [_parity(character & h) for h in range(self.order)]
-            values = signs * np.array(weights, float)[:, None]
-            columns = np.broadcast_to(np.arange(len(first)), images.shape)
-            V = sparse.coo_matrix(
-                (values.ravel(), (images.ravel(), columns.ravel())),
-                shape=(len(unknowns), len(first)),
-            ).tocsc()  # entries of one unknown are summed, and cancel where the orbit folds
-            V.eliminate_zeros()
-            squares = np.asarray(V.multiply(V).sum(axis=0)).ravel()
-            V = V[:, squares > 0.0]
-            V = (V @ sparse.diags(1.0 / np.sqrt(squares[squares > 0.0]))).tocsc()
-            V.sort_indices()
-            result.append(V)
+        for character, columns in enumerate(self.sizes):
+            rows, place, values, start = [], [], [], 0
+            for family in self.families:
+                cosets, orbits = family.unknowns.shape
+                for gamma in np.flatnonzero(family.characters == character):
+                    signs = [_parity(int(gamma) & beta) for beta in range(cosets)]
+                    rows.append(family.unknowns.ravel())
+                    place.append(np.tile(np.arange(start, start + orbits), cosets))
+                    values.append(np.repeat(np.array(signs, float), orbits))
+                    start += orbits
+            entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(place)))
+            result.append(sparse.csc_matrix(entries, shape=(size, columns)))
         return result
+
+    def forward(self, vectors: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Coordinates of vectors in the order of `unknowns`: (s, m) to (s, m_χ) each."""
+        s = len(vectors)
+        result = [np.empty((s, n)) for n in self.sizes]
+        ends = [0] * self.order
+        begin = 0
+        for family in self.families:
+            shape = family.unknowns.shape
+            end = begin + family.unknowns.size
+            transformed = _walsh(vectors[:, begin:end].reshape(s, *shape))
+            for gamma, character in enumerate(family.characters):
+                start = ends[character]
+                ends[character] = start + shape[1]
+                result[character][:, start : start + shape[1]] = transformed[:, gamma]
+            begin = end
+        return result
+
+    def backward(self, parts: list[NDArray[np.float64]], out: NDArray[np.float64]) -> None:
+        """Σ V_χ times coordinates: (s, m_χ) each to (s, m) in the order of `unknowns`."""
+        s = len(out)
+        ends = [0] * self.order
+        begin = 0
+        for family in self.families:
+            shape = family.unknowns.shape
+            end = begin + family.unknowns.size
+            gathered = np.empty((s, *shape))
+            for gamma, character in enumerate(family.characters):
+                start = ends[character]
+                ends[character] = start + shape[1]
+                gathered[:, gamma] = parts[character][:, start : start + shape[1]]
+            out[:, begin:end] = _walsh(gathered).reshape(s, -1)
+            begin = end
+
+
+def _walsh(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums Σ_β (-1)^{β·γ} x_β over the second axis of (s, 2^k, n) vectors."""
+    s, cosets, n = vectors.shape
+    step = 1
+    while step < cosets:
+        halves = vectors.reshape(s, -1, 2, step, n)
+        vectors = np.empty((s, cosets, n))
+        both = vectors.reshape(halves.shape)
+        np.add(halves[:, :, 0], halves[:, :, 1], out=both[:, :, 0])
+        np.subtract(halves[:, :, 0], halves[:, :, 1], out=both[:, :, 1])
+        step *= 2
+    return vectors
 
 
 def find_symmetry(

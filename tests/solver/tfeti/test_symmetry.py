@@ -76,16 +76,40 @@ def test_no_symmetry_is_none() -> None:
 
 
 @pytest.mark.parametrize("cells", [(3, 2), (2, 2, 2), (3, 2, 2)])
-def test_bases_are_orthonormal_complete_and_split_the_stiffness(cells: tuple[int, ...]) -> None:
+def test_the_split_is_orthogonal_complete_and_splits_the_stiffness(cells: tuple[int, ...]) -> None:
     points, K = springs(cells)
     symmetry = find_symmetry(points, len(cells), K)
     assert symmetry is not None
-    bases = symmetry.bases(np.arange(K.shape[0]))
+    split = symmetry.split(np.arange(K.shape[0]))
+    assert sum(split.sizes) == K.shape[0]
+    bases = split.bases(K.shape[0])
     together = sparse.hstack(bases).toarray()
-    np.testing.assert_allclose(together.T @ together, np.eye(K.shape[0]), atol=1e-14)
+    gram = together.T @ together
+    np.testing.assert_array_equal(gram, np.diag(np.diag(gram)))
+    np.testing.assert_array_equal(np.diag(gram), np.concatenate([o[1] for o in split.orbits]))
     for a, b in product(range(symmetry.order), repeat=2):
         if a != b:
             assert abs(bases[a].T @ K @ bases[b]).max() < 1e-12
+
+
+def test_coordinates_are_products_with_the_bases_and_back() -> None:
+    points, K = springs((3, 2, 2))
+    symmetry = find_symmetry(points, 3, K)
+    assert symmetry is not None
+    chosen = symmetry.closure(np.flatnonzero(points[:, 1] == points[:, 1].max()) * 3 + 1)
+    split = symmetry.split(chosen)
+    np.testing.assert_array_equal(np.sort(split.unknowns), chosen)
+    x = np.random.default_rng(0).normal(size=(5, len(chosen)))
+    full = np.zeros((K.shape[0], 5))
+    full[split.unknowns] = x.T
+    bases = split.bases(K.shape[0])
+    parts = split.forward(x)
+    for V, part in zip(bases, parts, strict=True):
+        np.testing.assert_allclose(part.T, V.T @ full, atol=1e-14)
+    out = np.empty_like(x)
+    split.backward(parts, out)
+    expected = sum(V @ part.T for V, part in zip(bases, parts, strict=True))
+    np.testing.assert_allclose(out.T, expected[split.unknowns], atol=1e-14)
 
 
 @pytest.mark.parametrize("cells", [(3, 2), (2, 2, 2), (3, 2, 2)])
@@ -102,7 +126,7 @@ def test_split_inverse_is_the_inverse(cells: tuple[int, ...]) -> None:
     np.testing.assert_allclose(split.solve(load), plain.solve(load), atol=1e-10)
 
     touched = np.flatnonzero(points[:, 0] == 0.0) * d
-    interface = symmetry.closure(touched)
+    interface = symmetry.split(symmetry.closure(touched)).unknowns
     assert len(interface) == 2 * len(touched)
     block, whole = split.restricted(interface), plain.restricted(interface).toarray()
     assert isinstance(block, SymmetricBlock)
