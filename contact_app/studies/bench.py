@@ -35,7 +35,7 @@ MOST_DIRECT = ("snes-vi-cholmod", "snes-vi", ONE_FACTOR, "tao-bnls", "tao-bntr",
 MOST_DIRECT_LINEAR = ("linear-cholmod", "linear-gamg", "linear-boomeramg")
 """Whose energy the others' are compared with: the first of those that are there."""
 
-DOFS_A_PART = 1200
+DOFS_A_PART = 4000
 """Unknowns a subdomain where a graph partitioner cuts."""
 
 
