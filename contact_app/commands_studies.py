@@ -36,6 +36,8 @@ def register(app: typer.Typer) -> None:
     reproduce.command("svm")(reproduce_svm)
     reproduce.command("cube")(reproduce_cube)
     reproduce.command("figure1")(reproduce_figure1)
+    reproduce.command("rules")(reproduce_rules)
+    reproduce.command("warm-starts")(reproduce_warm_starts)
     app.add_typer(reproduce, name="reproduce")
     app.command("bench")(bench)
     app.command("stability")(stability)
@@ -118,6 +120,35 @@ def reproduce_cube(
             raise typer.Exit(2) from None
         lines = paper_run(directory, cube_scene(PAPER_CELLS), chosen, full_field)
     for line in lines:
+        typer.echo(line)
+
+
+def reproduce_rules(
+    subdomains: Annotated[int, typer.Option(help="Along an edge of the cube.", min=2)] = 10,
+) -> None:
+    """Print the multiplications of SMALBE's rules, the published ones and ours, on the cube."""
+    from contact_app.studies.rules import compare_rules, table
+
+    for line in table(compare_rules(subdomains)):
+        typer.echo(line)
+
+
+def reproduce_warm_starts(
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Directory with australian, diabetes, ionosphere .libsvm."),
+    ] = None,
+) -> None:
+    """Print what guesses of the active set are worth to MPRGP."""
+    from contact_app.studies.svm import find_data
+    from contact_app.studies.warm_starts import compare
+
+    try:
+        found = None if data is None else find_data(data)
+    except ValueError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from error
+    for line in compare(found):
         typer.echo(line)
 
 

@@ -134,17 +134,20 @@ def support_vector_machine(loss: str, samples: int) -> Problem:
     return _problem(name, A, np.ones(samples), np.zeros(samples), upper)
 
 
-def run_mprgp(problem: Problem, expansion: str, memory: int = 0) -> Entry:
+def run_mprgp(problem: Problem, expansion: str, memory: int = 0, look: int = 0) -> Entry:
     """One expansion strategy."""
     qp = BoxQP(problem.A, problem.b, problem.lower, problem.upper)
     began = time.perf_counter()
-    result = MPRGP(expansion, rtol=RTOL, max_iterations=20_000, memory=memory).solve(qp)
+    solver = MPRGP(expansion, rtol=RTOL, max_iterations=20_000, memory=memory, look=look)
+    result = solver.solve(qp)
     seconds = time.perf_counter() - began
     note = "" if result.converged else result.reason.name.lower().replace("_", " ")
     if result.counts.norm_estimation:
         note = f"{note} + {result.counts.norm_estimation} for ‖A‖".strip()
     return Entry(
-        f"MPRGP {expansion}" + (f", memory {memory}" if memory else ""),
+        f"MPRGP {expansion}"
+        + (f", memory {memory}" if memory else "")
+        + (f", look {look}" if look else ""),
         result.counts.hessian,
         seconds,
         problem.residual(result.x),
@@ -237,6 +240,7 @@ def table(problem: Problem) -> str:
     runs: list[Callable[[], Entry | None]] = [
         *(lambda e=e: run_mprgp(problem, e) for e in expansion_names()),
         *(lambda m=m: run_mprgp(problem, "projcg-safe", memory=m) for m in (5, 20)),
+        *(lambda m=m: run_mprgp(problem, "projcg-safe", memory=m, look=10) for m in (0, 5)),
         *(lambda k=k: run_tao(problem, k) for k in TAO),
         lambda: run_osqp(problem),
     ]  # type: ignore[misc]
