@@ -1,4 +1,4 @@
-"""Commands of the studies: ``svm`` and ``reproduce``."""
+"""Commands of the studies: ``svm``, ``reproduce``, ``bench``, ``effectivity``."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def register(app: typer.Typer) -> None:
     reproduce.command("warm-starts")(reproduce_warm_starts)
     app.add_typer(reproduce, name="reproduce")
     app.command("bench")(bench)
+    app.command("effectivity")(effectivity)
     app.command("stability")(stability)
     app.command("growth")(growth)
     app.command("chart")(chart)
@@ -276,3 +277,19 @@ def stability(output: OutputOption = None) -> None:
 
     for path in run(output or Path("results/stability"), typer.echo):
         typer.echo(f"wrote {path}")
+
+
+def effectivity(
+    configs: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Scenes: say what `tolerance: auto` saves on them instead."),
+    ] = None,
+    output: OutputOption = None,
+) -> None:
+    """Compare the error estimate with known errors, and runs to an accuracy with what they met."""
+    from contact_app.studies.effectivity import effectivity as run
+    from contact_app.studies.savings import savings
+
+    lines = savings(configs) if configs else run(output or Path("results/effectivity"))
+    for line in lines:
+        typer.echo(line)

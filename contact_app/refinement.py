@@ -103,7 +103,7 @@ def solve_to_accuracy(
     """
     assert scene.accuracy is not None
     _refuse_files(scene)
-    target, whole = scene.accuracy, _needs_multiples(scene)
+    target, whole = scene.accuracy, needs_multiples(scene)
     factors, levels = [1.0], []
     current = scene
     while True:
@@ -195,7 +195,7 @@ def _refuse_files(scene: Scene) -> None:
             )
 
 
-def _needs_multiples(scene: Scene) -> bool:
+def needs_multiples(scene: Scene) -> bool:
     """Whether a condition or contact names a boundary that an expression picks."""
     named = {(c.body, c.boundary) for c in scene.displacements}
     named |= {(c.body, c.boundary) for c in scene.tractions}

@@ -1,0 +1,76 @@
+"""The study of the error estimate: effectivity in range, and its own tools."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_app.studies import effectivity as study
+from contact_app.studies.savings import savings
+
+LINEAR = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 10.0]])
+
+
+def test_halved_meshes_hold_the_same_function() -> None:
+    """Multilinear on quadrilaterals, linear along the ascending diagonal on triangles."""
+    fine = study.halved(LINEAR[..., None], simplices=False)[..., 0]
+    np.testing.assert_allclose(fine[::2, ::2], LINEAR)
+    assert fine[3, 3] == pytest.approx((5 + 6 + 8 + 10) / 4)
+    fine = study.halved(LINEAR[..., None], simplices=True)[..., 0]
+    np.testing.assert_allclose(fine[::2, ::2], LINEAR)
+    assert fine[3, 3] == pytest.approx((5 + 10) / 2)
+    assert fine[3, 2] == pytest.approx((5 + 8) / 2)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
+def test_a_function_keeps_its_energy_on_a_finer_mesh(cell: str) -> None:
+    case = replace(study.CASES[0 if cell in ("hexahedron", "tetrahedron") else 2], cell=cell)
+    coarse, fine = (study._answer(case, n) for n in (4, 8))
+    assert fine.product(coarse.on(8)) == pytest.approx(coarse.square, rel=1e-9)
+
+
+def test_extrapolations_find_their_limits() -> None:
+    assert study.aitken([1 + 0.5**k for k in (1, 2, 3)]) == pytest.approx(1.0)
+    errors = [0.7**k for k in range(5)]
+    differences = [float(np.sqrt(e**2 - errors[-1] ** 2)) for e in errors[:-1]]
+    found, finest = study.errors_from_differences(differences)
+    np.testing.assert_allclose(found, errors[:-1], rtol=1e-6)
+    assert finest == pytest.approx(errors[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("case", study.CASES, ids=lambda c: f"{c.scene}-{c.cell}")
+def test_effectivity_is_in_range(case: study.Case) -> None:
+    """On the coarse half of the published sweeps; the slow test below has all of them."""
+    known = study.sweep(replace(case, meshes=tuple(n // 2 for n in case.meshes[1:])))
+    for row in known.rows:
+        assert 0.8 < row.effectivity < 2.0, row
+
+
+@pytest.mark.slow
+def test_all_sweeps_and_targets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "TARGETS", (0.1, 0.05))
+    lines = list(study.effectivity(tmp_path))
+    assert any(line.startswith("| hertz | triangle | 64 |") for line in lines)
+    with (tmp_path / "effectivity.csv").open() as file:
+        for row in csv.DictReader(file):
+            assert 0.8 < float(row["effectivity"]) < 3.0, row
+    with (tmp_path / "targets.csv").open() as file:
+        for row in csv.DictReader(file):
+            assert not row["missed"]
+            assert float(row["error"]) <= float(row["target"]), row
+            assert float(row["dofs"]) <= 1.5 * float(row["best_dofs"]), row
+
+
+def test_savings_are_told_by_scene() -> None:
+    configs = Path(__file__).parents[2] / "configs"
+    lines = list(savings([configs / "sphere.yaml", configs / "block_2d.yaml"]))
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+    assert [row[0] for row in cells] == ["sphere", "block_2d", "all"]
+    assert int(cells[0][2]) < 0.67 * int(cells[0][1])
+    assert float(cells[0][7]) < 1.05
+    assert cells[1][7] == "mesh exact"
+    assert int(cells[2][1]) == int(cells[0][1]) + int(cells[1][1])
