@@ -14,7 +14,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.assembly import cell_moduli, stress, von_mises
-from contact_app.model import Model, boundary_facets
+from contact_app.averaged import between_vertices, has_averaged_rows
+from contact_app.model import Model, boundary_facets, facets_of
 from contact_app.solution import Solution
 
 
@@ -27,8 +28,9 @@ class NodeFields:
     points : (nodes, 3)
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
-        Normal contact force over the node's share of the contact boundary, between bodies the
-        value of the multiplier field at the nodes of `on`; 0 elsewhere.
+        Normal contact force over the node's share of the contact boundary; between bodies the
+        value of the multiplier field at the nodes of `on`, and its value at all nodes on faces of
+        second-order tetrahedra; 0 elsewhere.
     gap : (nodes,)
         Distance left to the nearest obstacle along its normal, between bodies its mean about a
         node of `on`; NaN where there is no contact row.
@@ -73,11 +75,12 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     area = _contact_areas(model)
     share = contact.areas.copy()
     for source in range(len(area)):
-        mine = contact.sources == source
+        mine = (contact.sources == source) & np.isnan(contact.areas)
         share[mine] = area[source, at[mine]]
     loaded = (force > 0.0) & (share > 0.0)
     pressure = np.zeros(size)
     np.add.at(pressure, at[loaded], force[loaded] / share[loaded])
+    _fill_faces(model, pressure)
     penetration = problem.residual(problem.on_interface(solution.displacements))
     gap = np.full(size, np.inf)
     np.minimum.at(gap, at, -penetration[rows] / contact.spread)
@@ -95,6 +98,21 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         pair_forces=resultants[obstacles:],
         without_area=int(((force > 0.0) & (share <= 0.0)).sum()),
     )
+
+
+def _fill_faces(model: Model, pressure: NDArray[np.float64]) -> None:
+    """Continue pressures known at the vertices of second-order faces to their middles, in place."""
+    scene, partition, exchange = model.scene, model.partition, model.node_exchange
+    averaged = [c for c in scene.contacts if has_averaged_rows(scene.bodies[c.body])]
+    if not averaged:
+        return
+    copies = exchange.from_owners(pressure[exchange.nodes - exchange.first])
+    starts = np.cumsum([0, *(len(s.nodes) for s in partition.subdomains)])
+    for contact in averaged:
+        chosen = facets_of(scene, partition, contact.body, contact.boundary)
+        for start, s, rows in zip(starts, partition.subdomains, chosen, strict=False):
+            between_vertices(s.reference.facets[rows], copies[start : start + len(s.nodes)])
+    np.maximum.at(pressure, exchange.nodes - exchange.first, exchange.to_owners(copies))
 
 
 def _contact_areas(model: Model) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from contact_app.assembly import Element
+from contact_app.averaged import averaged_rows, has_averaged_rows
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.memory import give_back
 from contact_app.mortar import SurfacesApartError, mean_gaps
@@ -177,8 +178,13 @@ def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -
         held = merge_held(exchange, conditions)
         contact = merge_contact(exchange, conditions, held, length)
         pairs = [_pair_rows(scene, partition, exchange, i) for i in range(len(scene.pairs))]
-        pairs = [cut_held(exchange, rows, held, length) for rows in pairs]
-        contact = ContactRows.join([contact, *pairs])
+        averaged = [
+            _averaged_rows(scene, partition, exchange, i)
+            for i, c in enumerate(scene.contacts)
+            if has_averaged_rows(scene.bodies[c.body])
+        ]
+        wide = [cut_held(exchange, rows, held, length) for rows in (*averaged, *pairs)]
+        contact = ContactRows.join([contact, *wide])
     except ContradictionError as error:
         raise _contradiction(scene, error) from error
 
@@ -249,6 +255,17 @@ def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[
     return subdomain.exterior[inside[facets].all(axis=1)]
 
 
+def facets_of(
+    scene: Scene, partition: Partition, body: int, boundary: str
+) -> list[NDArray[np.int32]]:
+    """Rows of the reference's facets of each subdomain of this rank on a boundary of a body."""
+    none = np.zeros(0, np.int32)
+    return [
+        boundary_facets(s, scene.bodies[body], boundary) if s.body == body else none
+        for s in partition.subdomains
+    ]
+
+
 def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int64]:
     """Local surface nodes on a boundary."""
     facets = subdomain.reference.facets
@@ -302,7 +319,7 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
                 )
             )  # fmt: skip
         for i, contact in enumerate(scene.contacts):
-            if contact.body != s.body:
+            if contact.body != s.body or has_averaged_rows(body):
                 continue
             nodes = boundary_nodes(s, body, contact.boundary)
             if len(nodes) == 0:
@@ -321,6 +338,26 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
     return NodeConditions(*joined[0], *joined[1])
 
 
+def _averaged_rows(
+    scene: Scene, partition: Partition, exchange: NodeExchange, number: int
+) -> ContactRows:
+    """Rows of a contact that is kept in the mean about vertices."""
+    contact = scene.contacts[number]
+    body = scene.bodies[contact.body]
+    chosen = facets_of(scene, partition, contact.body, contact.boundary)
+    if not partition.comm.allreduce(sum(map(len, chosen))):
+        raise ConfigurationError(
+            f"{scene.at(contact.source)}.on: no whole facet of the surface of {body.name} lies on "
+            f"{contact.boundary}; contact of tetrahedra of degree 2 needs facets all of whose "
+            "nodes are on it"
+        )
+    with _agreed(partition.comm):
+        try:
+            return averaged_rows(partition, exchange, chosen, contact.obstacle, number)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
+
+
 def _pair_rows(
     scene: Scene, partition: Partition, exchange: NodeExchange, number: int
 ) -> ContactRows:
@@ -331,11 +368,7 @@ def _pair_rows(
         ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
     ):  # fmt: skip
         body = scene.bodies[b]
-        none = np.zeros(0, np.int32)
-        chosen = [
-            boundary_facets(s, body, boundary) if s.body == b else none
-            for s in partition.subdomains
-        ]
+        chosen = facets_of(scene, partition, b, boundary)
         side = gather_surface(partition, chosen)
         if side is None:
             raise ConfigurationError(
@@ -372,7 +405,9 @@ def _refuse_empty(scene: Scene, partition: Partition, conditions: NodeConditions
     for things, sources in groups:
         count = partition.comm.allreduce(np.bincount(sources, minlength=len(things)))
         for thing, nodes in zip(things, count, strict=False):
-            if nodes == 0:
+            if nodes == 0 and not (
+                isinstance(thing, Contact) and has_averaged_rows(scene.bodies[thing.body])
+            ):
                 raise ConfigurationError(
                     f"{scene.at(thing.source)}.on: no node of the surface of "
                     f"{scene.bodies[thing.body].name} lies on {thing.boundary}; change the "

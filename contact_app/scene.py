@@ -649,10 +649,6 @@ class _Builder:
                 path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
             )
         body, boundary = self._boundary(contact.on, (*path, "on"))
-        for side, b in (("on", body),) if contact.obstacle is not None else (
-            ("on", body), ("against", self._boundary(contact.against or "", (*path, "against"))[0])
-        ):  # fmt: skip
-            self._refuse_degree(b, contact, (*path, side))
         if contact.obstacle is not None:
             obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
             return Contact(body, boundary, obstacle, f"contacts[{i}]")
@@ -663,26 +659,17 @@ class _Builder:
                 f"is a boundary of {self.names[body]} itself; contact of a body with itself is not "
                 "modelled",
             )
+        for key, b in (("on", body), ("against", other)):
+            if self.bodies[b].degree != 1:
+                self._fail(
+                    (*path, key),
+                    f"is on {self.names[b]}, of degree {self.bodies[b].degree}; contact between "
+                    "bodies is available for degree 1",
+                )
         for k, earlier in enumerate(self.c.contacts[:i]):
             if {earlier.on, earlier.against} == {contact.on, contact.against}:
                 self._fail(path, f"repeats contacts[{k}]: each pair of boundaries is given once")
         return BodyContact(body, boundary, other, other_boundary, f"contacts[{i}]")
-
-    def _refuse_degree(self, body: int, contact: c.Contact, path: tuple[str | int, ...]) -> None:
-        """Refuse contact of degree 2 where there are no rows that hold a constant pressure."""
-        made = self.bodies[body]
-        if made.degree == 1:
-            return
-        if contact.against is not None:
-            self._fail(
-                path, f"is on {made.name}, of degree 2; contact between bodies takes degree 1"
-            )
-        if made.mesh.cell == "tetrahedron":
-            self._fail(
-                path,
-                f"is on {made.name}, tetrahedra of degree 2, whose nodal forces cannot represent "
-                "a constant pressure; use degree 1 or hexahedra",
-            )
 
     def _obstacle(self, given: c.Obstacle, path: tuple[str | int, ...]) -> Obstacle:
         known = given.known_keys()

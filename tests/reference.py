@@ -277,6 +277,36 @@ class _AssembledBody:
                 facets.append(mortar_reference.facet(nodes, self.points[nodes, :d], inside))
         return [replace(f, nodes=tuple(n + first for n in f.nodes)) for f in facets]
 
+    def mean_rows(self, boundary: str) -> tuple[sp.csr_matrix, np.ndarray]:
+        """∫ ψ_j φ_k ds of hat functions ψ and the displacement's φ on a boundary, by dolfinx.
+
+        Returns the matrix with a row for each vertex on it, divided by ∫ ψ_j ds, and the nodes at
+        these vertices.
+        """
+        make = fem.functionspace if NEW_DOLFINX else fem.FunctionSpace
+        hats, quadratic = (make(self.domain, ("Lagrange", p)) for p in (1, 2))
+        facets = mesh.locate_entities_boundary(
+            self.domain, 2, lambda x: _on(self.body, boundary, x.T)
+        )
+        facets = np.sort(facets).astype(np.int32)
+        tags = mesh.meshtags(self.domain, 2, facets, np.ones_like(facets))
+        ds = ufl.Measure("ds", domain=self.domain, subdomain_data=tags)(1)
+        psi, phi = ufl.TestFunction(hats), ufl.TrialFunction(quadratic)
+        assembled = assemble_matrix(fem.form(psi * phi * ds))
+        assembled.assemble()
+        indptr, indices, values = assembled.getValuesCSR()
+        matrix = sp.csr_matrix((values, indices, indptr), shape=assembled.getSize())
+        assembled.destroy()
+        area = np.asarray(matrix.sum(axis=1)).ravel()
+        rows = np.flatnonzero(area > 1e-12 * area.max())
+        mean = sp.diags(1.0 / area[rows]) @ matrix[rows]
+        here = cKDTree(self.points)
+        _, of_dof = here.query(quadratic.tabulate_dof_coordinates())
+        _, vertex = here.query(hats.tabulate_dof_coordinates()[rows])
+        order = np.empty(len(of_dof), int)
+        order[of_dof] = np.arange(len(of_dof))
+        return sp.csr_matrix(mean.tocsr()[:, order]), vertex
+
     def nodes_on(self, boundary: str) -> np.ndarray:
         """Surface nodes on a named boundary."""
         nodes = self.surface[_on(self.body, boundary, self.points[self.surface])]
@@ -311,6 +341,24 @@ def assemble(scene: Any) -> System:
 
     rows, gaps, contact_nodes = [], [], []
     for item in scene.contacts:
+        body = bodies[item.body]
+        if body.body.degree == 2 and body.body.mesh.cell == "tetrahedron":
+            mean, local = body.mean_rows(item.boundary)
+            gap, normal = item.obstacle.gap_and_normal(body.points)
+            blocks = sp.csr_matrix(  # -n at each node, as a block of one row
+                (
+                    -normal[:, :dimension].ravel(),
+                    np.arange(len(body.points) * dimension),
+                    dimension * np.arange(len(body.points) + 1),
+                )
+            )
+            start = first_node[item.body] * dimension
+            before = sp.csr_matrix((len(local), start))
+            after = sp.csr_matrix((len(local), dofs - start - blocks.shape[1]))
+            rows.append(sp.hstack([before, mean @ blocks, after], format="csr"))
+            gaps.append(mean @ gap)
+            contact_nodes.append(first_node[item.body] + local)
+            continue
         local = bodies[item.body].nodes_on(item.boundary)
         gap, normal = item.obstacle.gap_and_normal(bodies[item.body].points[local])
         nodes = first_node[item.body] + local

@@ -8,7 +8,7 @@ import pytest
 from tests import reference, scenes
 from tests.comparison import in_order_of, in_space, solve
 
-CELLS = (*scenes.CELLS_2D, "hexahedron")
+CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
 
 
 def quadratic(made: scenes.Config) -> scenes.Config:

@@ -1,0 +1,121 @@
+"""Contact rows on the faces of second-order tetrahedra: gaps in the mean about each vertex.
+
+A row at each node does not serve there. Of the six shape functions of a face those of the vertices
+have the integral zero, so the nodal forces of a constant pressure are zero at vertices, those of a
+linear one of either sign, and λ ≥ 0 cannot represent them. The pressure is linear on each face
+instead, p = Σ p_j ψ_j with ψ_j the hat function of vertex j, and what it works on, the gap
+averaged with ψ_j, is what must not be negative:
+
+    ∫ ψ_j (g + n·u) ds / W_j ≥ 0,   W_j = ∫ ψ_j ds,
+
+where g + n·u is the quadratic field with the linearised gap of each of the six nodes (n the normal
+out of the obstacle at that node). The multiplier of the row is the force p_j W_j; constant and
+linear pressures are represented exactly, and p_j ≥ 0 is p ≥ 0 (S. Hüeber, B. I. Wohlmuth, *An
+optimal a priori error estimate for nonlinear multibody contact problems*, SINUM 43, 2005, on
+multipliers of lower order than the displacement).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.obstacles import Obstacle
+from contact_app.scene import Body
+from meshes import Partition
+from solver.tfeti.constraints import ContactEntries, ContactRows
+from solver.tfeti.exchange import NodeExchange
+
+MOMENTS = (
+    np.array(
+        [
+            [2.0, -1.0, -1.0, 4.0, 8.0, 8.0],
+            [-1.0, 2.0, -1.0, 8.0, 4.0, 8.0],
+            [-1.0, -1.0, 2.0, 8.0, 8.0, 4.0],
+        ]
+    )
+    / 60.0
+)
+"""∫ ψ_j φ_k ds over the area of a flat face; node 3 + i is in the middle of the edge opposite i."""
+
+
+def has_averaged_rows(body: Body) -> bool:
+    """Whether contact of a body with obstacles is kept in the mean, not at nodes."""
+    return body.degree == 2 and body.mesh.cell == "tetrahedron"
+
+
+def averaged_rows(
+    partition: Partition,
+    exchange: NodeExchange,
+    chosen: list[NDArray[np.int32]],
+    obstacle: Obstacle,
+    source: int,
+) -> ContactRows:
+    """Rows of one contact at the vertices this rank owns (collective).
+
+    Parameters
+    ----------
+    exchange
+        Where copies of surface nodes meet.
+    chosen
+        Rows of the reference's facets of each subdomain of this rank that may touch.
+    source
+        Index of the contact.
+
+    Raises
+    ------
+    ConfigurationError
+        The obstacle has no normal at a node.
+    """
+    d = 3
+    vertices, nodes = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    weights, points = [np.zeros(0)], [np.zeros((0, 3))]
+    for s, rows in zip(partition.subdomains, chosen, strict=True):
+        facets, x = s.reference.facets[rows], s.points()
+        a, b, c = (x[facets[:, i]] for i in range(3))
+        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        shape = (len(facets), *MOMENTS.shape)
+        vertices.append(np.broadcast_to(s.nodes[facets[:, :3, None]], shape).ravel())
+        nodes.append(np.broadcast_to(s.nodes[facets[:, None]], shape).ravel())
+        weights.append((area[:, None, None] * MOMENTS).ravel())
+        points.append(np.broadcast_to(x[facets[:, None]], (*shape, 3)).reshape(-1, 3))
+    meeting = NodeExchange(partition.comm, np.concatenate(vertices), exchange.total)
+    pair = np.stack([meeting.nodes, meeting.to_owners(np.concatenate(nodes))], axis=1)
+    weight = meeting.to_owners(np.concatenate(weights))
+    point = meeting.to_owners(np.concatenate(points))
+    pair, first, place = np.unique(pair, axis=0, return_index=True, return_inverse=True)
+    point = point[first]
+    weight = np.bincount(place.reshape(-1), weight, minlength=len(pair))
+    vertex, row = np.unique(pair[:, 0], return_inverse=True)
+    row = row.reshape(-1)
+    count = len(vertex)
+    area = np.bincount(row, weight, minlength=count).astype(np.float64)
+    mean = weight / area[row]
+    gap, normal = obstacle.gap_and_normal(point)
+    means = [np.bincount(row, mean * part, minlength=count) for part in (gap, *normal.T)]
+    entry, component = np.nonzero(np.abs(normal[:, :d]) > 1e-14)
+    located = np.empty((count, 3))
+    itself = pair[:, 0] == pair[:, 1]
+    located[row[itself]] = point[itself]
+    return ContactRows(
+        nodes=vertex,
+        points=located,
+        sources=np.full(count, source),
+        gaps=means[0].astype(np.float64),
+        normals=np.stack(means[1:], axis=1),
+        areas=area,
+        spread=np.ones(count),
+        entries=ContactEntries(
+            row=row[entry],
+            node=pair[entry, 1],
+            points=point[entry],
+            component=component,
+            value=-(mean[:, None] * normal)[entry, component],
+        ),
+    )
+
+
+def between_vertices(facets: NDArray[np.int32], values: NDArray[np.float64]) -> None:
+    """Continue values at the vertices of faces (faces, 6) linearly to their middles, in place."""
+    for i, (a, b) in enumerate(((1, 2), (0, 2), (0, 1))):
+        values[facets[:, 3 + i]] = 0.5 * (values[facets[:, a]] + values[facets[:, b]])
