@@ -424,7 +424,12 @@ def _step_length(slope: float, curvature: float, excess: np.ndarray, rate: np.nd
 
 
 def minimise(
-    stiffness: sp.spmatrix, load: np.ndarray, rows: sp.spmatrix, gap: np.ndarray, extent: float
+    stiffness: sp.spmatrix,
+    load: np.ndarray,
+    rows: sp.spmatrix,
+    gap: np.ndarray,
+    extent: float,
+    tolerance: float = KKT_TOLERANCE,
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
     """Solve min ½ uᵀ K u - fᵀ u subject to B u ≤ g.
 
@@ -448,7 +453,7 @@ def minimise(
     Raises
     ------
     ReferenceError
-        When the optimality conditions cannot be met to :data:`KKT_TOLERANCE`, for example
+        When the optimality conditions cannot be met to the tolerance, for example
         because the problem has no solution.
     """
     K, B = sp.csc_matrix(stiffness), sp.csr_matrix(rows)
@@ -515,9 +520,9 @@ def minimise(
             stagnation += 1
         if residual < best_residual:
             best, best_residual = (u, multiplier), residual
-        if best_residual < 1e-14 or (stagnation >= 5 and best_residual < KKT_TOLERANCE):
+        if best_residual < 1e-14 or (stagnation >= 5 and best_residual < tolerance):
             break
-    if not best_residual <= KKT_TOLERANCE:
+    if not best_residual <= tolerance:
         raise ReferenceError(
             f"optimality conditions hold to {best_residual:.1e} only: no equilibrium, or a defect"
         )

@@ -1,9 +1,10 @@
 """Random scenes, as a user might type them: any seed gives one, the same one every time.
 
 What is drawn: dimension, cells, bodies (also slender ones, slivers, far from the origin, in any
-unit), materials to a contrast of 1e6, conditions that hold a body, hold it in part or not at all,
-loads, obstacles that are near, touched, overlapped, tilted or curved, and partitions. Many of
-these scenes have no equilibrium; that is part of the question.
+unit, one on another), materials to a contrast of 1e6 and nearly incompressible, conditions that
+hold a body, hold it in part or not at all, loads, obstacles that are near, touched, overlapped,
+tilted or curved, and partitions. Many of these scenes have no equilibrium; that is part of the
+question.
 """
 
 from __future__ import annotations
@@ -58,11 +59,58 @@ class _Draw:
             "contacts": [],
             "solver": {"tolerance": 1e-8},
         }
+        if self.chance(0.2):
+            self.stack(made, cell)
+            return made, self.subdomains(made)
         for number in range(self.choice((1, 1, 2, 3))):
             self.body(made, number, cell)
         if self.chance(0.1):
             made["contacts"] += [dict(c) for c in made["contacts"]]  # every obstacle twice
         return made, self.subdomains(made)
+
+    def stack(self, made: Config, cell: str) -> None:
+        """A block pressed onto another one: meshes that do not match, any contrast."""
+        d, axis = self.dimension, "xyz"[self.dimension - 1]
+        size = self.random.uniform(0.5, 1.5, (2, d))
+        gap = float(self.choice((0.0, 0.0, 1.0, -0.3)) * self.strain * size[0, -1])
+        lower = np.zeros((2, d))
+        lower[1, :-1] = self.random.uniform(-0.3, 0.3, d - 1)
+        lower[1, -1] = size[0, -1] + gap
+        most = 6 if d == 2 else 3
+        for number in range(2):
+            stiff = self.young * CONTRAST ** self.random.uniform(-0.5, 0.5)
+            cells = [int(n) for n in self.random.integers(1, most + 1, d)]
+            made["bodies"].append(
+                {
+                    "name": f"b{number}",
+                    "mesh": {
+                        "box": {
+                            "lower": _floats(lower[number] * self.unit),
+                            "upper": _floats((lower[number] + size[number]) * self.unit),
+                            "cells": cells,
+                            "cell": cell,
+                        }
+                    },
+                    "material": self.material(stiff),
+                }
+            )
+        softest = min(b["material"]["young"] for b in made["bodies"])
+        made["conditions"] += [
+            {"on": f"b0.{axis}-", "displacement": [0.0] * d},
+            {"on": f"b1.{axis}+", "pressure": float(softest * self.strain)},
+        ]
+        for side in range(d - 1) if self.chance(0.7) else ():  # else free to slide, or to tip over
+            value: list[float | None] = [None] * d
+            value[side] = 0.0
+            made["conditions"].append({"on": f"b1.{'xyz'[side]}-", "displacement": value})
+        sides = [f"b1.{axis}-", f"b0.{axis}+"]
+        first = int(self.random.integers(2))
+        made["contacts"].append({"on": sides[first], "against": sides[1 - first]})
+
+    def material(self, stiff: float) -> dict[str, float]:
+        """Of that modulus; one in ten nearly incompressible."""
+        poisson = 0.4999 if self.chance(0.1) else float(self.random.uniform(0.0, 0.49))
+        return {"young": float(stiff), "poisson": poisson}
 
     def body(self, made: Config, number: int, cell: str) -> None:
         d, name = self.dimension, f"b{number}"
@@ -95,7 +143,7 @@ class _Draw:
                         "cell": cell,
                     }
                 },
-                "material": {"young": float(stiff), "poisson": float(self.random.uniform(0, 0.49))},
+                "material": self.material(stiff),
             }
         )
         faces = [f"{axis}{side}" for axis in "xyz"[:d] for side in "-+"]

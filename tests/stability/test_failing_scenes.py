@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from contact_app.studies import failing_scenes
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case
 from contact_app.studies.stability import (
@@ -69,6 +70,32 @@ def test_refusals_name_a_component_or_a_direction(case: QPCase) -> None:
 def test_units_take_the_same_counts() -> None:
     case = next(c for c in CASES if c.name.startswith("micrometres"))
     assert run_case(case, [OURS])[OURS].growth == 1.0
+
+
+@pytest.mark.parametrize("subdomains", [1, 4])
+def test_a_node_may_fit_exactly_between_two_obstacles(subdomains: int) -> None:
+    """No room is enough, as long as the obstacles do not overlap."""
+    from contact_app.run import solve_scene
+
+    made = failing_scenes.squeezed()
+    for contact in made["contacts"]:
+        contact["obstacle"]["plane"]["point"][0] = 0.5
+    solved = solve_scene(scenes.build(made, subdomains)).summary
+    assert solved["certificate"]["passed"]
+    known = reference.solve(scenes.build(made)).energy
+    assert math.isclose(solved["solution"]["energy"], known, rel_tol=1e-6)
+
+
+@pytest.mark.parametrize(("cells", "parts"), [([600, 4], 1), ([60, 40], 24)])
+def test_rods_stay_whole_and_end(cells: list[int], parts: int) -> None:
+    """A chain of subdomains took 11611 products where the whole rod takes some hundreds."""
+    from contact_app.run import solve_scene
+
+    ratio = 100.0 if parts == 1 else 1.5
+    solved = solve_scene(scenes.build(failing_scenes.slender(ratio, cells))).summary
+    assert solved["certificate"]["passed"]
+    assert (solved["decomposition"]["subdomains"] == 1) == (parts == 1)
+    assert solved["solver"]["hessian_multiplications"] < 1500
 
 
 def test_a_wrong_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
