@@ -53,6 +53,7 @@ SPACES = {
 
 # Beyond these no unit of measurement leads, and products of a few such numbers stay finite.
 LARGEST, SMALLEST = 1e50, 1e-50
+MOST_REFINEMENTS = 6
 MOST_ITERATIONS = 1_000_000_000
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -126,6 +127,9 @@ class Mesh(Model):
         None, description="Turn about the origin: {angle, axis}; after scaling."
     )
     translate: Numbers | None = Field(None, description="Displacement (length); last.")
+    refine: Annotated[int, Field(ge=0, le=MOST_REFINEMENTS)] = Field(
+        0, description="How often every edge of the file's cells is halved, 0 to 6."
+    )
 
     @field_validator("group", mode="wrap")
     @classmethod

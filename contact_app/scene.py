@@ -31,9 +31,6 @@ SHORTEST_EDGE = 1e-15
 LONGEST_CELL = 1e4
 """Longest over shortest edge of a cell; beyond, round-off hides the short edge's stiffness."""
 
-PIECE_NODES = 5000
-"""Nodes of a subdomain of a mesh from a file, for the estimate of memory."""
-
 NEAREST_HALF = 1e-6
 """Distance of Poisson's ratio from 0.5 and -1, where the stiffness grows beyond all bounds."""
 
@@ -482,14 +479,19 @@ class _Builder:
             both = "has both; exactly one of" if mesh.box else "needs"
             self._fail(path, f"{both} `box: {{lower, upper, cells, cell}}` or `file: part.msh`")
         if mesh.box is not None:
-            for key in ("group", "scale", "rotate", "translate"):
+            for key in ("group", "scale", "rotate", "translate", "refine"):
                 if key in mesh.model_fields_set:
                     self._fail((*path, key), "belongs to a mesh from a file; a box has corners")
             return self._box(mesh.box, (*path, "box"))
         return self._file(mesh, path)
 
     def _file(self, mesh: c.Mesh, path: tuple[str | int, ...]) -> BodyMesh:
-        from meshes import MeshError, Placement, load_mesh  # dolfinx, which boxes need later only
+        from meshes import (
+            MeshError,
+            Placement,
+            load_mesh,
+            refined,
+        )  # dolfinx, which boxes need later only
 
         axis: Any = (0.0, 0.0, 1.0)
         if mesh.rotate is not None and mesh.rotate.axis is not None:
@@ -511,9 +513,20 @@ class _Builder:
             self._fail((*path, "file"), f"is {mesh.file!r}, which is no name of a file")
         file = self.c.source.parent / mesh.file
         try:
-            return load_mesh(file, self.dimension, placement, groups)
+            found = load_mesh(file, self.dimension, placement, groups)
         except MeshError as error:
             self._fail((*path, "file"), f"is {file}, which {error}")
+        dofs = float(found.nodes * self.dimension * 2 ** (self.dimension * mesh.refine))
+        needed, available = needed_bytes(dofs), available_bytes()
+        if needed > available:
+            self._fail(
+                (*path, "refine"),
+                f"makes about {dofs:.3g} degrees of freedom, which need {needed / 1e9:.3g} GB; "
+                f"{available / 1e9:.3g} GB are available",
+            )
+        for _ in range(mesh.refine):
+            found = refined(found)
+        return found
 
     def _box(self, box: c.Box, path: tuple[str | int, ...]) -> Box:
         lower = self._vector(box.lower, (*path, "lower"), "a corner")
@@ -569,7 +582,9 @@ class _Builder:
                 count = math.prod(parts)
                 factors += [(unknowns / count, d)] * (1 if body.mesh.congruent else count)
             elif not body.mesh.congruent:
-                count = max(1, round(body.nodes / PIECE_NODES))
+                from meshes.decompose import choose_parts  # at hand: the mesh was read
+
+                count = choose_parts(body.nodes, d)
                 factors += [(unknowns / count, d)] * count
         needed, available = needed_bytes(dofs, factors=tuple(factors)), available_bytes()
         if needed > available:

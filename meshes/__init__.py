@@ -2,6 +2,7 @@
 
 from meshes.box import BoxShape
 from meshes.decompose import Shape, decompose
+from meshes.refine import refined
 from meshes.repair import Placement, load_mesh
 from meshes.subdomains import Partition, Reference, Subdomain
 from meshes.unstructured import CellMesh, MeshError
@@ -17,4 +18,5 @@ __all__ = [
     "Subdomain",
     "decompose",
     "load_mesh",
+    "refined",
 ]

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from meshes import versions
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain
-from meshes.unstructured import CellMesh
+from meshes.unstructured import CellMesh, matching_rows
 
 CRUMB = 0.2
 """Share of the mean size below which a piece that broke off a part is given to a neighbour."""
@@ -159,18 +159,12 @@ def place_piece(
         reference=reference,
         translation=translation,
         nodes=first_node + piece.nodes[given],
-        exterior=_rows_of(table, piece.exterior),
-        boundaries={name: _rows_of(table, rows) for name, rows in piece.boundaries.items()},
+        exterior=matching_rows(table, piece.exterior).astype(np.int32),
+        boundaries={
+            name: matching_rows(table, rows).astype(np.int32)
+            for name, rows in piece.boundaries.items()
+        },
     )
-
-
-def _rows_of(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Row of `table` that equals each row of `wanted`; both hold sorted node tuples."""
-    _, label = np.unique(np.concatenate([table, wanted]), axis=0, return_inverse=True)
-    label = label.reshape(-1)
-    place = np.empty(len(table) + len(wanted), np.int32)
-    place[label[: len(table)]] = np.arange(len(table))
-    return place[label[len(table) :]]
 
 
 def _symmetric(pairs: NDArray[np.int64], size: int) -> sparse.csr_matrix:

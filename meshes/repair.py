@@ -18,6 +18,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from meshes.quadratic import EDGES
 from meshes.read import FileContent, read_file
 from meshes.unstructured import CellMesh, MeshError, Topology
 
@@ -41,16 +42,6 @@ SHORTEST_EDGE = 1e-15
 
 HANGING = 1e-6
 """Distance to a facet over its size below which a node that is not one of its own hangs on it."""
-
-EDGES = {
-    "triangle": ((0, 1), (1, 2), (2, 0)),
-    "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
-    "tetrahedron": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
-    "hexahedron": (
-        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
-        (0, 4), (1, 5), (2, 6), (3, 7),
-    ),
-}  # fmt: skip
 
 CORNERS = {
     "triangle": ((0, 1, 2),),

@@ -32,6 +32,15 @@ FACETS = {
 """Vertices of each facet of a cell, vertices of the cell in VTK order."""
 
 
+def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row of `table` that equals each row of `wanted`; all of them are there, rows are sorted."""
+    _, label = np.unique(np.concatenate([table, wanted]), axis=0, return_inverse=True)
+    label = label.reshape(-1)
+    place = np.empty(len(table) + len(wanted), np.int64)
+    place[label[: len(table)]] = np.arange(len(table))
+    return place[label[len(table) :]]
+
+
 @dataclass(frozen=True, eq=False)
 class Topology:
     """What the cells of a mesh have to do with each other.

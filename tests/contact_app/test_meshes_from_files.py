@@ -10,6 +10,7 @@ import pytest
 import yaml
 from mpi4py import MPI
 
+from contact_app import scene as scene_module
 from contact_app.check import describe
 from contact_app.configuration import load
 from contact_app.errors import ConfigurationError
@@ -236,6 +237,7 @@ WRONG = [
     ({"bodies.0.mesh.rotate": {"angle": 9, "axis": [0, 0, 1]}}, "rotate.axis has no place", ""),
     ({"bodies.0.mesh.rotate": 90}, "a mapping is allowed, with the keys angle, axis", ""),
     ({"bodies.0.mesh.translate": [1, 2, 3]}, "has 3 components; a translation in 2D has 2", ""),
+    ({"bodies.0.mesh.refine": 7}, "bodies[0].mesh.refine is 7; it must be at most 6", ""),
     ({"bodies.0.mesh.group": "sof"}, "which has no group of cells named 'sof'", "soft, hard"),
     ({"bodies.0.mesh.group": 7}, "allowed: the name of a group of cells or a list", ""),
     ({"bodies.0.mesh": {}}, "bodies[0].mesh needs `box: ", "or `file: part.msh`"),
@@ -271,6 +273,28 @@ def test_mistakes_are_told_with_file_line_and_key(
     assert message.startswith(f"{tmp_path / 'part.yaml'}:")
     assert told in message
     assert allowed in message
+
+
+def test_refining_more_than_memory_holds_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scene_module, "available_bytes", lambda: 1e9)
+    file = meshfiles.write(meshfiles.block("hexahedron", 4), tmp_path / "block.msh")
+    made = patch("hexahedron", file)
+    made["bodies"][0]["mesh"]["refine"] = 1
+    assert scenes.build(made).bodies[0].mesh.nodes == 9**3
+    made["bodies"][0]["mesh"]["refine"] = 6
+    with pytest.raises(ConfigurationError, match="mesh.refine makes about .* 1 GB are available"):
+        scenes.build(made)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_refined_mesh_passes_the_patch_test(cell: str, tmp_path: Path) -> None:
+    file = meshfiles.write(meshfiles.block(cell, 2), tmp_path / "block.msh")
+    made = patch(cell, file)
+    made["bodies"][0]["mesh"]["refine"] = 1
+    solution = solve_scene(scenes.build(made, 3)).summary["solution"]
+    assert solution["max_contact_pressure"] == pytest.approx(100.0, rel=1e-8)
 
 
 def test_a_box_is_not_placed(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from meshes import CellMesh, MeshError, Placement, decompose, load_mesh
+from meshes.refine import refined
 from tests import meshfiles
 from tests.meshes.test_decompose import volume
 
@@ -166,6 +167,35 @@ def test_second_order_cells_keep_their_corners(cell: str, name: str, tmp_path: P
     read = load_mesh(meshfiles.write(mesh, tmp_path / "a.vtu", None), meshfiles.dimension(cell))
     assert total_volume(read) == pytest.approx(1.0)
     assert any("edges are straight" in note for note in read.notes)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_refinement_halves_every_edge(cell: str, tmp_path: Path) -> None:
+    d = meshfiles.dimension(cell)
+    given = loaded(meshfiles.block(cell, 2), tmp_path, cell).tagged(("soft", "hard"))
+    mesh = refined(refined(given))
+    assert mesh.nodes == 9**d
+    assert mesh.total_cells == given.total_cells * 4**d
+    assert total_volume(mesh) == pytest.approx(1.0)
+    if cell in ("triangle", "tetrahedron"):
+        axes = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
+        volumes = np.linalg.det(axes) / (2.0 if d == 2 else 6.0)
+        assert volumes.min() > 0.0
+        assert volumes.sum() == pytest.approx(1.0)
+        parents = np.linalg.det(
+            given.points[given.cells[:, 1:]] - given.points[given.cells[:, :1]]
+        ) / (2.0 if d == 2 else 6.0)
+        np.testing.assert_allclose(volumes, np.repeat(parents, 4**d) / 4**d)
+    assert np.unique(mesh.cells).size == mesh.nodes
+    assert not mesh.topology.crowded
+    for name, rows in mesh.sides.items():
+        assert len(rows) == len(given.sides[name]) * 4 ** (d - 1)
+        x = meshfiles_side(mesh, name)[..., "xyz".index(name[0])]
+        np.testing.assert_allclose(x, "-+".index(name[1]), atol=1e-12)
+    assert sum(map(len, mesh.sides.values())) == len(mesh.topology.facets)
+    left = mesh.points[mesh.cells][..., 0].mean(axis=1) < 0.5
+    np.testing.assert_array_equal(mesh.tags, np.where(left, 0, 1))
+    np.testing.assert_array_equal(mesh.groups["soft"], np.flatnonzero(left))
 
 
 # --- repairs -----------------------------------------------------------------------------------

@@ -1,0 +1,133 @@
+"""Uniform refinement of a mesh: every edge is halved.
+
+Triangles and quadrilaterals fall into four cells, tetrahedra and hexahedra into eight. The
+octahedron that is left when a tetrahedron loses its corners is cut along its shortest diagonal,
+which keeps shapes from degenerating when it is done again (S. Zhang, *Successive subdivisions of
+tetrahedra and multigrid methods on tetrahedral meshes*, Houston J. Math. 21, 1995). The new nodes
+are those of second-order cells with straight edges: a curved boundary stays the polygon or
+polyhedron it was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.quadratic import node_vertices, with_middles
+from meshes.unstructured import FACETS, CellMesh, Topology, matching_rows
+
+Rows = list[list[int]]
+
+CORNERS = {
+    "quadrilateral": ((0, 0), (1, 0), (1, 1), (0, 1)),
+    "hexahedron": (
+        (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1),
+    ),
+}  # fmt: skip
+
+OPPOSITE = (((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2)))
+"""Edges of a tetrahedron that do not meet: their middles are the diagonals of its octahedron."""
+
+
+def _middle(cell: str, *vertices: int) -> int:
+    """Number of the node amid some vertices of a second-order cell."""
+    return [set(on) for on in node_vertices(cell)].index(set(vertices))
+
+
+def _simplex_parts(cell: str, vertices: tuple[int, ...]) -> Rows:
+    """Parts of a simplex (the cell or a facet) that keep a corner, and the middle of a triangle."""
+    parts = [[_middle(cell, v, w) for w in vertices] for v in vertices]
+    if len(vertices) == 3:
+        parts.append([_middle(cell, v, w) for v, w in combinations(vertices, 2)])
+        parts[-1][1:] = parts[-1][:0:-1]  # ab, bc, ca: as the corners go round
+    return parts
+
+
+def _lattice_parts(cell: str) -> Rows:
+    """Parts of a quadrilateral or hexahedron."""
+    corners = np.array(CORNERS[cell])
+    parts = []
+    for first in product((0, 1), repeat=corners.shape[1]):
+        places = np.array(first) + corners  # on the lattice of 0, 1 (the middle) and 2
+        around = (np.abs(2 * corners - places[:, None]) < 2).all(axis=2)
+        parts.append([_middle(cell, *np.flatnonzero(row).tolist()) for row in around])
+    return parts
+
+
+def _facet_parts(cell: str, facet: tuple[int, ...]) -> Rows:
+    """Parts of a facet of a cell."""
+    if cell != "hexahedron":
+        return _simplex_parts(cell, facet)
+    turned = [facet[i:] + facet[:i] for i in range(4)]
+    return [
+        [a, _middle(cell, a, b), _middle(cell, *facet), _middle(cell, a, d)]
+        for a, b, _, d in turned
+    ]
+
+
+PARTS = {
+    "triangle": np.array(_simplex_parts("triangle", (0, 1, 2))),
+    "tetrahedron": np.array(_simplex_parts("tetrahedron", (0, 1, 2, 3))),
+    "quadrilateral": np.array(_lattice_parts("quadrilateral")),
+    "hexahedron": np.array(_lattice_parts("hexahedron")),
+}
+FACET_PARTS = {
+    cell: np.array([_facet_parts(cell, facet) for facet in facets])
+    for cell, facets in FACETS.items()
+}
+
+
+def refined(mesh: CellMesh) -> CellMesh:
+    """A mesh of first order with every edge halved; groups and parts of the surface go on."""
+    points, nodes = with_middles(mesh.points, mesh.cells, mesh.cell)
+    cells = nodes[:, PARTS[mesh.cell]]
+    if mesh.cell == "tetrahedron":
+        cells = np.concatenate([cells, _octahedra(points, nodes)], axis=1)
+    parts = cells.shape[1]
+    cells = cells.reshape(-1, cells.shape[2])
+    topology = Topology.of(cells, mesh.cell)
+    pieces = _surface_parts(mesh, nodes)
+    table = np.sort(topology.facets, axis=1)
+    sides = {
+        name: matching_rows(table, np.sort(pieces[rows].reshape(-1, pieces.shape[2]), axis=1))
+        for name, rows in mesh.sides.items()
+    }
+    return replace(
+        mesh,
+        points=points,
+        cells=cells,
+        topology=topology,
+        sides={name: np.sort(rows).astype(np.int32) for name, rows in sides.items()},
+        groups={
+            name: (rows[:, None] * parts + np.arange(parts)).ravel()
+            for name, rows in mesh.groups.items()
+        },
+        tags=np.repeat(mesh.tags, parts),
+    )
+
+
+def _surface_parts(mesh: CellMesh, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Parts of the facets of the surface, (facets, parts, corners)."""
+    facets, owner = mesh.topology.facets, mesh.topology.facet_cells
+    of_owner = np.sort(mesh.cells[owner][:, np.array(FACETS[mesh.cell])], axis=2)
+    local = (of_owner == np.sort(facets, axis=1)[:, None]).all(axis=2).argmax(axis=1)
+    table = FACET_PARTS[mesh.cell][local]
+    flat = np.take_along_axis(nodes[owner], table.reshape(len(facets), -1), axis=1)
+    return flat.reshape(table.shape)
+
+
+def _octahedra(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Four tetrahedra around the shortest diagonal of the middle of each, (cells, 4, 4)."""
+    ends = np.array([[_middle("tetrahedron", *edge) for edge in pair] for pair in OPPOSITE])
+    # the middles around each diagonal in turn, such that the tetrahedra are not inside out
+    rings = [(*ends[k - 2], *ends[k - 1]) for k in range(3)]
+    rings = [(a, c, b, d) for a, b, c, d in rings]
+    x = points[nodes[:, ends]]
+    shortest = np.linalg.norm(x[:, :, 0] - x[:, :, 1], axis=2).argmin(axis=1)
+    axis = np.take_along_axis(nodes, ends[shortest], axis=1)
+    ring = np.take_along_axis(nodes, np.array(rings)[shortest], axis=1)
+    parts = [[*axis.T, ring[:, i], ring[:, (i + 1) % 4]] for i in range(4)]
+    return np.array(parts).transpose(2, 0, 1)
