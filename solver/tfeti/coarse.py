@@ -71,6 +71,11 @@ class CoarseProblem:
         self._solution = np.empty(self.kernels)
         self._factor(self._gram)
 
+    @property
+    def entries(self) -> int:
+        """Stored entries of G Gᵀ, over all ranks."""
+        return int(self._gram.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+
     def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
         """The coarse problem of W B, with weights W that differ from one on contact rows alone.
 
