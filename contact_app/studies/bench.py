@@ -70,7 +70,7 @@ def bench(
     limit: float = 60.0,
     methods: Sequence[str] | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Run every method on every size, yield its row; write ``bench.csv`` and ``bench.png``.
+    """Run every method on every size, yield its row; write ``bench.csv``, ``.md``, ``.png``.
 
     Rows that an earlier run left in ``bench.csv`` stay there unless they are measured again.
 
@@ -105,6 +105,7 @@ def bench(
     finally:
         ordered = sorted(rows.values(), key=lambda row: _place(*_key(row)))
         write(ordered, table)
+        table.with_suffix(".md").write_text(markdown(ordered), encoding="utf-8")
         draw(ordered, picture)
 
 
@@ -158,6 +159,28 @@ def with_energy_error(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
             row = {**row, "energy_error": abs(row["energy"] / best - 1.0)}
         result.append(row)
     return result
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """Seconds and memory of all methods, a table for each series, a line for each mesh."""
+    lines = []
+    for series in SERIES:
+        mine = {(r["dofs"], r["method"]): r for r in rows if r["series"] == series.name}
+        methods = [m for m in (OURS, *CONTACT, *LINEAR) if any(m == k[1] for k in mine)]
+        if not methods:
+            continue
+        lines += [f"**{series.name}**", "", "| unknowns | " + " | ".join(methods) + " |",
+                  "|---:" * (len(methods) + 1) + "|"]  # fmt: skip
+        for dofs in sorted({key[0] for key in mine}):
+            cells = []
+            for method in methods:
+                row = mine.get((dofs, method), {"note": "not run"})
+                cells.append(row["note"] or f"{row['seconds']:.3g} s, {row['peak_rss_gb']:.2g} GB")
+            lines.append(f"| {dofs:,} | " + " | ".join(cells) + " |")
+        errors = [row["energy_error"] for row in mine.values() if "energy_error" in row]
+        if errors:
+            lines += ["", f"Energies differ by {max(errors):.1e} at most, relatively.", ""]
+    return "\n".join(lines)
 
 
 def write(rows: Sequence[dict[str, Any]], path: Path) -> None:

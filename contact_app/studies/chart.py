@@ -26,7 +26,7 @@ from contact_app.configuration import load
 from contact_app.errors import ConfigurationError
 from contact_app.scene import CELLS, Box, Scene, build_scene
 from contact_app.studies.frontier import frontier
-from contact_app.studies.lattice import Lattice, Mesh
+from contact_app.studies.lattice import Lattice
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import QUANTITIES, Fields, ReferenceAnswer, Ruler
@@ -44,6 +44,8 @@ EXPANSIONS = ("fixed", "projcg", "gfgf-opt")
 """Swept beside the scene's own."""
 PARTS = (1, 2, 4)
 """Subdomains along each axis, swept beside the scene's own decomposition."""
+ACCURACIES = (0.2, 0.1, 0.05, 0.03)
+"""Errors in energy norm that scenes are refined to."""
 SMALLEST, LARGEST = Fraction(1, 8), 8
 REFERENCE_DOFS = 2_500_000
 
@@ -58,6 +60,8 @@ class Variant:
         Cells along each axis relative to the scene's.
     decomposition, expansion
         None: the scene's own.
+    accuracy
+        Error to which the scene is refined from this mesh on; None: it is not.
     """
 
     factor: Fraction
@@ -67,11 +71,13 @@ class Variant:
     method: str = OURS
     decomposition: str | None = None
     expansion: str | None = None
+    accuracy: float | None = None
 
     @property
     def name(self) -> str:
         """Method as the CSV has it."""
-        return f"{self.method} {self.expansion}" if self.expansion else self.method
+        kind = self.expansion or (f"accuracy {self.accuracy:g}" if self.accuracy else "")
+        return f"{self.method} {kind}".strip()
 
     def overrides(self, scene: Scene) -> list[str]:
         """Changes of the scene's file."""
@@ -90,6 +96,8 @@ class Variant:
             result.append(f"decomposition={self.decomposition}")
         if self.expansion:
             result.append(f"solver.expansion={self.expansion}")
+        if self.accuracy:
+            result.append(f"accuracy={self.accuracy}")
         return result
 
     def describe(self, scene: Scene) -> str:
@@ -161,7 +169,8 @@ def plan(
 
     def allowed(variant: Variant, what: str) -> bool:
         try:
-            build_scene(load(config, [*overrides, *variant.overrides(scene)]))
+            settings = [*variant.overrides(scene), f"solver.tolerance={variant.tolerance}"]
+            build_scene(load(config, [*overrides, *settings]))
         except ConfigurationError as error:
             left_out.append(f"{what}: {str(error).splitlines()[0]}")
             return False
@@ -177,9 +186,10 @@ def plan(
         for f, c, p in itertools.product(levels, cells, degrees)
         if _dofs(boxes, f, p) <= largest
     ]
-    for p, f in itertools.product(degrees, levels):
-        if _dofs(boxes, f, p) <= largest:
-            variants += [Variant(f, own, p, t) for t in TOLERANCES]
+    for p in degrees:
+        swept = [t for t in TOLERANCES if allowed(Variant(coarse, own, p, t), f"degree {p} to {t}")]
+        variants += [Variant(f, own, p, t) for f in levels for t in swept
+                     if _dofs(boxes, f, p) <= largest]  # fmt: skip
     variants += [
         Variant(f, own, expansion=e)
         for f, e in itertools.product(fine, EXPANSIONS)
@@ -201,7 +211,12 @@ def plan(
             )
             if _dofs(boxes, f, p) <= largest
         ]  # fmt: skip
-    left_out.append("adaptive meshes: a sweep refines everywhere")
+    variants += [
+        variant
+        for variant in (Variant(coarse, own, tolerance="auto", accuracy=a) for a in ACCURACIES)
+        if allowed(variant, f"refinement to an error of {variant.accuracy:g}")
+    ]
+    left_out.append("meshes refined in places: boxes are refined everywhere")
     order = sorted(range(len(variants)), key=lambda i: variants[i].factor)
     finest = _reference_factor(boxes, levels[-1], degrees[-1])
     references = tuple(
@@ -296,14 +311,6 @@ def chart(
             draw(rows, output / "frontier.png", sweep.scene.title, sentence)
 
 
-def _meshes(scene: Scene, variant: Variant) -> list[Mesh]:
-    return [
-        Mesh(variant.cell, variant.degree, scaled(body.mesh.cells, variant.factor))
-        for body in scene.bodies
-        if isinstance(body.mesh, Box)
-    ]
-
-
 def _reference(
     config: Path, sweep: Sweep, overrides: Sequence[str], file: Path
 ) -> Generator[Progress, None, ReferenceAnswer]:
@@ -323,16 +330,15 @@ def _reference(
         except RunError as error:
             raise ConfigurationError(f"{config}: the reference failed: {error}") from error
         fields = Fields.load(str(file))
+        meshes = fields.meshes(variant.cell, variant.degree)
         if ruler is None:
             watched = []
-            for number, (lattice, mesh) in enumerate(
-                zip(lattices, _meshes(scene, variant), strict=True)
-            ):
+            for number, (lattice, mesh) in enumerate(zip(lattices, meshes, strict=True)):
                 mine = fields.body(number)
                 seen = lattice.evaluate(mesh, fields.points[mine], fields.watched[mine] * 1.0)
                 watched.append(seen.ravel() > 0.5)
             ruler = Ruler(scene, tuple(lattices), watched)
-        sampled.append(ruler.sample(fields, _meshes(scene, variant)))
+        sampled.append(ruler.sample(fields, meshes))
     assert ruler is not None
     return ReferenceAnswer.of(ruler, sampled[::-1])
 
@@ -349,7 +355,8 @@ def _point(
     """Run one variant and measure its errors."""
     settings = [*overrides, *variant.overrides(sweep.scene)]
     found = run_one(variant.method, config, settings, variant.tolerance, limit, file)
-    sampled = reference.ruler.sample(Fields.load(str(file)), _meshes(sweep.scene, variant))
+    fields = Fields.load(str(file))
+    sampled = reference.ruler.sample(fields, fields.meshes(variant.cell, variant.degree))
     errors = reference.errors(sampled)
     return {
         "method": variant.name,

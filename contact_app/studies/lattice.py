@@ -45,13 +45,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Lattice:
-    """The points at which fields of one body are compared.
-
-    Attributes
-    ----------
-    cells
-        Intervals along each axis: a multiple of every mesh's.
-    """
+    """The points at which fields of a body are compared, with `cells` intervals along each axis."""
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
@@ -131,11 +125,9 @@ class Lattice:
 @lru_cache(maxsize=64)
 def _line(cells: int, degree: int, fine: int) -> sparse.csr_matrix:
     """Evaluation of a function on a line of cells at `fine` + 1 points."""
-    if fine % cells:
-        raise ValueError(f"{fine} intervals are no multiple of {cells} cells")
     point = np.arange(fine + 1)
-    cell = np.minimum(point // (fine // cells), cells - 1)
-    s = point / (fine // cells) - cell
+    cell = np.minimum(point * cells // fine, cells - 1)
+    s = (point * cells - cell * fine) / fine
     if degree == 1:
         weights = np.stack([1.0 - s, s])
     else:
@@ -150,13 +142,11 @@ def _line(cells: int, degree: int, fine: int) -> sparse.csr_matrix:
 def _simplices(mesh: Mesh, fine: tuple[int, ...]) -> sparse.csr_matrix:
     """Evaluation of a function on the simplices of a box, (lattice points, nodes)."""
     d = len(fine)
-    ratio = np.array(fine) // np.array(mesh.cells)
-    if (ratio * mesh.cells != fine).any():
-        raise ValueError(f"{fine} intervals are no multiple of {mesh.cells} cells")
     point = np.stack(np.meshgrid(*(np.arange(n + 1) for n in fine), indexing="ij"), axis=-1)
     point = point.reshape(-1, d)
-    cell = np.minimum(point // ratio, np.array(mesh.cells) - 1)
-    local = point / ratio - cell
+    cells = np.array(mesh.cells)
+    cell = np.minimum(point * cells // fine, cells - 1)
+    local = (point * cells - cell * fine) / fine
     order = np.argsort(-local, axis=1, kind="stable")
     sorted_ = np.take_along_axis(local, order, axis=1)
     ones, zeros = np.ones((len(point), 1)), np.zeros((len(point), 1))

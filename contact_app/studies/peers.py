@@ -40,7 +40,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from contact_app.environment import peak_rss_gb
-from contact_app.scene import Scene
+from contact_app.scene import Box, Scene
 from contact_app.studies.whole import WholeSystem, assemble
 
 Answer = tuple[PETSc.Vec, int, int, bool]
@@ -195,7 +195,7 @@ def solve(
     return row, system, x
 
 
-def _save(system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
+def _save(scene: Scene, system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
     """Write the fields at the nodes, gathered on rank 0 (collective)."""
     watched = np.zeros(len(system.points), bool)
     watched[system.contact // system.dimension] = True
@@ -212,6 +212,9 @@ def _save(system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
             pressure=pressure,
             watched=watched,
             first_node=np.array([0, len(points)]),
+            cells=np.array(
+                [body.mesh.cells for body in scene.bodies if isinstance(body.mesh, Box)]
+            ),
         )
 
 
@@ -233,7 +236,7 @@ def main() -> None:
     scene = build_scene(load(arguments.config, arguments.overrides))
     row, system, x = solve(scene, arguments.method, arguments.tolerance)
     if arguments.fields:
-        _save(system, x, arguments.fields)
+        _save(scene, system, x, arguments.fields)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(row), flush=True)
 

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from contact_app.configuration import load
+from contact_app.refinement import solve_to_accuracy, with_levels
 from contact_app.run import solve_scene
-from contact_app.scene import build_scene
+from contact_app.scene import Box, build_scene
 
 
 def main() -> None:
@@ -24,9 +25,16 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--fields", type=Path)
     arguments = parser.parse_args()
-    solved = solve_scene(build_scene(load(arguments.config, arguments.overrides)))
+    scene = build_scene(load(arguments.config, arguments.overrides))
+    if scene.accuracy is None:
+        solved = solve_scene(scene)
+        summary = solved.summary
+    else:
+        refined = solve_to_accuracy(scene, solve_scene)
+        solved = refined.solved
+        summary = with_levels(solved.summary, refined)
     if arguments.fields:
-        nodes = solved.nodes
+        nodes, bodies = solved.nodes, solved.model.scene.bodies
         np.savez(
             arguments.fields,
             points=nodes.points,
@@ -34,8 +42,9 @@ def main() -> None:
             pressure=nodes.contact_pressure,
             watched=~np.isnan(nodes.gap),
             first_node=solved.model.partition.first_node,
+            cells=np.array([b.mesh.cells for b in bodies if isinstance(b.mesh, Box)]),
         )
-    print(json.dumps(solved.summary), flush=True)
+    print(json.dumps(summary), flush=True)
 
 
 if __name__ == "__main__":

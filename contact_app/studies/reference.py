@@ -39,6 +39,8 @@ class Fields:
     watched : (nodes,)
         Nodes with a contact row.
     first_node : (bodies + 1,)
+    cells : (bodies, dimension)
+        Cells of the boxes along each axis.
     """
 
     points: Array
@@ -46,12 +48,17 @@ class Fields:
     pressure: Array
     watched: NDArray[np.bool_]
     first_node: NDArray[np.int64]
+    cells: NDArray[np.int64]
 
     @classmethod
     def load(cls, path: str) -> Fields:
         """Read what a run of a study left."""
         with np.load(path) as data:
             return cls(**{name: data[name] for name in cls.__dataclass_fields__})
+
+    def meshes(self, cell: str, degree: int) -> list[Mesh]:
+        """Meshes of the bodies."""
+        return [Mesh(cell, degree, tuple(int(n) for n in cells)) for cells in self.cells]
 
     def body(self, number: int) -> slice:
         """Nodes of one body."""

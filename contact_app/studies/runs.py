@@ -61,9 +61,11 @@ def from_summary(summary: dict[str, Any]) -> dict[str, Any]:
     """Row of a ``summary.json``."""
     if not summary["certificate"]["passed"]:
         raise RunError("it was not certified")
+    seconds = sum(summary["timings"][stage] for stage in STAGES)
+    levels = summary.get("levels")
     return {
         "dofs": summary["mesh"]["dofs"],
-        "seconds": sum(summary["timings"][stage] for stage in STAGES),
+        "seconds": sum(level["seconds"] for level in levels) if levels else seconds,
         "peak_rss_gb": summary["environment"]["peak_rss_gb"],
         "steps": summary["solver"]["outer_iterations"],
         "products": summary["solver"]["hessian_multiplications"],

@@ -21,7 +21,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from contact_app.assembly import lame
+from contact_app.assembly import lame, quadrature_degree
 from contact_app.scene import Body, Box, Scene
 from meshes import versions
 from solver.tfeti.kernels import rigid_motions
@@ -157,9 +157,10 @@ def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     moduli = lame(body.materials[0], scene.plane)
     lam, mu = (fem.Constant(mesh, PETSc.ScalarType(m)) for m in moduli)
+    rule = quadrature_degree(body.mesh.cell, body.degree)
     strain = ufl.sym(ufl.grad(u))
     stress = lam * ufl.tr(strain) * ufl.Identity(scene.dimension) + 2.0 * mu * strain
-    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2 * body.degree})
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": rule})
     return ufl.inner(stress, ufl.sym(ufl.grad(v))) * dx
 
 

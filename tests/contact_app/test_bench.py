@@ -71,6 +71,9 @@ def test_a_method_that_takes_too_long_is_left_out_from_then_on(
     assert rows[6, "tao-bnls"]["seconds"] == 0.5
     assert rows[6, "tao-bnls"]["energy_error"] == 0.0
     assert rows[6, OURS]["seconds"] == 1.0
+    table = (tmp_path / "bench.md").read_text()
+    assert "| 1,029 | 1 s, 1 GB | 0.5 s, 1 GB |" in table
+    assert "| 2,187 | 1 s, 1 GB | left out after a smaller mesh |" in table
 
 
 def test_a_process_out_of_time_or_in_error_says_so() -> None:
