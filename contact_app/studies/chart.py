@@ -218,7 +218,7 @@ def plan(
     ]
     left_out.append("meshes refined in places: boxes are refined everywhere")
     order = sorted(range(len(variants)), key=lambda i: variants[i].factor)
-    finest = _reference_factor(boxes, levels[-1], degrees[-1])
+    finest = _reference_factor(boxes, levels, degrees[-1])
     references = tuple(
         Variant(finest / 2**k, own, degrees[-1], min(1e-8, USUAL)) for k in (2, 1, 0)
     )
@@ -250,12 +250,13 @@ def _dofs(boxes: Sequence[Box], factor: Fraction, degree: int) -> int:
     return sum(nodes) * len(boxes[0].cells)
 
 
-def _reference_factor(boxes: Sequence[Box], finest: Fraction, degree: int) -> Fraction:
-    """Finest mesh of the reference: two levels of nodes beyond the sweep, or one."""
-    for factor in (4 * finest / degree, 2 * finest / degree):
-        if _dofs(boxes, factor, degree) <= REFERENCE_DOFS:
-            return factor
-    return 2 * finest / degree
+def _reference_factor(boxes: Sequence[Box], levels: Sequence[Fraction], degree: int) -> Fraction:
+    """Finest mesh of the reference: two levels of nodes beyond the sweep, or one.
+
+    A quarter of its cells are whole numbers, too.
+    """
+    least = max(2 * levels[-1] / degree, 4 * levels[0])
+    return 2 * least if _dofs(boxes, 2 * least, degree) <= REFERENCE_DOFS else least
 
 
 @dataclass(frozen=True)

@@ -176,14 +176,14 @@ def test_an_interrupted_chart_leaves_what_it_had(
 ) -> None:
     config = CONFIGS / "block_2d.yaml"
     sweep = chart.plan(config, largest=1000, peers=False)
-    asked = []
+    done = []
 
     def point(_config, _sweep, variant, *_rest):
-        asked.append(variant)
         if variant.cell == "triangle":
             raise RunError("not done after 1 s")
-        if len(asked) > 5:
+        if len(done) == 4:
             raise KeyboardInterrupt
+        done.append(variant)
         return dict.fromkeys(chart.COLUMNS, 1.0) | {"method": "contact-app", "cell": variant.cell}
 
     def reference(*_arguments):
@@ -204,7 +204,7 @@ def test_what_a_scene_does_not_allow_is_said(tmp_path: Path) -> None:
     assert any("peers" in sentence for sentence in sweep.left_out)
     assert not any(v.method != "contact-app" for v in sweep.variants)
     degrees = {v.degree for v in sweep.variants}
-    assert (2 in degrees) != any("degree 2" in sentence for sentence in sweep.left_out)
+    assert (2 in degrees) != any(s.startswith("degree 2:") for s in sweep.left_out)
     with pytest.raises(ConfigurationError, match="one kind of cell"):
         chart.plan(CONFIGS / "three_bodies.yaml")
     with pytest.raises(ConfigurationError, match="more than 10 degrees"):
