@@ -21,6 +21,7 @@ from typing import Any
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.runs import run_one
+from meshes.decompose import choose_parts
 
 COLUMNS = ("series", "method", "cells", "dofs", "seconds", "peak_rss_gb", "steps", "products",
            "energy", "energy_error", "penetration", "subdomains", "ranks", "note")  # fmt: skip
@@ -34,9 +35,6 @@ LINEAR = tuple(name for name, m in METHODS.items() if not m.contact)
 MOST_DIRECT = ("snes-vi-cholmod", "snes-vi", ONE_FACTOR, "tao-bnls", "tao-bntr", OURS)
 MOST_DIRECT_LINEAR = ("linear-cholmod", "linear-gamg", "linear-boomeramg")
 """Whose energy the others' are compared with: the first of those that are there."""
-
-DOFS_A_PART = 4000
-"""Unknowns a subdomain where a graph partitioner cuts."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Series:
 SERIES = (
     Series("hexahedra", "hexahedron", lambda dofs: "auto"),
     Series(
-        "tetrahedra", "tetrahedron", lambda dofs: f"{{subdomains: {max(8, dofs // DOFS_A_PART)}}}"
+        "tetrahedra", "tetrahedron", lambda dofs: f"{{subdomains: {choose_parts(dofs // 3, 3, 2)}}}"
     ),
 )
 

@@ -38,7 +38,7 @@ def test_all_methods_reach_one_energy(rows: dict, series: str) -> None:
         assert found[method]["energy"] < energy * 1.005
         assert found[method]["penetration"] > 1e-3
     assert found["one-factor"]["subdomains"] == 1
-    assert found[OURS]["subdomains"] >= (1 if series == "hexahedra" else 8)
+    assert found[OURS]["subdomains"] >= (1 if series == "hexahedra" else 2)
     assert max(row["energy_error"] for row in found.values()) < 1e-8
 
 
