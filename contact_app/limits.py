@@ -13,6 +13,7 @@ from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
 from contact_app.solution import Solution
 from contact_app.solve import reason_text
+from solver.tfeti.exchange import NodeExchange
 
 SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1
@@ -48,6 +49,13 @@ def model_warnings(
                     f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
                     f"{sagitta:.2g}, which the linearised gap leaves out"
                 )
+    for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
+        sliding, facet = _sliding_on_each_other(model, solution, nodes, i)
+        if sliding > facet:
+            warnings.append(
+                f"{pair.source}: the bodies slide along each other by up to {sliding:.3g}, more "
+                f"than a facet ({facet:.2g}); which parts meet is decided on the undeformed shape"
+            )
     for body in scene.bodies:
         poisson = max(material.poisson for material in body.materials)
         if scene.plane != "stress" and poisson > LOCKING_POISSON:
@@ -78,3 +86,29 @@ def _largest_sliding(model: Model, solution: Solution, nodes: NodeFields, source
     along = u - np.einsum("ij,ij->i", u, normal)[:, None] * normal
     largest = float(np.linalg.norm(along, axis=1).max(initial=0.0))
     return float(model.comm.allreduce(largest, op=MPI.MAX))
+
+
+def _sliding_on_each_other(
+    model: Model, solution: Solution, nodes: NodeFields, source: int
+) -> tuple[float, float]:
+    """Largest tangential motion of a touching row of a pair of bodies, and its facets' size.
+
+    A row weighs nodes by Σ_c value_c n_c, its entries being weights times the mean normal.
+    """
+    comm, d = model.comm, model.scene.dimension
+    contact = model.problem.contact
+    pushed = solution.multiplier[model.problem.inequality] > 0.0
+    rows = contact.of(pushed & (contact.sources == source))
+    entries, normals = rows.entries, rows.normals
+    query = NodeExchange(comm, entries.node, model.node_exchange.total)
+    u = query.from_owners(nodes.displacement[query.nodes - nodes.first])
+    weight = entries.value * -normals[entries.row, entries.component]
+    motion = np.zeros((len(rows.nodes), d))
+    np.add.at(motion, entries.row, weight[:, None] * u)
+    motion -= np.einsum("ij,ij->i", motion, normals)[:, None] * normals
+    size = np.linalg.norm(motion, axis=1)
+    worst = int(np.argmax(size)) if len(size) else -1
+    mine = (
+        (float(size[worst]), float(rows.areas[worst] ** (1 / (d - 1)))) if len(size) else (0.0, 0.0)
+    )
+    return max(comm.allgather(mine))

@@ -308,3 +308,15 @@ def test_hertz_of_two_elastic_cylinders(finer: str) -> None:
     assert np.sqrt(square) == pytest.approx(3585.4, rel=0.02)
     assert np.sqrt(-square / slope) == pytest.approx(6.2146, rel=0.02)
     assert p.max() == pytest.approx(3585.4, rel=0.02)
+
+
+@pytest.mark.parametrize(("shift", "warned"), [(0.1, False), (0.4, True)])
+def test_sliding_over_more_than_a_facet_is_told(shift: float, warned: bool) -> None:
+    """The upper block (facets of 1/3) is pushed along the lower one, which holds still."""
+    made = stack("hexahedron", "hexahedron", (2, 3), held=False)
+    made["conditions"] = [
+        scenes.clamp("hexahedron", "lower.z-"),
+        {"on": "upper.z+", "displacement": [shift, 0.0, -0.001]},
+    ]
+    warnings = solve(made, 5).summary["certificate"]["warnings"]
+    assert any("slide along each other by up to 0.4" in w for w in warnings) == warned
