@@ -82,12 +82,23 @@ class Element:
         return (block_of_node[:, None] * self.dimension + np.arange(self.dimension)).ravel()
 
     def stiffness(self, materials: tuple[Material, ...], plane: str | None) -> sparse.csr_matrix:
-        """K, (unknowns, unknowns); materials by the tags of the cells."""
+        """K, (unknowns, unknowns); materials by the tags of the cells.
+
+        With mean dilatation, ∫ λ div u div v is λ |T| times the means of div u and div v over each
+        cell T, the B-bar method for isotropic materials (T. J. R. Hughes, *Generalization of
+        selective integration procedures to anisotropic and nonlinear media*, IJNME 15, 1980).
+        """
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         form = ufl.inner(self._stress(u, materials, plane), ufl.sym(ufl.grad(v))) * self._dx
         matrix = assemble_matrix(versions.compile_form(form))
         matrix.assemble()
         K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
+        if materials[0].mean_dilatation:
+            lam = cell_moduli(self.reference.tags, materials, plane)[0]
+            means = self.gradient_operator()
+            d = self.dimension
+            dilatation = sum(means[i * d + i :: d * d] for i in range(d))
+            K = (K + dilatation.T @ sparse.diags(lam * self.cell_volumes()) @ dilatation).tocsr()
         K.sort_indices()
         return K
 
@@ -133,11 +144,14 @@ class Element:
         return (per_volume @ operator)[:, self.unknowns].tocsr()
 
     def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:
+        """σ(u); without λ tr(ε) where that is taken from means over cells."""
+        full = 0.0 if materials[0].mean_dilatation else 1.0
         if len(materials) == 1:
-            moduli = lame(materials[0], plane)
+            moduli = np.array(lame(materials[0], plane)) * [full, 1.0]
             lam, mu = (fem.Constant(self.mesh, PETSc.ScalarType(m)) for m in moduli)
         else:
-            lam, mu = map(self._cellwise, cell_moduli(self.reference.tags, materials, plane))
+            values = cell_moduli(self.reference.tags, materials, plane) * [[full], [1.0]]
+            lam, mu = map(self._cellwise, values)
         strain = ufl.sym(ufl.grad(u))
         return lam * ufl.tr(strain) * ufl.Identity(self.dimension) + 2.0 * mu * strain
 

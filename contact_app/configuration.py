@@ -171,6 +171,11 @@ class Body(Model):
     name: str = Field(description="Name by which conditions and contacts refer to it.")
     mesh: Mesh = Field(description="Where the mesh comes from: {box: …} or {file: …}.")
     degree: int = Field(1, description="Polynomial degree of the displacement, 1 or 2.")
+    mean_dilatation: bool = Field(
+        False,
+        description="Change of volume taken as its mean over each cell (B-bar), so that "
+        "first-order quadrilaterals and hexahedra do not lock as Poisson's ratio nears 0.5.",
+    )
     material: Annotated[
         Annotated[Material, Tag("{one}")] | Annotated[dict[str, Material], Tag("{groups}")],
         Discriminator(_material_form),

@@ -37,17 +37,17 @@ class ErrorEstimator:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.first_order = all(body.degree == 1 for body in model.scene.bodies)
-        if self.first_order:
+        self.available = all(body.plain for body in model.scene.bodies)
+        if self.available:
             self.recovery = StressRecovery(model)
 
     def accuracy(self, solution: Solution) -> Accuracy:
-        """The errors of an answer; of the mesh only where every body has degree 1."""
-        if self.first_order:
+        """The errors of an answer; of the mesh where every body has plain first-order cells."""
+        if self.available:
             return accuracy_of(self.squares(solution), solution)
         norm = self.energy_norm(solution)
         gap = 2.0 * max(solution.measures.gap, 0.0)
-        return Accuracy(None, float(np.sqrt(gap / norm)) if norm else 0.0, None)
+        return Accuracy(np.nan, float(np.sqrt(gap / norm)) if norm else 0.0, np.nan)
 
     def energy_norm(self, solution: Solution) -> float:
         """a(u_h, u_h); zero where nothing is strained (collective)."""

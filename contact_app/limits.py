@@ -2,13 +2,25 @@
 
 The gap is linearised: the distance of the undeformed node along the obstacle's normal there. That
 is right for small strains and rotations, and on curved obstacles for small sliding.
+
+First-order cells lock, that is, answer far too stiffly, in bending (their shear strain cannot
+vanish together with a curvature) and as ν nears 0.5 (their volume cannot be kept point by point).
+Quadrilaterals and hexahedra show it: the strain energy lies in strains that vary within cells,
+
+    1 - Σ |T| σ̄ : ε̄ / a(u, u)    with the means σ̄, ε̄ over each cell T,
+
+which falls with the square of the size of the cells where they resolve the answer and stays near
+one where they lock. Strains of triangles and tetrahedra do not vary; they are told by ν
+and by the estimated error of the mesh.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
+from contact_app.error_estimate import STRAINLESS
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
 from contact_app.solution import Solution
@@ -19,6 +31,11 @@ SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1
 SMALL_SAGITTA = 0.01
 LOCKING_POISSON = 0.48
+SIMPLICES = ("triangle", "tetrahedron")
+LARGE_ERROR = 0.4
+VARYING_ENERGY = 0.3
+"""Share of the energy in strains that vary within first-order cells above which they are too few:
+in bending 1/n² for n cells across the thickness, about as long as thick."""
 
 
 def model_warnings(
@@ -58,11 +75,31 @@ def model_warnings(
             )
     for body in scene.bodies:
         poisson = max(material.poisson for material in body.materials)
-        if scene.plane != "stress" and poisson > LOCKING_POISSON:
+        if scene.plane != "stress" and poisson > LOCKING_POISSON and body.plain:
+            remedy = "degree: 2"
+            if body.mesh.cell in ("quadrilateral", "hexahedron"):
+                remedy = "mean_dilatation: true or degree: 2"
             warnings.append(
                 f"{body.name}: first-order cells lock as Poisson's ratio nears 0.5 "
-                f"(it is {poisson:g}): displacements come out too small"
+                f"(it is {poisson:g}): displacements come out too small; use {remedy}"
             )
+    for body, share in zip(scene.bodies, _varying_energy(model, solution, cells), strict=True):
+        if body.degree == 1 and share > VARYING_ENERGY:
+            near = " or near ν = 0.5" if body.plain else ""
+            warnings.append(
+                f"{body.name}: {100.0 * share:.0f} % of its strain energy lies in strains that "
+                f"vary within cells, as where first-order cells lock in bending{near}: "
+                "displacements come out too small; use degree: 2 or several times as many cells "
+                "across"
+            )
+    error = solution.accuracy.discretisation if solution.accuracy else np.nan
+    simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
+    if error > LARGE_ERROR and simplices:
+        warnings.append(
+            f"the error of the mesh is estimated at {100.0 * error:.0f} % in energy norm: "
+            f"first-order triangles and tetrahedra ({', '.join(simplices)}) are stiff in bending; "
+            "use degree: 2 or a finer mesh"
+        )
     lost = comm.allreduce(nodes.without_area)
     if lost:
         warnings.append(
@@ -75,6 +112,22 @@ def model_warnings(
         if "can move freely" in note:
             warnings.append(note)
     return warnings
+
+
+def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDArray[np.float64]:
+    """Share of each body's strain energy in strains that vary within cells, (bodies,)."""
+    problem = model.problem
+    energy = np.zeros((3, len(model.scene.bodies)))
+    energy[1] = cells.energy_of_means
+    by_class = []
+    for cls, u in zip(problem.classes, solution.displacements, strict=True):
+        work = np.einsum("ij,ij->j", u, cls.stiffness @ u)
+        by_class.append(np.stack([work, cls.stiffness.diagonal() @ u**2]))
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        energy[[0, 2], s.body] += by_class[cls][:, column]
+    total, means, scale = model.comm.allreduce(energy)
+    strained = total > STRAINLESS * scale
+    return np.where(strained, 1.0 - means / np.where(strained, total, 1.0), 0.0)
 
 
 def _largest_sliding(model: Model, solution: Solution, nodes: NodeFields, source: int) -> float:

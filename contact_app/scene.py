@@ -37,10 +37,17 @@ NEAREST_HALF = 1e-6
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic linear elasticity: Young's modulus (force per area) and Poisson's ratio."""
+    """Isotropic linear elasticity: Young's modulus (force per area) and Poisson's ratio.
+
+    Attributes
+    ----------
+    mean_dilatation
+        Whether the change of volume is taken as its mean over each cell (B-bar).
+    """
 
     young: float
     poisson: float
+    mean_dilatation: bool = False
 
 
 class BodyMesh(Protocol):
@@ -175,6 +182,11 @@ class Body:
     def nodes(self) -> int:
         """Nodes of its displacement."""
         return self.mesh.nodes_of(self.degree)
+
+    @property
+    def plain(self) -> bool:
+        """Whether its cells are of first order and fully integrated: the error is estimated."""
+        return self.degree == 1 and not any(m.mean_dilatation for m in self.materials)
 
 
 @dataclass(frozen=True)
@@ -365,14 +377,15 @@ class _Builder:
         options = SolverOptions(**given.model_dump())
         if accuracy is not None and "tolerance" not in given.model_fields_set:
             options = replace(options, tolerance="auto")
-        if any(b.degree != 1 for b in self.bodies):
+        if not all(b.plain for b in self.bodies):
             wanted = {("accuracy",): accuracy, ("solver", "tolerance"): options.tolerance == "auto"}
             for path, asked in wanted.items():
                 if asked:
                     self._fail(
                         path,
                         "takes the error of the mesh for its measure, which is estimated for "
-                        "bodies of degree 1 only: give solver.tolerance a number",
+                        "bodies of degree 1 without mean_dilatation only: give solver.tolerance a "
+                        "number",
                     )
         if accuracy is None:
             return options
@@ -415,6 +428,18 @@ class _Builder:
             self._fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
         mesh = self._mesh(body.mesh, (*path, "mesh"))
         materials, mesh = self._materials(body, mesh, (*path, "material"))
+        if body.mean_dilatation:
+            at = (*path, "mean_dilatation")
+            if body.degree != 1 or mesh.cell not in ("quadrilateral", "hexahedron"):
+                self._fail(
+                    at,
+                    "is for quadrilaterals and hexahedra of degree 1, not "
+                    f"{mesh.cell}s of degree {body.degree}"
+                    + (": use degree 2 there" if body.degree == 1 else ", which needs none"),
+                )
+            if self.plane == "stress":
+                self._fail(at, "is for plane strain and 3D: in plane stress the volume is free")
+            materials = tuple(replace(m, mean_dilatation=True) for m in materials)
         boundaries = {}
         for name, boundary in body.boundaries.items():
             at = (*path, "boundaries", name)

@@ -74,7 +74,7 @@ class AutomaticTarget(Target):
         if not loosely.converged:
             return loosely
         accuracy = self._assess(solution)
-        limit = max(SHARE * (accuracy.discretisation or 0.0), self._tightest)
+        limit = max(SHARE * accuracy.discretisation, self._tightest)
         chosen = min(limit, LOOSEST)
         judged = solution.certificate.judged(chosen)
         if accuracy.algebraic > limit:

@@ -35,3 +35,131 @@ def test_the_undecomposed_answer(name: str, cell: str) -> None:
             summary["solution"]["contact_force"], in_space(known.contact_force),
             rtol=0, atol=1e-6 * np.abs(known.system.load).sum(),
         )  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("subdomains", [1, 5])
+def test_a_constant_pressure_is_constant(cell: str, subdomains: int) -> None:
+    """Patch test: a block on a floor under a pressure q; σ = -q e⊗e, exact on any mesh."""
+    q, E, nu, d = 100.0, 900.0, 0.25, scenes.dimension(cell)
+    down, up = scenes.down(cell), scenes.up(cell)
+    made = quadratic(
+        scenes.config(
+            cell,
+            [scenes.block(cell, 3, young=E, poisson=nu)],
+            [
+                {
+                    "on": f"block.{side}-",
+                    "displacement": [0.0 if i == k else None for i in range(d)],
+                }
+                for k, side in enumerate("xy"[: d - 1])
+            ]
+            + [{"on": f"block.{up}", "pressure": q}],
+            [{"on": f"block.{down}", "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1))}],
+        )
+    )
+    solution = solve(made, subdomains)
+    assert solution.summary["certificate"]["passed"]
+    x, u = solution.displacement_at_nodes()
+    down, across = -(1 - nu**2 if d == 2 else 1) * q / E, nu * (1 + nu if d == 2 else 1) * q / E
+    exact = x[:, :d] * [*[across] * (d - 1), down]
+    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * abs(down))
+    pressure = solution.nodes.contact_pressure
+    on_floor = x[:, d - 1] < 1e-9
+    np.testing.assert_allclose(pressure[on_floor], q, rtol=1e-7)
+    assert not pressure[~on_floor].any()
+    assert solution.summary["solution"]["max_contact_pressure"] == pytest.approx(q, rel=1e-7)
+    assert solution.summary["solution"]["contact_force"][d - 1] == pytest.approx(q, rel=1e-9)
+    stress = solution.cells.stress[:, d - 1]
+    np.testing.assert_allclose(stress, -q, rtol=1e-8)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_a_pressure_that_varies_is_never_negative(cell: str) -> None:
+    """A tilted load: the multiplier's field is linear on faces and has the load's moment."""
+    made = quadratic(scenes.ALL["tilted_plane"](cell, 3))
+    solution = solve(made, 3)
+    assert solution.summary["certificate"]["passed"]
+    assert solution.nodes.contact_pressure.min() >= 0.0
+    assert solution.summary["solution"]["max_contact_pressure"] > 0.0
+
+
+def press(cell: str, n: int, poisson: float, **options: object) -> scenes.Config:
+    """A block between walls and above a floor, pushed down on the left half of its top."""
+    d = scenes.dimension(cell)
+    left = f"{'z' if d == 3 else 'y'} > 1 - 1e-9 and x < 0.5 + 1e-9"
+    block = scenes.block(cell, n, young=1.0, poisson=poisson, boundaries={"left": left})
+    sides = [(k, side + end) for k, side in enumerate("xy"[: d - 1]) for end in "-+"]
+    held = [
+        {"on": f"block.{name}", "displacement": [0.0 if i == k else None for i in range(d)]}
+        for k, name in sides
+    ]
+    floor = {
+        "on": f"block.{scenes.down(cell)}",
+        "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1)),
+    }
+    push = {"on": "block.left", "pressure": 0.01}
+    return scenes.config(cell, [{**block, **options}], [*held, push], [floor])
+
+
+def sinking(made: scenes.Config) -> float:
+    """Largest displacement downwards."""
+    _, u = solve(made, 1).displacement_at_nodes()
+    return float(-u[:, -1].min())
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("remedy", [{}, {"degree": 2}, {"mean_dilatation": True}], ids=str)
+def test_confined_column(cell: str, remedy: dict[str, object]) -> None:
+    """Uniform confined strain: σ = M ε with M = 1667.1, which every element represents."""
+    if "mean_dilatation" in remedy and cell in ("triangle", "tetrahedron"):
+        pytest.skip("for quadrilaterals and hexahedra")
+    nu, d = 0.4999, scenes.dimension(cell)
+    modulus = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    made = press(cell, 2, nu, **remedy)
+    made["conditions"][-1]["on"] = f"block.{scenes.up(cell)}"
+    solution = solve(made, [2] * d)
+    assert solution.summary["certificate"]["passed"]
+    x, u = solution.displacement_at_nodes()
+    np.testing.assert_allclose(u[:, -1], -0.01 / modulus * x[:, d - 1], rtol=0, atol=1e-12)
+    assert solution.summary["solution"]["max_contact_pressure"] == pytest.approx(0.01, rel=1e-6)
+    warnings = " ".join(solution.summary["certificate"]["warnings"])
+    assert ("use" in warnings and "degree: 2" in warnings) == (not remedy)
+
+
+@pytest.mark.parametrize(
+    "cell", ["quadrilateral", pytest.param("hexahedron", marks=pytest.mark.slow)]
+)
+def test_remedies_of_volumetric_locking(cell: str) -> None:
+    """At ν = 0.4999 the same mesh sinks as far as a fine one, except plain first-order cells."""
+    n = 4
+    fine = sinking(press(cell, 2 * n, 0.4999, degree=2))
+    assert sinking(press(cell, n, 0.4999)) < 0.75 * fine
+    assert sinking(press(cell, n, 0.4999, mean_dilatation=True)) == pytest.approx(fine, rel=0.2)
+    assert sinking(press(cell, n, 0.4999, degree=2)) == pytest.approx(fine, rel=0.1)
+
+
+@pytest.mark.parametrize("cell", scenes.CELLS_2D)
+def test_slender_beam(cell: str) -> None:
+    """A cantilever 1:100 of cells four times as long as high, against Euler and Bernoulli."""
+    beam = scenes.config(
+        cell,
+        [{
+            "name": "beam",
+            "mesh": {"box": {"lower": [0, 0], "upper": [100, 1], "cells": [25, 1], "cell": cell}},
+            "material": {"young": 1.2e5, "poisson": 0.0},
+        }],
+        [
+            {"on": "beam.x-", "displacement": [0, 0]},
+            {"on": "beam.x+", "traction": [0, -0.01]},
+        ],
+        [],
+    )  # fmt: skip
+    exact = 0.01 * 100**3 / (3 * 1.2e5 / 12)
+    first = solve(beam, 1, tolerance=1e-6).summary
+    second = solve(quadratic(beam), 1, tolerance=1e-6).summary
+    assert first["solution"]["max_displacement"] < 0.15 * exact
+    assert second["solution"]["max_displacement"] == pytest.approx(exact, rel=1e-3)
+    assert second["certificate"]["passed"]
+    assert any("use degree: 2" in w for w in first["certificate"]["warnings"])
+    assert not any("degree: 2" in w for w in second["certificate"]["warnings"])

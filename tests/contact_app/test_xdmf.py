@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from contact_app.xdmf import CELL_TYPES, XDMFError, XDMFWriter
+from meshes.quadratic import node_vertices
 
 SHAPES = {
     "triangle": [[0, 0], [1, 0], [0, 1]],
@@ -18,7 +19,14 @@ SHAPES = {
         [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1],
     ],
 }  # fmt: skip
-MESHIO = {"quadrilateral": "quad", "tetrahedron": "tetra"}
+for _cell in list(SHAPES):
+    _corners = np.array(SHAPES[_cell], dtype=float)
+    _nodes = [_corners[list(on)].mean(axis=0) for on in node_vertices(_cell)]
+    SHAPES[f"{_cell}{len(_nodes)}"] = np.array(_nodes)
+MESHIO = {
+    "quadrilateral": "quad", "quadrilateral9": "quad9",
+    "tetrahedron": "tetra", "tetrahedron10": "tetra10",
+}  # fmt: skip
 
 
 def separate_cells(kind: str, count: int, rng: np.random.Generator) -> tuple:
