@@ -65,6 +65,8 @@ class FileContent:
         Corner nodes of facets by name, (facets, corners).
     point_groups
         Nodes by name.
+    second_order
+        Whether cells had nodes amid their edges, which are left out.
     notes
         What was left out, a sentence each.
     """
@@ -75,6 +77,7 @@ class FileContent:
     cell_groups: dict[str, NDArray[np.int64]]
     facet_groups: dict[str, NDArray[np.int64]]
     point_groups: dict[str, NDArray[np.int64]]
+    second_order: bool
     notes: tuple[str, ...]
 
 
@@ -103,7 +106,8 @@ def read_file(path: Path, dimension: int) -> FileContent:
     mine = [i for i, block in enumerate(mesh.cells) if block.type in names]
     cells = np.concatenate([_corners(mesh.cells[i], kind.corners) for i in mine])
     notes = []
-    if any(mesh.cells[i].type != kind.first for i in mine):
+    second_order = any(mesh.cells[i].type != kind.first for i in mine)
+    if second_order:
         notes.append("cells have nodes amid their edges: only corners are used, edges are straight")
     facet_types = {n for n, c in FACET_CORNERS.items() if c == len(FACETS[kind.name][0])}
     facets = [i for i, block in enumerate(mesh.cells) if block.type in facet_types]
@@ -132,6 +136,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
             str(name): np.unique(np.asarray(nodes, dtype=np.int64))
             for name, nodes in (mesh.point_sets or {}).items()
         },
+        second_order=second_order,
         notes=tuple(notes),
     )
 

@@ -119,9 +119,11 @@ def load_mesh(
         With what is wrong and what would do.
     """
     content = read_file(path, dimension)
-    notes = list(content.notes)
-    chosen = _chosen(content, tuple(groups))
-    cells = content.cells[chosen]
+    notes, groups = list(content.notes), tuple(groups)
+    given, row, _ = _once(content.cells)  # Gmsh 2.2 writes a cell once for each of its groups
+    members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
+    chosen = _chosen(members, groups) if groups else np.arange(len(given))
+    cells = given[chosen]
     points = content.points
     if dimension == 2:
         points = _in_the_plane(points, cells, notes)
@@ -129,7 +131,7 @@ def load_mesh(
 
     used = np.unique(cells)
     idle = len(points) - len(used)
-    if idle and len(chosen) == len(content.cells) and not _has_midsides(content):
+    if idle and not groups and not content.second_order:
         notes.append(f"{idle} nodes belong to no cell: dropped")
     rename = np.full(len(points), -1, np.int64)
     same, merged = _same_place(points[used], cells, used, content.kind.name)
@@ -141,7 +143,8 @@ def load_mesh(
     cells = rename[cells]
 
     cells, rows, doubled = _once(cells)
-    if doubled and not content.cell_groups:
+    doubled += 0 if content.cell_groups else len(content.cells) - len(given)
+    if doubled:
         notes.append(f"{doubled} cells are given twice: counted once")
     turned = _turn(points, cells, content.kind.name)
     if turned:
@@ -154,7 +157,7 @@ def load_mesh(
         )
     _refuse_hanging(points, topology)
     _refuse_pieces(points, cells, topology)
-    place = np.full(len(content.cells), -1, np.int64)
+    place = np.full(len(given), -1, np.int64)
     place[chosen] = rows
     sides = _sides(content, rename, topology, notes)
     return CellMesh(
@@ -164,8 +167,7 @@ def load_mesh(
         topology=topology,
         sides=sides,
         groups={
-            name: np.unique(place[members][place[members] >= 0])
-            for name, members in content.cell_groups.items()
+            name: np.unique(place[within][place[within] >= 0]) for name, within in members.items()
         },
         tags=np.zeros(len(cells), np.int32),
         name=path.name,
@@ -173,19 +175,13 @@ def load_mesh(
     )
 
 
-def _chosen(content: FileContent, groups: tuple[str, ...]) -> NDArray[np.int64]:
-    """Rows of the cells that make the body."""
-    if not groups:
-        return np.arange(len(content.cells))
+def _chosen(members: dict[str, NDArray[np.int64]], groups: tuple[str, ...]) -> NDArray[np.int64]:
+    """Rows of the cells in any of the groups."""
     for name in groups:
-        if name not in content.cell_groups:
-            known = ", ".join(content.cell_groups) or "none"
+        if name not in members:
+            known = ", ".join(members) or "none"
             raise MeshError(f"has no group of cells named {name!r} (known: {known})")
-    return np.unique(np.concatenate([content.cell_groups[name] for name in groups]))
-
-
-def _has_midsides(content: FileContent) -> bool:
-    return any("amid their edges" in note for note in content.notes)
+    return np.unique(np.concatenate([members[name] for name in groups]))
 
 
 def _in_the_plane(

@@ -67,9 +67,7 @@ def _trial(
         model = build_model(scene, comm)
         solution = solve(model.problem, scene.solver, None)
         best = min(best, time.perf_counter() - began)
-    return Trial(
-        name, model.partition.count, best, solution.counts.hessian, solution.converged
-    )
+    return Trial(name, model.partition.count, best, solution.counts.hessian, solution.converged)
 
 
 if __name__ == "__main__":

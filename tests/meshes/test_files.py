@@ -269,6 +269,21 @@ def test_cells_in_two_groups_are_written_twice_by_gmsh_2_2(tmp_path: Path) -> No
         "soft": 4, "hard": 4, "all": 8,
     }  # fmt: skip
     assert mesh.notes == ()
+    half = loaded(both, tmp_path, "triangle", groups=["soft"])
+    assert {name: len(rows) for name, rows in half.groups.items()} == {
+        "soft": 4, "hard": 0, "all": 4,
+    }  # fmt: skip
+
+
+def test_cells_given_twice_count_once_and_it_is_reported(tmp_path: Path) -> None:
+    given = meshfiles.block("triangle", 2)
+    twice = np.vstack([given.cells[0].data, given.cells[0].data[:3]])
+    mesh = load_mesh(
+        meshfiles.write(meshio.Mesh(given.points, [("triangle", twice)]), tmp_path / "a.vtu", None),
+        2,
+    )
+    assert mesh.total_cells == 8
+    assert mesh.notes == ("3 cells are given twice: counted once",)
 
 
 def test_a_surface_and_a_volume_may_have_one_name(tmp_path: Path) -> None:
