@@ -295,7 +295,7 @@ CASES = (
         "quadratic elements, uniform pressure",
         "nodal forces of a constant pressure are zero or negative at vertices: λ ≥ 0 at nodes "
         "cannot hold it",
-        "rows that can hold a constant pressure, or a refusal",
+        "rows that can hold a constant pressure",
         quadratic_patch, energy=_PATCH_ENERGY,
     ),
     Case(

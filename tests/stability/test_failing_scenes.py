@@ -34,7 +34,7 @@ def check(case: Case) -> None:
         if case.expected == HOLDS:
             allowed.add("degrades")
         assert outcome.verdict in allowed, f"{method}: {outcome}"
-    if case.expected == REFUSED or found[OURS].verdict == REFUSED:
+    if case.expected == REFUSED:
         return
     far = case.name.startswith("a million")  # the reference knows gaps to 1e-12 of the body
     made = case.mild() if far and case.mild else case.make()
