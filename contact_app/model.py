@@ -46,6 +46,7 @@ from solver.tfeti.constraints import (
     RowKind,
     Rows,
     cut_held,
+    drop_parallel,
     merge_contact,
     merge_held,
     write_rows,
@@ -183,8 +184,11 @@ def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -
             for i, c in enumerate(scene.contacts)
             if has_averaged_rows(scene.bodies[c.body])
         ]
-        wide = [cut_held(exchange, rows, held, length) for rows in (*averaged, *pairs)]
-        contact = ContactRows.join([contact, *wide])
+        pairs = [cut_held(exchange, rows, held, length) for rows in pairs]
+        averaged = [cut_held(exchange, rows, held, length) for rows in averaged]
+        if averaged:
+            averaged = [drop_parallel(exchange, ContactRows.join(averaged), length)]
+        contact = ContactRows.join([contact, *averaged, *pairs])
     except ContradictionError as error:
         raise _contradiction(scene, error) from error
 

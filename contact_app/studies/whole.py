@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from contact_app.assembly import lame, quadrature_degree
+from contact_app.averaged import has_averaged_rows
 from contact_app.scene import Body, Box, Scene
 from meshes import versions
 from solver.tfeti.kernels import rigid_motions
@@ -100,6 +101,10 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
     if len(scene.bodies) != 1:
         raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
     body, d = scene.bodies[0], scene.dimension
+    if body.materials[0].mean_dilatation:
+        raise UnsuitableError("its change of volume is taken as a mean over cells")
+    if scene.contacts and has_averaged_rows(body):
+        raise UnsuitableError("its contact is kept in the mean about vertices, which is no bound")
     mesh = _mesh(body, comm)
     space = versions.vector_space(mesh, body.degree, d)
     matrix = assemble_matrix(versions.compile_form(_stiffness(scene, body, mesh, space)))

@@ -30,6 +30,7 @@ from enum import IntEnum
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from scipy import sparse
 
 from solver.tfeti.exchange import NodeExchange
 
@@ -379,6 +380,47 @@ def merge_contact(
     direction, gap = cut / norm[:, None], rows.gaps / norm
     _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
     return rows.of(_tightest(rows.nodes, direction, gap))
+
+
+def drop_parallel(exchange: NodeExchange, rows: ContactRows, length: float) -> ContactRows:
+    """Of rows of one node over several nodes that are parallel keep the tightest.
+
+    Parameters
+    ----------
+    rows
+        Sorted by node, without held components.
+    length
+        As in `merge_contact`.
+
+    Raises
+    ------
+    ContradictionError
+        Two opposite rows leave no room.
+    """
+    entries = rows.entries
+    # the nodes of these rows belong to any rank: their own numbers as columns
+    column = entries.node * rows.normals.shape[1] + entries.component
+    known, place = np.unique(column, return_inverse=True)
+    matrix = sparse.csr_matrix(
+        (entries.value, (entries.row, place.reshape(-1))), shape=(len(rows.nodes), len(known))
+    )
+    norm = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
+    matrix, gap = matrix.multiply(1.0 / norm[:, None]).tocsr(), rows.gaps / norm
+    keep = np.ones(len(rows.nodes), bool)
+    problem = None
+    for i, j in _pairs_at_nodes(rows.nodes):
+        cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
+        same = (cosine > 1.0 - PARALLEL) & keep[i] & keep[j]
+        keep[np.where(gap[i] <= gap[j], j, i)[same]] = False
+        tight = np.flatnonzero((cosine < PARALLEL - 1.0) & (gap[i] + gap[j] < -1e-9 * length))
+        if len(tight):
+            k = int(tight[np.argmin((gap[i] + gap[j])[tight])])
+            problem = (
+                "squeezed", int(rows.sources[i[k]]), int(rows.sources[j[k]]),
+                int(rows.nodes[i[k]]), float(-(gap[i[k]] + gap[j[k]]) * norm[i[k]]),
+            )  # fmt: skip
+    _raise_together(exchange, problem)
+    return rows.of(keep)
 
 
 def cut_held(

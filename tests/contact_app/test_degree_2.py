@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
+from mpi4py import MPI
+from scipy.sparse.linalg import splu
 
-from tests import reference, scenes
+from contact_app.assembly import Element
+from contact_app.errors import NoEquilibriumError
+from contact_app.scene import Material
+from meshes import BoxShape, decompose
+from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve
+from tests.contact_app.test_meshes_from_files import patch
+from tests.contact_app.test_ranks import summary_of
 
 CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
 
@@ -163,3 +174,108 @@ def test_slender_beam(cell: str) -> None:
     assert second["certificate"]["passed"]
     assert any("use degree: 2" in w for w in first["certificate"]["warnings"])
     assert not any("degree: 2" in w for w in second["certificate"]["warnings"])
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_repeated_obstacle_adds_no_rows(cell: str) -> None:
+    """Of parallel rows, at nodes or in the mean, only the tightest is kept; none is squeezed."""
+    made = quadratic(scenes.wall(cell, 2))
+    known = solve(made, 3).summary
+    looser = {"on": "block.x+", "obstacle": scenes.plane(cell, (1.01, 0, 0), (-2, 0, 0))}
+    for contacts in ([*made["contacts"], looser], [looser, *made["contacts"]]):
+        found = solve({**made, "contacts": contacts}, 3).summary
+        assert found["decomposition"]["contact"] == known["decomposition"]["contact"]
+        energy = known["solution"]["energy"]
+        assert found["solution"]["energy"] == pytest.approx(energy, rel=1e-8)
+
+
+def test_two_obstacles_without_room() -> None:
+    cell = "tetrahedron"
+    made = quadratic(scenes.wall(cell, 2))
+    behind = {"on": "block.x+", "obstacle": scenes.plane(cell, (1.1, 0, 0), (1, 0, 0))}
+    with pytest.raises(NoEquilibriumError, match="overlap by 0.1 "):
+        solve({**made, "contacts": [*made["contacts"], behind]}, 2)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_meshes_from_files(cell: str, tmp_path: Path) -> None:
+    """Distorted or cut anyhow: constant stress and constant pressure come out exactly."""
+    file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
+    d = scenes.dimension(cell)
+    made = quadratic(patch(cell, file))
+    for subdomains in (1, 6):
+        solution = solve(made, subdomains)
+        assert solution.summary["certificate"]["passed"]
+        assert solution.summary["mesh"]["nodes"] == 9**d
+        exact = solve(patch(cell, file), 1)
+        assert solution.summary["solution"]["energy"] == pytest.approx(
+            exact.summary["solution"]["energy"], rel=1e-9
+        )
+        pressure = solution.nodes.contact_pressure
+        touching = pressure[pressure > 0.0]
+        np.testing.assert_allclose(touching, touching[0], rtol=1e-6)
+        assert len(touching) == 9 ** (d - 1)
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_two_ranks(cell: str, tmp_path: Path) -> None:
+    made = quadratic(scenes.wall(cell, 3))
+    made["decomposition"] = {"subdomains": 5}
+    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
+    assert two["environment"]["ranks"] == 2
+    assert two["decomposition"]["contact"] == one["decomposition"]["contact"]
+    for key, value in one["solution"].items():
+        assert two["solution"][key] == pytest.approx(value, rel=1e-8, abs=1e-8), key
+
+
+@pytest.mark.parametrize("cell", scenes.CELLS_2D)
+def test_degrees_may_differ_between_bodies(cell: str) -> None:
+    """Two bodies side by side, one of each degree, come out as if alone."""
+    made = scenes.wall(cell, 3)
+    (body,) = made["bodies"]
+    shifted = {"lower": [3.0, 0.0], "upper": [4.0, 1.0], "cells": [3, 3], "cell": cell}
+    other = {**body, "name": "other", "degree": 2, "mesh": {"box": shifted}}
+    made["bodies"].append(other)
+    made["conditions"] += [
+        {**c, "on": c["on"].replace("block", "other")} for c in made["conditions"]
+    ]
+    made["contacts"].append(
+        {"on": "other.x+", "obstacle": scenes.plane(cell, (4, 0, 0), (-1, 0, 0))}
+    )
+    both = solve(made, [2, 2]).summary["solution"]["energy"]
+    alone = scenes.wall(cell, 3)
+    parts = [solve(m, 1).summary["solution"]["energy"] for m in (alone, quadratic(alone))]
+    assert both == pytest.approx(sum(parts), rel=1e-8)
+
+
+def smooth_energy(cell: str, degree: int, n: int) -> float:
+    """a(u_h, u_h) of the field u = ∇(eˣ cos y), held to its values on the surface of a block.
+
+    The potential is harmonic, so u is in equilibrium without forces and σ = 2 μ ∇u.
+    """
+    d = scenes.dimension(cell)
+    shape = BoxShape((0.0,) * d, (1.0,) * d, (n,) * d, cell, degree)
+    (subdomain,) = decompose([shape], (1,) * d, MPI.COMM_SELF).subdomains
+    reference = subdomain.reference
+    stiffness = Element(reference, d).stiffness((Material(1.0, 0.3),), "strain").tocsc()
+    x, y = reference.points[:, 0], reference.points[:, 1]
+    u = np.zeros((len(x), d))
+    u[:, 0], u[:, 1] = np.exp(x) * np.cos(y), -np.exp(x) * np.sin(y)
+    free = np.ones(len(x), bool)
+    free[np.unique(reference.facets)] = False
+    free = np.repeat(free, d)
+    u = u.ravel()
+    u[free] = splu(stiffness[free][:, free]).solve(-(stiffness[free][:, ~free] @ u[~free]))
+    return float(u @ (stiffness @ u))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_smooth_field_converges(cell: str) -> None:
+    """Energy errors fall like h⁴: O(h²) in energy norm."""
+    exact = 2.0 / (2.0 * 1.3) * (np.exp(2.0) - 1.0)  # 2 μ ∫ |∇u|², |∇u|² = 2 exp(2x)
+    meshes = (4, 8) if scenes.dimension(cell) == 2 else (2, 4)
+    coarse, fine = (abs(smooth_energy(cell, 2, n) - exact) for n in meshes)
+    assert coarse < 1e-3 * exact
+    assert np.log2(coarse / fine) == pytest.approx(4, abs=0.4)
