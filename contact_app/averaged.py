@@ -115,7 +115,16 @@ def averaged_rows(
     )
 
 
+MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
+    3: ((0, 1),),
+    6: ((1, 2), (0, 2), (0, 1)),
+    9: ((0, 1), (0, 2), (1, 3), (2, 3), (0, 1, 2, 3)),
+}
+"""Vertices that each further node of a facet lies amid, in dolfinx's order, by its nodes."""
+
+
 def between_vertices(facets: NDArray[np.int32], values: NDArray[np.float64]) -> None:
-    """Continue values at the vertices of faces (faces, 6) linearly to their middles, in place."""
-    for i, (a, b) in enumerate(((1, 2), (0, 2), (0, 1))):
-        values[facets[:, 3 + i]] = 0.5 * (values[facets[:, a]] + values[facets[:, b]])
+    """Continue values at the vertices of facets (facets, 3, 6 or 9) to the middles, in place."""
+    middles = MIDDLES[facets.shape[1]]
+    for place, amid in enumerate(middles, facets.shape[1] - len(middles)):
+        values[facets[:, place]] = values[facets[:, list(amid)]].mean(axis=1)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from contact_app.assembly import cell_moduli, stress, von_mises
 from contact_app.averaged import between_vertices, has_averaged_rows
 from contact_app.model import Model, boundary_facets, facets_of
+from contact_app.scene import BodyContact
 from contact_app.solution import Solution
 
 
@@ -29,8 +30,8 @@ class NodeFields:
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
         Normal contact force over the node's share of the contact boundary; between bodies the
-        value of the multiplier field at the nodes of `on`, and its value at all nodes on faces of
-        second-order tetrahedra; 0 elsewhere.
+        value of the multiplier field at the nodes of `on`, and on faces of second-order
+        tetrahedra; 0 elsewhere.
     gap : (nodes,)
         Distance left to the nearest obstacle along its normal, between bodies its mean about a
         node of `on`; NaN where there is no contact row.
@@ -103,7 +104,12 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
 def _fill_faces(model: Model, pressure: NDArray[np.float64]) -> None:
     """Continue pressures known at the vertices of second-order faces to their middles, in place."""
     scene, partition, exchange = model.scene, model.partition, model.node_exchange
-    averaged = [c for c in scene.contacts if has_averaged_rows(scene.bodies[c.body])]
+    averaged = [
+        c
+        for c in scene.touching
+        if scene.bodies[c.body].degree == 2
+        and (isinstance(c, BodyContact) or has_averaged_rows(scene.bodies[c.body]))
+    ]
     if not averaged:
         return
     copies = exchange.from_owners(pressure[exchange.nodes - exchange.first])
@@ -111,7 +117,8 @@ def _fill_faces(model: Model, pressure: NDArray[np.float64]) -> None:
     for contact in averaged:
         chosen = facets_of(scene, partition, contact.body, contact.boundary)
         for start, s, rows in zip(starts, partition.subdomains, chosen, strict=False):
-            between_vertices(s.reference.facets[rows], copies[start : start + len(s.nodes)])
+            if len(rows):
+                between_vertices(s.reference.facets[rows], copies[start : start + len(s.nodes)])
     np.maximum.at(pressure, exchange.nodes - exchange.first, exchange.to_owners(copies))
 
 

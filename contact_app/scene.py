@@ -699,13 +699,6 @@ class _Builder:
                 f"is a boundary of {self.names[body]} itself; contact of a body with itself is not "
                 "modelled",
             )
-        for key, b in (("on", body), ("against", other)):
-            if self.bodies[b].degree != 1:
-                self._fail(
-                    (*path, key),
-                    f"is on {self.names[b]}, of degree {self.bodies[b].degree}; contact between "
-                    "bodies is available for degree 1",
-                )
         for k, earlier in enumerate(self.c.contacts[:i]):
             if {earlier.on, earlier.against} == {contact.on, contact.against}:
                 self._fail(path, f"repeats contacts[{k}]: each pair of boundaries is given once")

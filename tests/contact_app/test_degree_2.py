@@ -18,6 +18,7 @@ from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve
 from tests.contact_app.test_meshes_from_files import patch
 from tests.contact_app.test_ranks import summary_of
+from tests.contact_app.test_two_bodies import PAIRS, PRESSURE, patch_displacement, stack
 
 CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
 
@@ -279,3 +280,22 @@ def test_a_smooth_field_converges(cell: str) -> None:
     coarse, fine = (abs(smooth_energy(cell, 2, n) - exact) for n in meshes)
     assert coarse < 1e-3 * exact
     assert np.log2(coarse / fine) == pytest.approx(4, abs=0.4)
+
+
+@pytest.mark.parametrize(("lower", "upper", "n"), PAIRS)
+@pytest.mark.parametrize("degrees", [(2, 2), (1, 2), (2, 1)], ids=str)
+def test_two_bodies_that_do_not_match(
+    lower: str, upper: str, n: tuple[int, int], degrees: tuple[int, int]
+) -> None:
+    """The contact patch test on non-matching meshes, to 1e-9, whichever side has degree 2."""
+    made = stack(lower, upper, n)
+    made["bodies"] = [{**b, "degree": p} for b, p in zip(made["bodies"], degrees, strict=True)]
+    solution = solve(made, 3, tolerance=1e-11)
+    points, u = solution.displacement_at_nodes()
+    exact = patch_displacement(points, u.shape[1])
+    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+    pressure = solution.nodes.contact_pressure
+    touching = pressure[pressure > 0.0]
+    np.testing.assert_allclose(touching, PRESSURE, rtol=1e-8)
+    per_edge = degrees[1] * n[1] + 1
+    assert len(touching) == per_edge ** (u.shape[1] - 1)
