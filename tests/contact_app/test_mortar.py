@@ -276,7 +276,10 @@ numbers = st.floats(-1, 1, allow_nan=False, width=32)
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(numbers, numbers), min_size=6, max_size=6), st.integers(3, 4))
 def test_clipping_against_qhull(points: list[tuple[float, float]], v: int) -> None:
-    """The area of the overlap of random convex polygons, by halfplane intersection."""
+    """The area of the overlap of random convex polygons, by halfplane intersection.
+
+    Qhull needs a point inside, which scipy's linear programs find to 1e-7: slivers may be lost.
+    """
     given = np.array(points, float)
     polygons = []
     for part, size in ((given[:3], 3), (given[2:], v)):
@@ -296,4 +299,4 @@ def test_clipping_against_qhull(points: list[tuple[float, float]], v: int) -> No
     x, y = polygon[0, : count[0]].T
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     exact = sum(w for _, w in mortar_reference.overlap(window, subject))
-    assert area == pytest.approx(exact, abs=1e-8)
+    assert area == pytest.approx(exact, abs=1e-6)
