@@ -17,6 +17,8 @@ Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and wi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,8 @@ from meshes import versions
 from solver.tfeti.dual import interface_slices
 
 Array = NDArray[np.float64]
+
+_Distance = tuple[NDArray[np.int64], slice, Array, Array]
 
 STRAINLESS = 1e-18
 """a(u,u) over Σ K_ii u_i² below which strains are round-off: a body that only moves."""
@@ -64,19 +68,33 @@ class ErrorEstimator:
         recovered = self.recovery(displacements, touching_nodes(self.model, solution))
         for number, cls in enumerate(self.model.problem.classes):
             u = displacements[number]
-            sums[:2] += self._distance(number, u, recovered[number])
+            for _, _, error, stress in self._distances(number, u, recovered[number]):
+                sums[:2] += np.vdot(error, error), np.vdot(stress, stress)
             sums[2] += np.sum(cls.stiffness.diagonal()[:, None] * u**2)
         square, norm, scale = self.model.comm.allreduce(sums)
         if norm <= STRAINLESS * scale:
             return 0.0, 0.0
         return float(square), float(norm)
 
-    def _distance(self, number: int, u: Array, recovered: Array) -> Array:
-        """∫ e : C⁻¹ : e over the members of a class, e = σ* - σ_h and e = σ_h, (2,)."""
+    def cell_squares(self, solution: Solution) -> list[Array]:
+        """η² by cell, (cells, members) of each class (collective)."""
+        result = []
+        recovered = self.recovery(solution.displacements, touching_nodes(self.model, solution))
+        for number, u in enumerate(solution.displacements):
+            squares = np.empty((len(self.recovery.cells[number].nodes), u.shape[1]))
+            for rows, part, error, _ in self._distances(number, u, recovered[number]):
+                squares[rows, part] = np.einsum("mci,mci->cm", error, error)
+            result.append(squares)
+        return result
+
+    def _distances(self, number: int, u: Array, recovered: Array) -> Iterator[_Distance]:
+        """σ* - σ_h and σ_h of a class, whose squares are ∫ e : C⁻¹ : e: batches of cells.
+
+        Yields rows, members, and two arrays (members, cells, points · components).
+        """
         cells = self.recovery.cells[number]
         weights, values, slopes = versions.tabulated(cells.element.mesh, 2)
         field = u.reshape(len(cells.points), cells.dimension, -1).swapaxes(1, 2)
-        total = np.zeros(2)
         for rows, shape, part in cells.batches(u.shape[1]):
             D = self.recovery.D[number][cells.tags[rows[0]]]
             root = np.linalg.cholesky(np.linalg.inv(D))  # e : C⁻¹ : e = |rootᵀ e|²
@@ -88,8 +106,7 @@ class ErrorEstimator:
             nodes = cells.nodes[rows]
             stress = apply(operator, at_cells(field[:, part], nodes)) * weight
             error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress
-            total += np.vdot(error, error), np.vdot(stress, stress)
-        return total
+            yield rows, part, error, stress
 
 
 def accuracy_of(squares: tuple[float, float], solution: Solution) -> Accuracy:

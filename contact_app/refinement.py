@@ -7,6 +7,11 @@ as fine as the last, so that a rate seen on coarse meshes is not trusted far. Bo
 an expression pick nodes, and only meshes whose cells are whole multiples of the start's have the
 same: where a scene uses one, only those are taken.
 
+Where two levels show that a singularity holds the rate down, equal cells are given up: from then
+on the grid lines of each box are laid by the error of the last mesh (`grading`), and the error
+falls at the rate of smooth answers again. Coordinates of the start stay grid lines where a scene
+picks nodes by an expression.
+
 Each level is solved from scratch, to a tenth of its own error: the levels before the last cost
 little beside it.
 """
@@ -18,11 +23,15 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.grading import graded, layer_errors
 from contact_app.memory import available_bytes, needed_bytes
-from contact_app.scene import Box, Scene
+from contact_app.scene import Box, Decomposition, Scene
+from meshes.graded import graded_box
 from solver import Reason
 
 if TYPE_CHECKING:
@@ -37,7 +46,15 @@ FARTHEST = 2.0
 SLOWEST, FASTEST = 0.4, 1.0
 """Rates that are believed."""
 
+WHOLE = {2: 500_000, 3: 80_000}
+"""Nodes by dimension up to which graded bodies are not cut into subdomains."""
+
+SINGULAR = 0.75
+"""Rate below which cells are graded."""
+
 MOST_LEVELS = 12
+
+Grids = list[list[NDArray[np.float64]]]
 
 
 @dataclass(frozen=True)
@@ -104,7 +121,8 @@ def solve_to_accuracy(
     assert scene.accuracy is not None
     _refuse_files(scene)
     target, whole = scene.accuracy, needs_multiples(scene)
-    factors, levels = [1.0], []
+    factors, levels, last = [1.0], [], 1.0
+    grids: Grids | None = None
     current = scene
     while True:
         solved = solve(current)
@@ -118,8 +136,18 @@ def solve_to_accuracy(
             return Refined(solved, tuple(levels), "the solver did not reach its tolerance")
         if len(levels) == MOST_LEVELS:
             return Refined(solved, tuple(levels), f"{MOST_LEVELS} levels were not enough")
-        factor = next_factor(factors, [level.total for level in levels], target, whole)
-        following = refined(scene, factor)
+        errors = [level.total for level in levels[-len(factors) :]]
+        if grids is None and len(factors) > 1 and rate_of(factors, errors) < SINGULAR:
+            factors, errors = [], []
+            tell("a singularity holds the error up: cells are graded from here on")
+            grids = _uniform(scene, current)
+        if grids is None:
+            factor = next_factor(factors, errors, target, whole)
+            following = refined(scene, factor)
+        else:
+            factor = next_factor(factors, errors, target) if factors else last
+            grids = _regraded(scene, solved, grids, factor)
+            following = _on_grids(scene, grids, solved.model.comm.size)
         dofs = sum(body.mesh.nodes for body in following.bodies) * scene.dimension
         needed = needed_bytes(dofs)
         available = solved.model.comm.allreduce(available_bytes(), op=MPI.MIN)
@@ -130,8 +158,19 @@ def solve_to_accuracy(
             )
             return Refined(solved, tuple(levels), missed)
         factors.append(factor)
+        last = factor
         current = following
         del solved  # its factors make room for the next
+
+
+def rate_of(factors: list[float], errors: list[float]) -> float:
+    """p of e ~ s^-p between the last two meshes; 1 of one mesh, at most 1 and at least 0.4."""
+    if len(factors) < 2:
+        return FASTEST
+    if errors[-1] >= errors[-2] or factors[-1] <= factors[-2]:
+        return SLOWEST
+    rate = math.log(errors[-2] / errors[-1]) / math.log(factors[-1] / factors[-2])
+    return min(max(rate, SLOWEST), FASTEST)
 
 
 def next_factor(
@@ -153,13 +192,7 @@ def next_factor(
     >>> next_factor([1.0], [0.5], 0.01)
     2.0
     """
-    rate = FASTEST
-    if len(factors) > 1 and errors[-1] < errors[-2]:
-        rate = math.log(errors[-2] / errors[-1]) / math.log(factors[-1] / factors[-2])
-    elif len(factors) > 1:
-        rate = SLOWEST
-    rate = min(max(rate, SLOWEST), FASTEST)
-    step = (errors[-1] / (MARGIN * target)) ** (1.0 / rate)
+    step = (errors[-1] / (MARGIN * target)) ** (1.0 / rate_of(factors, errors))
     factor = factors[-1] * min(step, FARTHEST)
     return float(math.ceil(factor - 1e-9)) if whole else factor
 
@@ -172,6 +205,45 @@ def refined(scene: Scene, factor: float) -> Scene:
         cells = tuple(math.ceil(factor * n - 1e-9) for n in body.mesh.cells)
         bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
     return replace(scene, bodies=tuple(bodies))
+
+
+def _uniform(scene: Scene, current: Scene) -> Grids:
+    """Grid coordinates of boxes of equal cells, by body and axis."""
+    grids = []
+    for body in current.bodies:
+        assert isinstance(body.mesh, Box)
+        box = body.mesh
+        corners = zip(box.lower, box.upper, box.cells, strict=True)
+        grids.append([np.linspace(a, b, n + 1) for a, b, n in corners])
+    return grids
+
+
+def _regraded(scene: Scene, solved: SolvedScene, grids: Grids, factor: float) -> Grids:
+    """New grids with so many layers for one of the start, by the error of the last."""
+    squares = layer_errors(solved, grids)
+    starts = _uniform(scene, scene)
+    whole = needs_multiples(scene)
+    return [
+        [
+            graded(grid, errors, math.ceil(factor * (len(start) - 1) - 1e-9),
+                   start if whole else start[[0, -1]])
+            for grid, errors, start in zip(*axes, strict=True)
+        ]
+        for axes in zip(grids, squares, starts, strict=True)
+    ]  # fmt: skip
+
+
+def _on_grids(scene: Scene, grids: Grids, ranks: int) -> Scene:
+    """The scene with graded boxes; slivers cut at random converge slowly, so bodies stay whole."""
+    bodies = tuple(
+        replace(body, mesh=graded_box(body.mesh.cell, axes))
+        for body, axes in zip(scene.bodies, grids, strict=True)
+    )
+    parts = scene.decomposition.subdomains
+    if not isinstance(parts, int):
+        nodes = sum(body.mesh.nodes for body in bodies)
+        parts = len(bodies) if ranks == 1 and nodes <= WHOLE[scene.dimension] else None
+    return replace(scene, bodies=bodies, decomposition=Decomposition(parts))
 
 
 def with_levels(summary: dict[str, Any], refined: Refined) -> dict[str, Any]:

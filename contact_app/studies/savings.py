@@ -25,11 +25,14 @@ def savings(configs: Sequence[Path]) -> Iterator[str]:
         default, auto = (_solved(config, tolerance) for tolerance in (1e-6, "auto"))
         spent = [s.summary["solver"]["hessian_multiplications"] for s in (default, auto)]
         sums = [a + b for a, b in zip(sums, spent, strict=True)]
-        accuracy = auto.accuracy
+        accuracy, total = auto.accuracy, default.accuracy.total
+        assert accuracy.discretisation is not None
+        assert accuracy.total is not None
+        assert total is not None
         yield (
             f"| {config.stem} | {spent[0]} | {spent[1]} | {_share(spent)} | "
             f"{auto.solution.tolerance:.1e} | {100 * accuracy.discretisation:.2g} % | "
-            f"{100 * accuracy.algebraic:.2g} % | {_over(accuracy.total, default.accuracy.total)} |"
+            f"{100 * accuracy.algebraic:.2g} % | {_over(accuracy.total, total)} |"
         )
     yield f"| all | {sums[0]} | {sums[1]} | {_share(sums)} | | | | |"
 
