@@ -11,8 +11,10 @@ from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
 from contact_app.assembly import Element
+from contact_app.configuration import load
 from contact_app.errors import NoEquilibriumError
-from contact_app.scene import Material
+from contact_app.run import solve_scene
+from contact_app.scene import Material, build_scene
 from meshes import BoxShape, decompose
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve
@@ -299,3 +301,18 @@ def test_two_bodies_that_do_not_match(
     np.testing.assert_allclose(touching, PRESSURE, rtol=1e-8)
     per_edge = degrees[1] * n[1] + 1
     assert len(touching) == per_edge ** (u.shape[1] - 1)
+
+
+def test_hertz_near_incompressible() -> None:
+    """E* = E/(1 - ν²) = 279,963 at ν = 0.4999: p0 = √(F'E*/(πR)) = 7899; plain cells lock."""
+    config = Path(__file__).parents[2] / "configs" / "hertz_disc.yaml"
+    peaks = []
+    for remedy in ("false", "true"):
+        overrides = (
+            "bodies.0.material.poisson=0.4999", f"bodies.0.mean_dilatation={remedy}",
+            "solver.tolerance=1e-6",
+        )  # fmt: skip
+        solved = solve_scene(build_scene(load(config, overrides)))
+        peaks.append(solved.summary["solution"]["max_contact_pressure"])
+    assert peaks[0] > 1.5 * 7899
+    assert peaks[1] == pytest.approx(7899, rel=5e-3)
