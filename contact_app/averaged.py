@@ -71,6 +71,8 @@ def averaged_rows(
     vertices, nodes = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     weights, points = [np.zeros(0)], [np.zeros((0, 3))]
     for s, rows in zip(partition.subdomains, chosen, strict=True):
+        if len(rows) == 0:  # another body's facets may have other nodes
+            continue
         facets, x = s.reference.facets[rows], s.points()
         a, b, c = (x[facets[:, i]] for i in range(3))
         area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)

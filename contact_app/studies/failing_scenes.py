@@ -356,8 +356,13 @@ CASES = (
     ),
     Case(
         "nearly incompressible, ν = 0.4999", "first-order cells lock; F is ill-conditioned",
-        "the certificate warns; see docs/scenes.md for what to do",
+        "the certificate warns and offers degree 2 or `mean_dilatation` (docs/scenes.md)",
         lambda: locking(0.4999), mild=wall,
+    ),
+    Case(
+        "nearly incompressible, degree 2", "F is ill-conditioned all the same",
+        "an ill-conditioned F costs steps, not digits",
+        lambda: wall(8, degree=2, poisson=0.4999), mild=lambda: wall(8, degree=2),
     ),
     Case(
         "stiffness contrast 1e6", "the softer side's accuracy drowns in the stiffer one's scale",

@@ -112,6 +112,10 @@ class _Draw:
         poisson = 0.4999 if self.chance(0.1) else float(self.random.uniform(0.0, 0.49))
         return {"young": float(stiff), "poisson": poisson}
 
+    def degree(self) -> int:
+        """One body in eight is quadratic."""
+        return 2 if self.chance(0.125) else 1
+
     def body(self, made: Config, number: int, cell: str) -> None:
         d, name = self.dimension, f"b{number}"
         size = self.random.uniform(0.3, 2.0, d)
@@ -143,6 +147,7 @@ class _Draw:
                         "cell": cell,
                     }
                 },
+                "degree": self.degree(),
                 "material": self.material(stiff),
             }
         )

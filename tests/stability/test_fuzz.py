@@ -11,7 +11,11 @@ from tests.stability import fuzz
 FAST, SLOW = 25, 500
 
 
-@pytest.mark.parametrize("seed", range(FAST))
+FOUND = (56,)
+"""Scenes that found a fault once: a body of degree 2 beside one of degree 1."""
+
+
+@pytest.mark.parametrize("seed", [*range(FAST), *FOUND])
 def test_random_scene(seed: int) -> None:
     verdict = fuzz.judge(seed)
     assert not verdict.fault, verdict
