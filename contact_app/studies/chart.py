@@ -37,13 +37,14 @@ COLUMNS = ("method", "degree", "cell", "dofs", "tolerance", "subdomains", "secon
 OURS = "contact-app"
 DEGREES = (1, 2)
 TOLERANCES = ("auto", 1e-2, 1e-4, 1e-8, 1e-10)
-"""Swept beside `USUAL`; auto is a tenth of the mesh's estimated error."""
+"""Swept beside `USUAL` on the two finest meshes; auto is a tenth of the mesh's estimated error."""
 USUAL = 1e-6
-PEER_TOLERANCES = (1e-3, 1e-6)
+LOOSE = 1e-3
+"""Of peers on their finest mesh, beside `USUAL`."""
 EXPANSIONS = ("fixed", "projcg", "gfgf-opt")
-"""Swept beside the scene's own."""
+"""Swept beside the scene's own on the finest mesh."""
 PARTS = (1, 2, 4)
-"""Subdomains along each axis, swept beside the scene's own decomposition."""
+"""Subdomains along each axis, swept beside the scene's own decomposition on the finest mesh."""
 ACCURACIES = (0.2, 0.1, 0.05, 0.03)
 """Errors in energy norm that scenes are refined to."""
 SMALLEST, LARGEST = Fraction(1, 8), 8
@@ -177,7 +178,7 @@ def plan(
         return True
 
     levels = _levels(boxes, scene.dimension, largest)
-    coarse, fine = levels[0], levels[-2:]
+    coarse, fine = levels[0], levels[-1]
     cells = [c for c in sorted(CELLS[scene.dimension], key=lambda c: c != own)
              if c == own or allowed(Variant(coarse, c), c)]  # fmt: skip
     degrees = [1, *(p for p in DEGREES[1:] if allowed(Variant(coarse, own, p), f"degree {p}"))]
@@ -188,29 +189,22 @@ def plan(
     ]
     for p in degrees:
         swept = [t for t in TOLERANCES if allowed(Variant(coarse, own, p, t), f"degree {p} to {t}")]
-        variants += [Variant(f, own, p, t) for f in levels for t in swept
-                     if _dofs(boxes, f, p) <= largest]  # fmt: skip
-    variants += [
-        Variant(f, own, expansion=e)
-        for f, e in itertools.product(fine, EXPANSIONS)
-        if e != scene.solver.expansion
-    ]
-    for f, n in itertools.product(fine, PARTS):
+        fitting = [f for f in levels if _dofs(boxes, f, p) <= largest]
+        variants += [Variant(f, own, p, t) for f in fitting[-2:] for t in swept]
+    variants += [Variant(fine, own, expansion=e) for e in EXPANSIONS if e != scene.solver.expansion]
+    for n in PARTS:
         parts = "{subdomains: [" + ",".join([str(n)] * scene.dimension) + "]}"
-        variant = Variant(f, own, decomposition=parts)
+        variant = Variant(fine, own, decomposition=parts)
         if allowed(variant, f"{n} subdomains along each axis"):
             variants.append(variant)
     if peers and len(scene.bodies) > 1:
         left_out.append("peers: they take scenes of one body")
     elif peers:
-        variants += [
-            Variant(f, own, p, t, m)
-            for m, p, t, f in itertools.product(
-                (name for name, method in METHODS.items() if method.contact),
-                degrees, PEER_TOLERANCES, levels,
-            )
-            if _dofs(boxes, f, p) <= largest
-        ]  # fmt: skip
+        names = [name for name, method in METHODS.items() if method.contact]
+        for m, p in itertools.product(names, degrees):
+            fitting = [f for f in levels if _dofs(boxes, f, p) <= largest]
+            variants += [Variant(f, own, p, USUAL, m) for f in fitting]
+            variants += [Variant(f, own, p, LOOSE, m) for f in fitting[-1:]]
     variants += [
         variant
         for variant in (Variant(coarse, own, tolerance="auto", accuracy=a) for a in ACCURACIES)
