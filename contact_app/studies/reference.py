@@ -24,6 +24,8 @@ from contact_app.scene import Scene
 from contact_app.studies.lattice import Lattice, Mesh
 
 Array = NDArray[np.float64]
+LEAST_KNOWN = 0.01
+"""Weight of nodes with a contact row from which on their pressure is continued."""
 QUANTITIES = ("energy", "displacement", "pressure")
 
 
@@ -88,14 +90,19 @@ class Ruler:
     watched: list[NDArray[np.bool_]]
 
     def sample(self, fields: Fields, meshes: Sequence[Mesh]) -> Sampled:
-        """Evaluate an answer on the lattices."""
+        """Evaluate an answer on the lattices.
+
+        Where a facet has nodes without a contact row, held ones for instance, the pressure of the
+        others is continued, instead of falling to a zero that means nothing.
+        """
         displacement, pressure = [], []
         for number, (lattice, mesh) in enumerate(zip(self.lattices, meshes, strict=True)):
             mine = fields.body(number)
-            values = np.column_stack([fields.displacement[mine], fields.pressure[mine]])
+            known = fields.watched[mine] | (fields.pressure[mine] > 0.0)
+            values = np.column_stack([fields.displacement[mine], fields.pressure[mine], known])
             found = lattice.evaluate(mesh, fields.points[mine], values)
-            displacement.append(found[:, :-1])
-            pressure.append(found[:, -1])
+            displacement.append(found[:, :-2])
+            pressure.append(found[:, -2] / np.where(found[:, -1] > LEAST_KNOWN, found[:, -1], 1.0))
         return Sampled(displacement, pressure)
 
     def norms(self, one: Sampled, other: Sampled | None = None) -> Array:

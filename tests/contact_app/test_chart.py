@@ -18,7 +18,7 @@ from contact_app.studies import chart
 from contact_app.studies.frontier import fastest_within, frontier
 from contact_app.studies.lattice import Lattice, Mesh
 from contact_app.studies.processes import RunError
-from contact_app.studies.reference import ReferenceAnswer, Ruler, Sampled, extrapolate
+from contact_app.studies.reference import Fields, ReferenceAnswer, Ruler, Sampled, extrapolate
 from tests import scenes
 from tests.reference import solve as solve_reference
 
@@ -120,6 +120,22 @@ def test_energy_and_volume_of_the_lattice() -> None:
     assert lattice.energy(stretch, material, None) == pytest.approx(2.0 * modulus * 0.01)
     assert lattice.energy(np.ones_like(points), material, None) == pytest.approx(0.0, abs=1e-10)
     assert lattice.weights.sum() == pytest.approx(2.0)
+
+
+def test_pressure_is_continued_to_nodes_without_a_row() -> None:
+    scene = build_scene(load(CONFIGS / "block_2d.yaml"))
+    box = scene.bodies[0].mesh
+    lattice = Lattice(box.lower, box.upper, (8, 8))
+    mesh = Mesh("quadrilateral", 1, (2, 2))
+    points = _nodes(mesh, box.lower, box.upper)
+    floor = points[:, 1] == 0.0
+    watched = floor & (points[:, 0] > 0.0)
+    fields = Fields(points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
+                    np.array([[2, 2]]))  # fmt: skip
+    ruler = Ruler(scene, (lattice,), [])
+    found = ruler.sample(fields, fields.meshes("quadrilateral", 1)).pressure[0].reshape(9, 9)
+    assert found[1:, 0] == pytest.approx(5.0)
+    assert found[0, 0] == 0.0
 
 
 def test_extrapolation_finds_rate_and_rest() -> None:
