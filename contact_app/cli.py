@@ -84,6 +84,42 @@ def check(config: Config, overrides: Overrides = None) -> None:
 
 
 @app.command()
+def plot(
+    directory: Annotated[Path, typer.Argument(help="What a run left.", show_default=False)],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Where pictures go; beside the result.")
+    ] = None,
+    field: Annotated[
+        list[str] | None,
+        typer.Option(help="Colour by this; may be repeated. [von_mises, contact_pressure]"),
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="Factor of the displacements; a visible one if not given.")
+    ] = None,
+    camera: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="In space: the direction to the eye, three numbers."),
+    ] = None,
+) -> None:
+    """Draw a result: the deformed bodies, and the pressure over the contact surface."""
+    from contact_app.picture import plot as draw
+
+    if camera is not None and not any(camera):
+        raise ConfigurationError("--camera is 0 0 0: it needs a direction")
+    pictures, left_out = draw(
+        directory,
+        output=output,
+        fields=tuple(field or ("von_mises", "contact_pressure")),
+        exaggeration=scale,
+        camera=camera,
+    )
+    for sentence in left_out:
+        typer.echo(f"left out: {sentence}", err=True)
+    for path in pictures:
+        typer.echo(f"wrote {path}")
+
+
+@app.command()
 def schema() -> None:
     """Print the JSON schema of the configuration, for editors."""
     from contact_app.configuration import Configuration

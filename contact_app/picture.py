@@ -1,19 +1,24 @@
-"""A picture of a result: the deformed shape, coloured by stress and by contact pressure.
+"""Pictures of a result: the deformed shape, coloured by fields, and the contact pressure.
 
-Reads only what a run left (``solution.xdmf``, ``summary.json``) and draws off-screen with pyvista,
-the extra ``picture`` of this package.
+Reads only what a run left (``solution.xdmf``, ``summary.json``) and draws off-screen: bodies in
+space with pyvista, the extra ``plot`` of this package; bodies of the plane and the pressure over
+the contact surface with matplotlib.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.contact_picture import NothingPressedError, draw_contact
 from contact_app.errors import ContactError
+from contact_app.plane_picture import draw_plane
+from contact_app.stored import read
 
 #: Largest displacement in the picture, as a share of the size of the bodies.
 VISIBLE = 0.08
@@ -43,6 +48,7 @@ def render(
     *,
     fields: tuple[str, ...] = ("von_mises", "contact_pressure"),
     exaggeration: float | None = None,
+    camera: tuple[float, float, float] | None = None,
     panel: tuple[int, int] = (900, 900),
 ) -> Path:
     """Draw the result in a directory, one panel a field, and return the picture's path.
@@ -57,6 +63,8 @@ def render(
         What to colour by; those that the result does not hold are left out.
     exaggeration
         Factor of the displacements; when not given a round number that makes them visible.
+    camera
+        Direction from the bodies to the eye; when not given where contact is seen.
     panel
         Width and height of each panel in pixels.
 
@@ -93,6 +101,10 @@ def render(
     if "displacement" in grid.point_data:
         deformed.points = grid.points + exaggeration * grid.point_data["displacement"]
     direction, up = _view(grid)
+    if camera is not None:
+        direction = np.asarray(camera, dtype=float)
+        if np.linalg.norm(np.cross(direction, up)) < 1e-9 * np.linalg.norm(direction):
+            up = (0.0, 1.0, 0.0)
     lowered = 0.06 * grid.length * np.array(up)
     for column, name in enumerate(shown):
         plotter.subplot(0, column)
@@ -104,12 +116,85 @@ def render(
         plotter.camera.focal_point = np.array(plotter.camera.focal_point) - lowered
         plotter.camera.position = np.array(plotter.camera.position) - lowered
     plotter.subplot(0, 0)
-    caption = f"{_title(directory)}\ndisplacements x {exaggeration:g}".strip()
-    plotter.add_text(caption, position="upper_left", font_size=13, color="black")
+    plotter.add_text(
+        _caption(directory, exaggeration), position="upper_left", font_size=13, color="black"
+    )
     plotter.enable_anti_aliasing("ssaa")
     plotter.screenshot(target)
     plotter.close()
     return target
+
+
+def plot(
+    directory: Path | str,
+    *,
+    output: Path | str | None = None,
+    fields: tuple[str, ...] = ("von_mises", "contact_pressure"),
+    exaggeration: float | None = None,
+    camera: tuple[float, float, float] | None = None,
+) -> tuple[list[Path], list[str]]:
+    """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
+
+    Parameters
+    ----------
+    directory
+        What a run wrote.
+    output
+        Where pictures go; the directory when not given.
+    fields, exaggeration, camera
+        As in `render`; in the plane there is no camera.
+
+    Returns
+    -------
+    pictures, left_out
+        Paths written, and sentences on what was not drawn and why.
+
+    Raises
+    ------
+    ContactError
+        There is no result, or nothing of it can be drawn.
+    """
+    directory = Path(directory)
+    stored = read(directory)
+    known = {*stored.point_data, *stored.cell_data}
+    unknown = [name for name in fields if name not in known]
+    if len(unknown) == len(fields):
+        raise PictureError(
+            f"the result holds none of {', '.join(unknown)}; it holds {', '.join(sorted(known))}"
+        )
+    left_out = [
+        f"{name}: the result does not hold it, only {', '.join(sorted(known))}" for name in unknown
+    ]
+    shown = tuple(name for name in fields if name in known)
+    target = Path(output) if output is not None else directory
+    target.mkdir(parents=True, exist_ok=True)
+    pictures: list[Path] = []
+    try:
+        if stored.plane:
+            factor = exaggeration if exaggeration is not None else _round(stored)
+            caption = _caption(directory, factor)
+            made = draw_plane(stored, shown, LABELS, factor, target / "bodies.png", caption)
+        else:
+            made = render(
+                directory, target / "bodies.png",
+                fields=shown, exaggeration=exaggeration, camera=camera,
+            )  # fmt: skip
+        pictures.append(made)
+    except PictureError as error:
+        left_out.append(f"bodies.png: {error}")
+    try:
+        pictures.append(draw_contact(stored, target / "contact_pressure.png", _title(directory)))
+    except NothingPressedError as error:
+        left_out.append(f"contact_pressure.png: {error}")
+    if not pictures:
+        raise PictureError("\n".join(left_out))
+    return pictures, left_out
+
+
+def _round(stored: Any) -> float:
+    """`round_exaggeration` of what `read` gives."""
+    length = float(np.linalg.norm(np.ptp(stored.points, axis=0)))
+    return round_exaggeration(SimpleNamespace(point_data=stored.point_data, length=length))
 
 
 def round_exaggeration(grid: Any) -> float:
@@ -118,7 +203,7 @@ def round_exaggeration(grid: Any) -> float:
     Parameters
     ----------
     grid
-        pyvista dataset with point data "displacement".
+        What has point data "displacement" and a length, as a pyvista dataset has.
     """
     if "displacement" not in grid.point_data:
         return 1.0
@@ -221,6 +306,10 @@ def _flat(grid: Any) -> bool:
     return bool(np.ptp(grid.points[:, 2]) == 0.0)
 
 
+def _caption(directory: Path, exaggeration: float) -> str:
+    return f"{_title(directory)}\ndisplacements x {exaggeration:g}".strip()
+
+
 def _title(directory: Path) -> str:
     try:
         summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
@@ -234,8 +323,8 @@ def _pyvista() -> Any:
         import pyvista
     except ImportError as error:
         raise PictureError(
-            "a picture needs pyvista, which is not installed (about 800 MB): "
-            "'.venv/bin/pip install -c .venv/constraints.txt pyvista', or open solution.xdmf in "
-            "ParaView"
+            "bodies in space are drawn by pyvista, which is not installed (about 800 MB): "
+            "'.venv/bin/pip install -c .venv/constraints.txt pyvista' here, "
+            "'pip install contact-app[plot]' elsewhere; or open solution.xdmf in ParaView"
         ) from error
     return pyvista
