@@ -126,10 +126,10 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         materials = "; ".join(
             f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}" for m in body.materials
         )
-        element = f"degree {body.degree}"
+        element = ", degree 2" if body.degree == 2 else ""
         if body.materials[0].mean_dilatation:
-            element += ", change of volume as its mean over cells"
-        lines.append(f"body {body.name}: {body.mesh.describe()}, {element}, {materials}")
+            element = ", change of volume as its mean over cells"
+        lines.append(f"body {body.name}: {body.mesh.describe()}{element}, {materials}")
         lines += [f"  {note}" for note in body.mesh.notes]
         lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
     for condition in scene.displacements:
