@@ -4,10 +4,10 @@ The outline of the model (subdomains, conditions, loads, what balances them) is 
 begins with, so whatever a run would refuse before it assembles a matrix, `check` refuses too.
 
 Time is estimated from the sizes of the subdomains, with rates measured on runs of the cube with
-10³ to 60³ hexahedra on two cores: for each distinct subdomain of n unknowns a factorisation, 0.4 µs
-· n^1.5; for each of the Hessian multiplications (about 30 without and 80 with gluing at tolerance
-1e-6; a badly conditioned scene needs several times as many) one product with a dense interface
-block or one sparse solve for each subdomain, and 0.3 µs for each row of B.
+10³ to 60³ hexahedra on two cores (`solver.tfeti.costs`): for each distinct subdomain its factor and
+its block, for each of the Hessian multiplications (about 25 without and 60 with gluing at tolerance
+1e-6; a badly conditioned scene needs several times as many) the products with all subdomains and
+the work on the rows of B, and for each cell its share of mesh, error estimate and output.
 """
 
 from __future__ import annotations
@@ -30,11 +30,25 @@ from contact_app.scene import (
     Scene,
     Traction,
 )
-from solver.tfeti.costs import apply_seconds, build_seconds, choose_block
+from meshes import Subdomain
+from solver.tfeti.costs import (
+    SPARSE_SECONDS,
+    apply_seconds,
+    build_seconds,
+    choose_block,
+    factor_seconds,
+    iteration_seconds,
+    solve_seconds,
+)
 
-FACTOR_RATE = 4e-7
-ROW_RATE = 3e-7
-CELL_RATE = 3e-6
+CELL_RATE = 8e-6
+"""Seconds for mesh, error estimate, fields and output of a cell."""
+
+PRODUCTS_GLUED, PRODUCTS_WHOLE = 60.0, 25.0
+"""Hessian multiplications expected at tolerance 1e-6, with gluing and without."""
+
+RECOVERIES = 3.0
+"""Solves with all subdomains beside those of the iterations: recovery and certificates."""
 
 LEFT_OUT = (
     "friction: contact forces are normal to the obstacle",
@@ -56,11 +70,12 @@ class Cost:
 
 @dataclass(frozen=True)
 class Group:
-    """Subdomains of one shape and material: unknowns, interface unknowns, members."""
+    """Subdomains of one shape and material: unknowns, interface unknowns, members, reflections."""
 
     unknowns: int
     interface: int
     members: int
+    order: int
 
 
 def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
@@ -101,17 +116,19 @@ def estimate(scene: Scene, known: Outline) -> Cost:
     rows = gluing + contact + (0 if known.eliminated.all() else held)
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
-    products = (80.0 if gluing else 30.0) * max(
-        -math.log10(scene.solver.expected_tolerance) / 6.0, 0.5
-    )
+    digits = max(-math.log10(scene.solver.expected_tolerance) / 6.0, 0.5)
+    products = (PRODUCTS_GLUED if gluing else PRODUCTS_WHOLE) * digits
     seconds = CELL_RATE * partition.cells
-    application = ROW_RATE * rows
+    iteration = iteration_seconds(rows, partition.count if gluing else 0)
     for g in groups:
-        seconds += FACTOR_RATE * g.unknowns**1.5
-        kind = choose_block(g.unknowns, g.interface, g.members, 1)
-        seconds += build_seconds(kind, g.unknowns, g.interface, 1)
-        application += g.members * apply_seconds(kind, g.unknowns, g.interface, 1)
-    return Cost(memory, 0.1 + seconds + products * application)
+        seconds += factor_seconds(g.unknowns, g.order)
+        kind = choose_block(g.unknowns, g.interface, g.members, g.order)
+        seconds += build_seconds(kind, g.unknowns, g.interface, g.order)
+        seconds += RECOVERIES * g.members * solve_seconds(g.unknowns, g.order)
+        iteration += g.members * apply_seconds(kind, g.unknowns, g.interface, g.order)
+        if gluing:
+            iteration += SPARSE_SECONDS * g.members * g.interface
+    return Cost(memory, 0.1 + seconds + products * iteration)
 
 
 def _modelled(scene: Scene, known: Outline) -> list[str]:
@@ -242,8 +259,17 @@ def _groups(scene: Scene, known: Outline) -> list[Group]:
             nodes = known.contact.entries.node
             interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
         d = scene.dimension
-        groups.append(Group(len(s.reference.points) * d, interface * d, len(numbers)))
+        unknowns = len(s.reference.points) * d
+        groups.append(Group(unknowns, interface * d, len(numbers), _reflections(scene, known, s)))
     return groups
+
+
+def _reflections(scene: Scene, known: Outline, s: Subdomain) -> int:
+    """Reflections, their products and the identity that a subdomain is expected to have."""
+    graph = isinstance(scene.decomposition.subdomains, int)
+    if known.eliminated[s.body] or graph or not scene.bodies[s.body].mesh.congruent:
+        return 1
+    return 2**scene.dimension if s.reference.cell in ("quadrilateral", "hexahedron") else 2
 
 
 def _gluing_rows(scene: Scene, known: Outline) -> int:

@@ -37,11 +37,11 @@ The fastest of sweeps over the samples (ball, bracket and disc with 8,000 to 49,
 of about this size.
 """
 
-EDGE_GROWTH = 1.25
+EDGE_GROWTH = 1.6
 """`auto` makes sub-boxes of about this times √n cells along an edge, in a box of n along each.
 
-The cost of dense interface blocks grows with the sub-box, that of the coarse problem with their
-number; in a sweep over 20³ and 40³ cells the cheapest sub-boxes had 5³ and 8³.
+The cost of dense interface blocks grows with the sub-box, that of gluing and the coarse problem
+with their number; the optimum is flat (``python -m contact_app.studies.sweep`` measures it).
 """
 
 

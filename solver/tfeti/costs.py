@@ -1,6 +1,8 @@
-"""What applying K⁺ costs, and with it the choice how a class applies it.
+"""What factoring and applying K⁺ costs, and with it the choice how a class applies it.
 
-Seconds on one machine of two cores; the choice depends on their ratios only.
+Seconds on one machine of two cores, fitted to cubes of 4³ to 30³ hexahedra a subdomain; choices
+depend on their ratios only. A subdomain whose reflections form a group of `order` elements is
+factored and applied in as many blocks.
 """
 
 from __future__ import annotations
@@ -16,8 +18,17 @@ BLOCK_LIMIT = 3e9
 PRODUCT_RATE = 5e10
 """Dense products, in floating-point operations a second."""
 
-SPARSE_RATE = 1e9
-"""Multiplications a second with a sparse matrix and many columns."""
+SPLIT_SECONDS = 1.5e-8
+"""Change to the coordinates of the characters and back, for each unknown."""
+
+SPARSE_SECONDS = 2e-8
+"""The lumped preconditioner's product with a sparse matrix, for each interface unknown."""
+
+ROW_SECONDS = 1.2e-7
+"""Products with B, projections and vector work of an iteration, for each row of B."""
+
+CALL_SECONDS = 1.5e-3
+"""What an iteration costs whatever its size."""
 
 
 class BlockKind(Enum):
@@ -28,33 +39,43 @@ class BlockKind(Enum):
     SPLIT = "a dense block for each character of the reflections"
 
 
-def solve_seconds(unknowns: float) -> float:
-    """One right-hand side among many through a sparse factor of a body of so many unknowns."""
-    return 4e-8 * unknowns**1.2
+def factor_seconds(unknowns: float, order: int) -> float:
+    """Sparse factors of a body in space of so many unknowns."""
+    return order * 2.5e-7 * (unknowns / order) ** 1.5
+
+
+def solve_seconds(unknowns: float, order: int = 1) -> float:
+    """One right-hand side among many through the sparse factors."""
+    return order * 2.5e-8 * (unknowns / order) ** 1.16
 
 
 def apply_seconds(kind: BlockKind, unknowns: int, interface: int, order: int) -> float:
-    """K⁺ on the interface of one member.
-
-    Parameters
-    ----------
-    order
-        Elements of the group of reflections.
-    """
+    """K⁺ on the interface of one member."""
     if kind is BlockKind.NONE:
         return solve_seconds(unknowns)
     if kind is BlockKind.DENSE:
         return 2.0 * interface**2 / PRODUCT_RATE
-    product = 2.0 * interface**2 / order / PRODUCT_RATE
-    return product + 2.0 * order * interface / SPARSE_RATE
+    return 2.0 * interface**2 / order / PRODUCT_RATE + SPLIT_SECONDS * interface
 
 
 def build_seconds(kind: BlockKind, unknowns: int, interface: int, order: int) -> float:
-    """The block, once it is factored: a solve for each interface unknown."""
+    """The block, once K is factored: a solve for each interface unknown."""
     if kind is BlockKind.NONE:
         return 0.0
-    dense = 2.0 * interface**2 * order / SPARSE_RATE if kind is BlockKind.DENSE else 0.0
-    return interface * solve_seconds(unknowns / order) + (dense if order > 1 else 0.0)
+    solves = interface * solve_seconds(unknowns / order)
+    if kind is BlockKind.DENSE and order > 1:  # put together from the blocks of the characters
+        solves += interface * apply_seconds(BlockKind.SPLIT, unknowns, interface, order)
+    return solves
+
+
+def coarse_seconds(subdomains: int) -> float:
+    """One solve with G Gᵀ."""
+    return 1.5e-7 * subdomains ** (4.0 / 3.0)
+
+
+def iteration_seconds(rows: int, subdomains: int) -> float:
+    """An iteration but for K⁺ and the lumped preconditioner's product."""
+    return CALL_SECONDS + ROW_SECONDS * rows + 4.0 * coarse_seconds(subdomains)
 
 
 def choose_block(unknowns: int, interface: int, members: int, order: int) -> BlockKind:
