@@ -119,7 +119,7 @@ def reproduce_cube(
         except ValueError:
             typer.echo(f"error: --settings is {settings!r}; allowed: paper, ours", err=True)
             raise typer.Exit(2) from None
-        lines = paper_run(directory, cube_scene(PAPER_CELLS), chosen, full_field)
+        lines = paper_run(directory, cube_scene(PAPER_CELLS, surface_only=True), chosen, full_field)
     for line in lines:
         typer.echo(line)
 

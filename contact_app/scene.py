@@ -18,7 +18,7 @@ import numpy as np
 from contact_app import configuration as c
 from contact_app.errors import ConfigurationError
 from contact_app.expressions import Expression, ExpressionError
-from contact_app.memory import available_bytes, needed_bytes
+from contact_app.memory import ROWS_PER_DOF, available_bytes, needed_bytes, surface_bytes
 from contact_app.obstacles import SHAPES, Obstacle
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
@@ -316,22 +316,27 @@ class Scene:
         return (*self.contacts, *self.pairs)
 
 
-def build_scene(configuration: c.Configuration) -> Scene:
+def build_scene(configuration: c.Configuration, surface_only: bool = False) -> Scene:
     """Resolve a configuration.
+
+    Parameters
+    ----------
+    surface_only
+        The answer will be evaluated on the surface alone, which takes a fraction of the memory.
 
     Raises
     ------
     ConfigurationError
         Naming file, line, key and what is allowed.
     """
-    return _Builder(configuration).scene()
+    return _Builder(configuration, surface_only).scene()
 
 
 class _Builder:
     """Resolves one configuration, knowing where each key stands in the file."""
 
-    def __init__(self, configuration: c.Configuration) -> None:
-        self.c = configuration
+    def __init__(self, configuration: c.Configuration, surface_only: bool) -> None:
+        self.c, self.surface_only = configuration, surface_only
         self.dimension, self.plane = configuration.space
 
     def scene(self) -> Scene:
@@ -612,6 +617,8 @@ class _Builder:
                 count = choose_parts(body.nodes, d)
                 factors += [(unknowns / count, d)] * count
         needed, available = needed_bytes(dofs, factors=tuple(factors)), available_bytes()
+        if self.surface_only:
+            needed = surface_bytes(dofs, ROWS_PER_DOF * dofs / 2.0)
         if needed > available:
             largest = int(np.argmax([float(b.nodes) for b in bodies]))
             key = ("box", "cells") if self.c.bodies[largest].mesh.box else ("file",)

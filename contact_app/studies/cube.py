@@ -39,7 +39,7 @@ SMALL_CELLS = 40
 RTOL = 1e-6
 
 
-def cube_scene(cells: int, subdomains: int = 10) -> Scene:
+def cube_scene(cells: int, subdomains: int = 10, surface_only: bool = False) -> Scene:
     """The paper's cube with ``cells``³ elements in ``subdomains``³ subdomains."""
     resource = files("contact_app").joinpath("data/paper_cube.yaml")
     with as_file(resource) as path:
@@ -50,7 +50,7 @@ def cube_scene(cells: int, subdomains: int = 10) -> Scene:
                 f"decomposition.subdomains=[{subdomains},{subdomains},{subdomains}]",
             ],
         )
-        return build_scene(configuration)
+        return build_scene(configuration, surface_only)
 
 
 def reproduce_cube(

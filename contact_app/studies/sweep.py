@@ -17,6 +17,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from contact_app.configuration import load
+from contact_app.errors import ConfigurationError
 from contact_app.model import build_model
 from contact_app.scene import Decomposition, Scene, build_scene
 from contact_app.solve import solve
@@ -42,19 +43,17 @@ def sweep(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Iterator[Trial]
     """Solve a scene with `auto` first, then with decompositions around it."""
     first = _trial(scene, None, "auto", comm)
     yield first
-    seen = {first.subdomains}
+    seen: set[int] = set()
     for step in STEPS:
-        count = max(1, round(first.subdomains * step**scene.dimension))
-        edge = max(1, round(count ** (1.0 / scene.dimension)))
-        for asked in ((edge,) * scene.dimension, count):
-            try:
-                trial = _trial(scene, asked, str(asked), comm)
-            except ValueError as error:  # more subdomains than cells
-                print(f"  {asked}: {error}", file=sys.stderr)
-                continue
-            if isinstance(asked, tuple) or trial.subdomains not in seen:
-                yield trial
-            seen.add(trial.subdomains)
+        edge = max(1, round((first.subdomains * step**scene.dimension) ** (1.0 / scene.dimension)))
+        if edge in seen:
+            continue
+        seen.add(edge)
+        asked = (edge,) * scene.dimension
+        try:
+            yield _trial(scene, asked, str(asked), comm)
+        except ConfigurationError as error:  # more subdomains than cells
+            print(f"  {asked}: {error}", file=sys.stderr)
 
 
 def _trial(

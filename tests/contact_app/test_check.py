@@ -87,12 +87,12 @@ def test_gluing_rows_are_those_of_the_run() -> None:
 
 # Peak memory (GB) and seconds without start-up of `contact-app run` on this cube, on two cores.
 MEASURED = [
-    (20, None, 0.21, 0.47),
-    (40, None, 0.42, 3.2),
-    (60, None, 0.97, 12.5),
-    (20, 1, 0.43, 3.9),
-    (30, 1, 1.33, 17.9),
-    (20, 20, 0.28, 2.6),
+    (20, None, 0.19, 0.45),
+    (40, None, 0.38, 1.5),
+    (60, None, 0.66, 5.5),
+    (20, 1, 0.42, 1.8),
+    (30, 1, 1.30, 9.5),
+    (20, 20, 0.23, 1.1),
 ]
 
 
