@@ -210,7 +210,7 @@ def plan(
         for variant in (Variant(coarse, own, tolerance="auto", accuracy=a) for a in ACCURACIES)
         if allowed(variant, f"refinement to an error of {variant.accuracy:g}")
     ]
-    left_out.append("meshes refined in places: boxes are refined everywhere")
+    left_out.append("graded meshes: errors are measured on lattices of equal cells")
     order = sorted(range(len(variants)), key=lambda i: variants[i].factor)
     finest = _reference_factor(boxes, levels, degrees[-1])
     references = tuple(
@@ -351,6 +351,8 @@ def _point(
     settings = [*overrides, *variant.overrides(sweep.scene)]
     found = run_one(variant.method, config, settings, variant.tolerance, limit, file)
     fields = Fields.load(str(file))
+    if len(fields.cells) < len(sweep.scene.bodies):
+        raise RunError("its graded mesh is no lattice of equal cells, where errors are measured")
     sampled = reference.ruler.sample(fields, fields.meshes(variant.cell, variant.degree))
     errors = reference.errors(sampled)
     return {
