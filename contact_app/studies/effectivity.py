@@ -199,7 +199,7 @@ def sweep(case: Case) -> Sweep:
         uncertain = [0.5 * (finest / error) ** 2 for error in errors]
     rows = []
     for answer, error, doubt in zip(answers, errors, uncertain, strict=False):
-        timings = answer.solved.timings.as_dict()
+        timings = answer.solved.summary["timings"]
         relative = error / answer.square**0.5
         estimate = answer.solved.accuracy.discretisation
         assert estimate is not None

@@ -44,8 +44,9 @@ def test_extrapolations_find_their_limits() -> None:
 
 @pytest.mark.parametrize("case", study.CASES, ids=lambda c: f"{c.scene}-{c.cell}")
 def test_effectivity_is_in_range(case: study.Case) -> None:
-    """On the coarse half of the published sweeps; the slow test below has all of them."""
-    known = study.sweep(replace(case, meshes=tuple(n // 2 for n in case.meshes[1:])))
+    """On coarser sweeps than the published ones, which the slow test below has."""
+    meshes = (2, 4, 8, 16) if case.scene == "paper_cube" else (8, 16, 32, 64)
+    known = study.sweep(replace(case, meshes=meshes))
     for row in known.rows:
         assert 0.8 < row.effectivity < 2.0, row
 
