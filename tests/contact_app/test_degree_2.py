@@ -222,7 +222,9 @@ def test_meshes_from_files(cell: str, tmp_path: Path) -> None:
 
 @pytest.mark.mpi
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
-@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+@pytest.mark.parametrize(
+    "cell", ["tetrahedron", pytest.param("hexahedron", marks=pytest.mark.slow)]
+)
 def test_two_ranks(cell: str, tmp_path: Path) -> None:
     made = quadratic(scenes.wall(cell, 3))
     made["decomposition"] = {"subdomains": 5}
