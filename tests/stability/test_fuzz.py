@@ -83,8 +83,10 @@ def test_the_random_scenes_are_what_they_should_be() -> None:
 
     made = [random_scene(seed)[0] for seed in range(300)]
     assert made[7] == random_scene(7)[0]
-    kinds = {next(iter(c["obstacle"])) for scene in made for c in scene["contacts"]}
-    assert kinds == {"plane", "sphere", "cylinder"}
+    contacts = [c for scene in made for c in scene["contacts"]]
+    kinds = {next(iter(c["obstacle"])) if "obstacle" in c else "body" for c in contacts}
+    assert kinds == {"plane", "sphere", "cylinder", "body"}
+    assert {b.get("degree", 1) for scene in made for b in scene["bodies"]} == {1, 2}
     moduli = [[b["material"]["young"] for b in scene["bodies"]] for scene in made]
     assert max(max(m) / min(m) for m in moduli) > 1e4
     boxes = [b["mesh"]["box"] for scene in made for b in scene["bodies"]]
