@@ -169,7 +169,7 @@ def test_what_the_machine_lacks_is_told(
     cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, told: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    def fail(*_: object) -> int:
+    def fail(*_: object, **__: object) -> int:
         raise fault
 
     monkeypatch.setattr("contact_app.run.run", fail)
@@ -189,7 +189,7 @@ def test_ranks_speak_once_of_what_all_found_and_each_of_its_own(
     assert capsys.readouterr().err == ""
     assert len(waits) == 1  # rank 0 is given the time to speak
 
-    def fail(*_: object) -> int:
+    def fail(*_: object, **__: object) -> int:
         raise MemoryError
 
     monkeypatch.setattr("contact_app.run.run", fail)
