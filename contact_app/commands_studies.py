@@ -44,6 +44,20 @@ def register(app: typer.Typer) -> None:
     app.command("stability")(stability)
     app.command("growth")(growth)
     app.command("chart")(chart)
+    app.command("verify")(verify)
+
+
+def verify(
+    cases: Annotated[
+        list[str] | None, typer.Argument(help="Names of cases; all unless given.")
+    ] = None,
+    output: OutputOption = None,
+) -> None:
+    """Solve contact problems with known answers on rows of meshes: tables, rates, a figure."""
+    from contact_app.studies.verification import verify as run
+
+    for line in run(cases or [], output or Path("results/verify")):
+        typer.echo(line)
 
 
 def svm(

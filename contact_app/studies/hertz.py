@@ -20,9 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.configuration import load
-from contact_app.run import solve_scene
+from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import build_scene
 
 
@@ -53,7 +54,27 @@ def compare(config: str, mesh: str | None = None) -> Comparison:
     """Solve one of the scenes on one process, with another mesh if one is given."""
     scene = build_scene(load(config, [f"bodies.0.mesh.file={mesh}"] if mesh else ()))
     solved = solve_scene(scene, MPI.COMM_SELF)
-    d, nodes = scene.dimension, solved.nodes
+    seconds = solved.summary["timings"]["total"]
+    return Comparison(solved.model.dofs, seconds, tuple(hertz_quantities(solved)))
+
+
+def fitted(r2: NDArray[np.float64], pressure: NDArray[np.float64]) -> tuple[float, float]:
+    """Half-width a and peak p0 of p² = p0² (1 - r²/a²), fitted where there is pressure.
+
+    Parameters
+    ----------
+    r2, pressure : (n,)
+        Squared distances from the middle of the contact, and nodal pressures.
+    """
+    touching = pressure > 0.0
+    slope, square = np.polyfit(r2[touching], pressure[touching] ** 2, 1)
+    return float(np.sqrt(-square / slope)), float(np.sqrt(square))
+
+
+def hertz_quantities(solved: SolvedScene) -> list[Quantity]:
+    """Half-width, peak pressure and, in space, approach of a solved scene with one body."""
+    scene, nodes = solved.model.scene, solved.nodes
+    d = scene.dimension
     (material,) = scene.bodies[0].materials
     modulus = material.young / (1.0 - material.poisson**2)
     radius = scene.bodies[0].mesh.upper[0]
@@ -65,21 +86,18 @@ def compare(config: str, mesh: str | None = None) -> Comparison:
         half_width = np.sqrt(4.0 * force * radius / (np.pi * modulus))
         peak = 2.0 * force / (np.pi * half_width)
 
-    touching = nodes.contact_pressure > 0.0
-    r2 = (nodes.points[touching][:, : d - 1] ** 2).sum(axis=1)
-    pressure = nodes.contact_pressure[touching]
-    slope, square = np.polyfit(r2, pressure**2, 1)
+    pressure = nodes.contact_pressure
+    ours, top = fitted((nodes.points[:, : d - 1] ** 2).sum(axis=1), pressure)
     equator = nodes.points[:, d - 1] > radius * (1.0 - 1e-9)
     quantities = [
-        Quantity("half-width a", float(np.sqrt(-square / slope)), float(half_width)),
-        Quantity("peak pressure p0", float(np.sqrt(square)), float(peak)),
+        Quantity("half-width a", ours, float(half_width)),
+        Quantity("peak pressure p0", top, float(peak)),
         Quantity("largest nodal pressure", float(pressure.max()), float(peak)),
     ]
     if d == 3:
         approach = -float(nodes.displacement[equator, 2].mean())
         quantities.append(Quantity("approach", approach, float(half_width**2 / radius)))
-    seconds = solved.summary["timings"]["total"]
-    return Comparison(solved.model.dofs, seconds, tuple(quantities))
+    return quantities
 
 
 if __name__ == "__main__":

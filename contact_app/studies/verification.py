@@ -1,0 +1,299 @@
+"""Contact problems whose answers are known, as convergence studies: ``contact-app verify``.
+
+Each case is a commented scene of ``configs/``, solved on a row of meshes, and numbers measured in
+the answer beside those of the theory. How each is measured:
+
+* Hertz (ball, cylinder, two cylinders): the squares of the theory's pressures lie on a line over
+  r², p² = p0² (1 - r²/a²). It is fitted to all nodes with pressure; half-width a and peak p0 follow
+  from it. Beside them stands the largest nodal pressure, which nothing was fitted to.
+* Flat punch: the pressure is singular at the punch's edge, so it is compared on the inner half of
+  the punch, |x| ≤ a/2, as the root mean square of p √(a² - x²) π/P - 1. P is the force found. The
+  block is 16 half-widths wide and high instead of infinite; what that costs is part of the error.
+* Press fit: mean pressure over the nodes of the rim that touch.
+* Confined column: resultant of the wall that is squeezed against.
+
+Meshes finer or coarser than those shipped are made by Gmsh (``meshes/samples/make.py``).
+
+Sources: H. Hertz (1882); K. L. Johnson, *Contact Mechanics* (1985), chapters 2 and 4; S. P.
+Timoshenko, J. N. Goodier, *Theory of Elasticity* (1970), section 28.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.configuration import load
+from contact_app.errors import ConfigurationError, ContactError
+from contact_app.run import SolvedScene, solve_scene
+from contact_app.scene import build_scene
+from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
+
+ROOT = Path(__file__).parents[2]
+EXACT = 1e-7
+"""Relative error below which there is no rate to speak of."""
+
+
+class VerificationError(ContactError):
+    """A case cannot be run."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """One mesh of a study: what is set in the scene, or the size of Gmsh's cells."""
+
+    label: str
+    overrides: tuple[str, ...] = ()
+    size: float | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene with a known answer.
+
+    Attributes
+    ----------
+    name
+        Of the scene in ``configs/``.
+    title, note
+        For the document.
+    measure
+        Numbers of an answer beside the theory's.
+    levels
+        Meshes, the coarsest first.
+    sample
+        Mesh of ``meshes/samples/make.py`` that levels with a size remake; its bodies' numbers.
+    """
+
+    name: str
+    title: str
+    note: str
+    measure: Callable[[SolvedScene], list[Quantity]]
+    levels: tuple[Level, ...]
+    sample: str | None = None
+    bodies: tuple[int, ...] = (0,)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one mesh gives."""
+
+    case: str
+    level: str
+    dimension: int
+    dofs: int
+    seconds: float
+    equilibrium: float
+    certified: bool
+    quantities: tuple[Quantity, ...]
+
+
+def _roller(solved: SolvedScene) -> list[Quantity]:
+    """Two elastic cylinders: the fit, beside R = 50, F' = 35 kN/mm, E = 210e3 on 70e3."""
+    force, radius = 35_000.0, 50.0
+    modulus = 1.0 / sum(
+        (1.0 - m.poisson**2) / m.young for b in solved.model.scene.bodies for m in b.materials
+    )
+    half_width = np.sqrt(4.0 * force * radius / (np.pi * modulus))
+    peak = 2.0 * force / (np.pi * half_width)
+    nodes = solved.nodes
+    ours, top = fitted(nodes.points[:, 0] ** 2, nodes.contact_pressure)
+    return [
+        Quantity("half-width a", ours, float(half_width)),
+        Quantity("peak pressure p0", top, float(peak)),
+        Quantity("largest nodal pressure", float(nodes.contact_pressure.max()), float(peak)),
+    ]
+
+
+def _punch(solved: SolvedScene) -> list[Quantity]:
+    """p(x) = P/(π √(a² - x²)) on the inner half of a punch of half-width a = 1, half modelled."""
+    nodes, half_width = solved.nodes, 1.0
+    load = 2.0 * abs(solved.summary["solution"]["contact_force"][1])
+    x = nodes.points[:, 0]
+    inner = (nodes.contact_pressure > 0.0) & (x <= 0.5 * half_width + 1e-9)
+    shape = np.pi * np.sqrt(half_width**2 - x[inner] ** 2) / load
+    scaled = nodes.contact_pressure[inner] * shape
+    off = float(np.sqrt(np.mean((scaled - 1.0) ** 2)))
+    return [
+        Quantity("inner half, 1 + rms", 1.0 + off, 1.0),
+        Quantity("in the middle", float(scaled[np.argmin(x[inner])]), 1.0),
+    ]
+
+
+def _press_fit(solved: SolvedScene) -> list[Quantity]:
+    """p = E δ/(b (1 + ν)(1 - 2ν)), to first order in δ/b."""
+    scene, pressure = solved.model.scene, solved.nodes.contact_pressure
+    (material,) = scene.bodies[0].materials
+    hole, excess = 10.0, 0.01
+    poisson = material.poisson
+    exact = material.young * excess / (hole * (1.0 + poisson) * (1.0 - 2.0 * poisson))
+    touching = pressure[pressure > 0.0]
+    return [
+        Quantity("mean pressure", float(touching.mean()), exact),
+        Quantity("largest nodal pressure", float(touching.max()), exact),
+    ]
+
+
+def _column(solved: SolvedScene) -> list[Quantity]:
+    """Stress M ε with M = E (1 - ν)/((1 + ν)(1 - 2ν)), by a strain of 1 %."""
+    (material,) = solved.model.scene.bodies[0].materials
+    poisson = material.poisson
+    modulus = material.young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+    solution = solved.summary["solution"]
+    force = abs(solution["contact_force"][2])
+    return [
+        Quantity("modulus", force / 0.01, modulus),
+        Quantity("largest nodal pressure", solution["max_contact_pressure"] / 0.01, modulus),
+    ]
+
+
+def _sizes(*sizes: float) -> tuple[Level, ...]:
+    return tuple(Level(f"size {size:g}", size=size) for size in sizes)
+
+
+def _boxes(*counts: Sequence[int]) -> tuple[Level, ...]:
+    return tuple(
+        Level(" × ".join(map(str, c)), (f"bodies.0.mesh.box.cells=[{','.join(map(str, c))}]",))
+        for c in counts
+    )
+
+
+CASES = (
+    Case(
+        "hertz_sphere", "Hertz: a ball on a rigid plane",
+        "E = 200, ν = 0.3, R = 8, F = 1: a = 0.301107, p0 = 5.26623, approach a²/R = 0.0113332; "
+        "the theory's numbers below are for the force found, that on the polygon of the loaded "
+        "equator. The half-width is fitted to a fifth of a percent from the coarsest mesh on and "
+        "does not fall from there: the ball is no half space.",
+        hertz_quantities, _sizes(2.0, 1.4, 1.0, 0.7), "sphere_eighth",
+    ),
+    Case(
+        "hertz_disc", "Hertz: a cylinder on a rigid plane",
+        "Plane strain, E = 2.1e5, ν = 0.3, R = 50, F' = 35,000: a = 3.107, p0 = 7171. The load is "
+        "spread over the equator of a real disc; what the half plane of the theory leaves out is "
+        "reached by a thousand unknowns, and errors settle there, at a tenth of a percent.",
+        hertz_quantities, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
+    ),
+    Case(
+        "roller_on_block", "Hertz: two elastic bodies, a roller on a block",
+        "Plane strain, E = 2.1e5 on 7e4, ν = 0.3, R = 50, F' = 35,000, meshes that do not match: "
+        "a = 6.2146, p0 = 3585.4. The block is finite: errors settle near a tenth of a percent.",
+        _roller, _sizes(4.0, 2.0, 1.0, 0.5), "roller_on_block", (0, 1),
+    ),
+    Case(
+        "flat_punch", "A rigid flat punch on a half plane",
+        "p(x) = P/(π √(a² - x²)), plane strain, compared on the inner half of the punch: root mean "
+        "square of p π √(a² - x²)/P - 1. First order, by the singular pressure at the edge.",
+        _punch, _boxes((64, 64), (128, 128), (256, 256)),
+    ),
+    Case(
+        "press_fit", "A cylinder pressed into a rigid hole",
+        "E = 2.1e5, ν = 0.3, hole b = 10, excess δ = 0.01: p = 403.85 to first order in δ/b. The "
+        "displacement is linear, so only the polygon that stands for the circle is in the error.",
+        _press_fit, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
+    ),
+    Case(
+        "confined_column", "A laterally confined, nearly incompressible column",
+        "E = 1, ν = 0.4999: M = 1667.1. The strain is uniform: exact on every mesh.",
+        _column, _boxes((1, 1, 2), (2, 2, 4), (4, 4, 8)),
+    ),
+)  # fmt: skip
+
+
+def find(names: Sequence[str]) -> list[Case]:
+    """Cases by name; all when there is none.
+
+    Raises
+    ------
+    ConfigurationError
+        A name is not one of them.
+    """
+    known = {case.name: case for case in CASES}
+    for name in names:
+        if name not in known:
+            raise ConfigurationError(f"no case {name!r}; there are {', '.join(known)}")
+    return [known[name] for name in names] if names else list(CASES)
+
+
+def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
+    """Solve a case on its meshes, or on some of them, one row each.
+
+    Raises
+    ------
+    VerificationError
+        Gmsh is needed and missing, or makes no mesh.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        for level in case.levels if levels is None else levels:
+            overrides = list(level.overrides)
+            if level.size is not None and case.sample:
+                mesh = make_mesh(case.sample, level.size, Path(scratch))
+                overrides += [f"bodies.{body}.mesh.file={mesh}" for body in case.bodies]
+            scene = build_scene(load(ROOT / "configs" / f"{case.name}.yaml", overrides))
+            solved = solve_scene(scene, MPI.COMM_SELF)
+            summary: dict[str, Any] = solved.summary
+            yield Row(
+                case.name,
+                level.label,
+                scene.dimension,
+                summary["mesh"]["dofs"],
+                summary["timings"]["total"],
+                summary["certificate"]["equilibrium"],
+                summary["certificate"]["passed"],
+                tuple(case.measure(solved)),
+            )
+
+
+def make_mesh(sample: str, size: float, directory: Path) -> Path:
+    """Have Gmsh make a sample with another size of cells."""
+    script = ROOT / "meshes" / "samples" / "make.py"
+    made = subprocess.run(
+        [sys.executable, str(script), sample, "--size", str(size), "--to", str(directory)],
+        capture_output=True,
+        text=True,
+    )
+    if made.returncode:
+        reason = (made.stderr or made.stdout).strip().splitlines()[-1:]
+        raise VerificationError(
+            f"no mesh {sample} of size {size:g}: {' '.join(reason)} (Gmsh makes it: "
+            "'.venv/bin/pip install -c .venv/constraints.txt gmsh')"
+        )
+    return directory / f"{sample}.msh"
+
+
+def rate(rows: Sequence[Row], number: int) -> float | None:
+    """Order in the cell size h ~ dofs^(-1/dimension), by least squares over all meshes.
+
+    None where the answer is exact on some mesh, or there is one mesh alone.
+    """
+    errors = np.array([abs(row.quantities[number].error) for row in rows])
+    if len(rows) < 2 or errors.min() < EXACT:
+        return None
+    sizes = np.array([row.dofs for row in rows], dtype=float) ** (-1.0 / rows[0].dimension)
+    return float(np.polyfit(np.log(sizes), np.log(errors), 1)[0])
+
+
+def verify(names: Sequence[str], directory: Path) -> Iterator[str]:
+    """Run cases, yield lines of progress, write ``verification.md`` and its figure."""
+    found: list[tuple[Case, list[Row]]] = []
+    for case in find(names):
+        rows = []
+        for row in study(case):
+            rows.append(row)
+            errors = ", ".join(f"{q.name} {q.error:+.2%}" for q in row.quantities)
+            yield f"{case.name} {row.level}: {row.dofs:,} dofs, {row.seconds:.1f} s: {errors}"
+        found.append((case, rows))
+        # What there is so far, should a later case fail.
+        from contact_app.studies.verification_report import write
+
+        written = write(found, directory)
+    for path in written:
+        yield f"wrote {path}"

@@ -1,0 +1,97 @@
+"""The document of ``contact-app verify``: a table for each case and one figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from contact_app.studies.verification import Case, Row, rate
+
+SETTLED = 0.2
+"""Rate below which an error does not fall."""
+
+HEAD = """# Verification
+
+Contact problems whose answers are known, ours beside them on a row of meshes. Made by
+`./contact verify -o docs`, which needs Gmsh for the meshes that are not shipped; each case is a
+commented scene in `configs/`. How each number is measured is told in
+`contact_app/studies/verification.py`.
+
+What is exact on any mesh is held by tests to round-off (`tests/contact_app/test_exact.py`: bar
+against a wall, patch tests, energy identity, homogeneity, change of units;
+`tests/contact_app/test_two_bodies.py`: patch tests of meshes that do not match, also inclined).
+
+The rate is the order p in error ~ h^p with h ~ (degrees of freedom)^(-1/dimension), by least
+squares over the meshes of the table; "settled" where an error does not fall because it is already
+at what the theory leaves out. Where an error changes its sign the rate says little. Equilibrium is
+the residual of all forces, contact forces among them, over the load. `./contact verify` prints the
+seconds of each run.
+
+![Errors against degrees of freedom](pictures/verification.png)
+"""
+
+
+def write(found: Sequence[tuple[Case, Sequence[Row]]], directory: Path) -> list[Path]:
+    """Write ``verification.md`` and ``pictures/verification.png``."""
+    (directory / "pictures").mkdir(parents=True, exist_ok=True)
+    text = directory / "verification.md"
+    text.write_text(HEAD + "".join(_section(*pair) for pair in found), encoding="utf-8")
+    return [text, _figure(found, directory / "pictures" / "verification.png")]
+
+
+def _section(case: Case, rows: Sequence[Row]) -> str:
+    names = [q.name for q in rows[0].quantities]
+    lines = [
+        f"\n## {case.title}\n",
+        f"`configs/{case.name}.yaml`. {case.note}\n",
+        "| mesh | dofs | " + " | ".join(names) + " | equilibrium | certified |",
+        "|---|---:" + "|---:" * len(names) + "|---:|---|",
+    ]
+    for row in rows:
+        numbers = " | ".join(f"{q.ours:.5g} ({_percent(q.error)})" for q in row.quantities)
+        lines.append(
+            f"| {row.level} | {row.dofs:,} | {numbers} | {row.equilibrium:.0e} "
+            f"| {'yes' if row.certified else 'no'} |"
+        )
+    theory = " | ".join(f"{q.theory:.5g}" for q in rows[-1].quantities)
+    orders = " | ".join(_order(rows, i) for i in range(len(names)))
+    lines += [f"| theory | | {theory} | | |", f"| rate | | {orders} | | |", ""]
+    return "\n".join(lines)
+
+
+def _percent(error: float) -> str:
+    return f"{error:+.2%}" if abs(error) > 5e-6 else f"{error:+.0e}"
+
+
+def _order(rows: Sequence[Row], number: int) -> str:
+    found = rate(rows, number)
+    if found is None:
+        return "exact"
+    return f"{found:.1f}" if found >= SETTLED else "settled"
+
+
+def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = min(3, len(found))
+    lines = -(-len(found) // columns)
+    figure = Figure(figsize=(4.4 * columns, 3.6 * lines), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, (case, rows) in zip(panels, found, strict=False):
+        dofs = [row.dofs for row in rows]
+        for i, quantity in enumerate(rows[0].quantities):
+            errors = np.maximum([abs(row.quantities[i].error) for row in rows], 1e-13)
+            axes.loglog(dofs, errors, marker="o", markersize=4, label=quantity.name)
+        axes.axhline(0.02, color="grey", linewidth=0.8, linestyle="--")
+        axes.set_title(case.title, fontsize=9)
+        axes.set(xlabel="degrees of freedom", ylabel="relative error")
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(fontsize=7)
+    for axes in panels[len(found) :]:
+        axes.set_axis_off()
+    figure.savefig(target, dpi=120)
+    return target

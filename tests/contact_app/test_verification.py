@@ -1,0 +1,83 @@
+"""The cases with known answers: small meshes here, the whole studies where it is slow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from contact_app.errors import ConfigurationError
+from contact_app.studies.hertz import Quantity
+from contact_app.studies.verification import CASES, Level, Row, find, rate, study, verify
+
+
+def errors(row: Row) -> list[float]:
+    return [abs(quantity.error) for quantity in row.quantities]
+
+
+def box(*cells: int) -> Level:
+    return Level("box", (f"bodies.0.mesh.box.cells={list(cells)}",))
+
+
+def test_the_confined_column_is_exact() -> None:
+    (case,) = find(["confined_column"])
+    for row in study(case, [box(1, 1, 2), box(2, 2, 4)]):
+        assert row.certified
+        assert max(errors(row)) < 1e-6, row
+        assert row.quantities[0].theory == pytest.approx(1667.1, rel=1e-4)
+
+
+def test_the_punch_comes_closer() -> None:
+    (case,) = find(["flat_punch"])
+    coarse, fine = study(case, [box(32, 32), box(96, 96)])
+    assert errors(fine)[0] < errors(coarse)[0], (coarse, fine)
+    assert errors(fine)[0] < 0.1
+    assert fine.certified
+
+
+def test_the_press_fit_on_the_shipped_mesh() -> None:
+    (case,) = find(["press_fit"])
+    (row,) = study(case, [Level("shipped")])
+    assert row.quantities[0].theory == pytest.approx(403.85, rel=1e-5)
+    assert errors(row)[0] < 0.01, row
+    assert row.certified
+
+
+def test_the_rate_of_a_study() -> None:
+    def row(dofs: int, error: float) -> Row:
+        quantity = Quantity("q", 1.0 + error, 1.0)
+        return Row("case", "", 2, dofs, 0.0, 0.0, True, (quantity,))
+
+    rows = [row(n * n, 3.0 / n**2) for n in (10, 20, 40)]
+    assert rate(rows, 0) == pytest.approx(2.0)
+    assert rate(rows[:1], 0) is None
+    assert rate([*rows, row(6400, 1e-12)], 0) is None
+
+
+def test_a_case_that_does_not_exist() -> None:
+    with pytest.raises(ConfigurationError, match="no case 'hertz'; there are hertz_sphere, "):
+        find(["hertz"])
+
+
+@pytest.mark.slow
+def test_the_document(tmp_path: Path) -> None:
+    """Every case on every mesh is certified; the finest is within 2 %, the punch within 5 %."""
+    pytest.importorskip("gmsh", reason="makes the meshes")
+    list(verify([], tmp_path))
+    text = (tmp_path / "verification.md").read_text()
+    assert all(f"## {case.title}" in text for case in CASES)
+    assert "| no |" not in text
+    assert (tmp_path / "pictures" / "verification.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hertz_sphere", "hertz_disc", "roller_on_block", "press_fit"])
+def test_the_finest_mesh(name: str) -> None:
+    """verification.md of the reference: two percent, under 150,000 unknowns and 60 s."""
+    pytest.importorskip("gmsh", reason="makes the meshes")
+    (case,) = find([name])
+    (row,) = study(case, case.levels[-1:])
+    assert max(errors(row)) < 0.02, row
+    assert row.equilibrium < 1e-6
+    assert row.dofs < 150_000
+    assert row.certified
