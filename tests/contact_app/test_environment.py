@@ -1,5 +1,8 @@
 """What a run says of its BLAS, releases and memory."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -58,3 +61,10 @@ def test_peak_memory_grows_by_what_is_held() -> None:
     before = environment.peak_rss_gb()
     held = np.ones(int((before + 0.2) * 1e9 / 8))
     assert environment.peak_rss_gb() >= held.nbytes * 1e-9 > before
+
+
+def test_peak_memory_is_not_that_of_the_program_that_started_this_one() -> None:
+    held = np.ones(300_000_000 // 8)
+    code = "from contact_app.environment import peak_rss_gb; print(peak_rss_gb())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 1e-9 * held.nbytes
