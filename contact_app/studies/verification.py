@@ -197,7 +197,8 @@ CASES = (
     Case(
         "press_fit", "A cylinder pressed into a rigid hole",
         "E = 2.1e5, ν = 0.3, hole b = 10, excess δ = 0.01: p = 403.85 to first order in δ/b. The "
-        "displacement is linear, so only the polygon that stands for the circle is in the error.",
+        "displacement is linear; in the error are the polygon that stands for the circle and the "
+        "theory's own δ/b = 0.1 %.",
         _press_fit, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
     ),
     Case(
