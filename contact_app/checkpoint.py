@@ -53,6 +53,11 @@ class Checkpoint:
         self._pending: Restart | None = None
         self._problem: DualProblem | None = None
 
+    @property
+    def found(self) -> bool:
+        """Whether a wanted checkpoint is there, as rank 0 sees it (not collective)."""
+        return self.resume and self.path.is_file()
+
     def load(self, problem: DualProblem) -> Restart | None:
         """The state to go on from; None where there is none or none is wanted.
 
@@ -62,8 +67,7 @@ class Checkpoint:
             The checkpoint belongs to another problem, or cannot be read.
         """
         self._problem = problem
-        found = self.resume and self.path.is_file() if self.comm.rank == 0 else None
-        if not self.comm.bcast(found):
+        if not self.comm.bcast(self.found):
             return None
         try:
             saved = json.loads(self.path.read_text(encoding="utf-8"))

@@ -30,15 +30,19 @@ class History:
     ----------
     path
         The file; None on ranks that write none, where the monitor does nothing.
+    go_on
+        Keep the rows of the run this one goes on from.
     """
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, go_on: bool = False) -> None:
         self._file: TextIO | None = None
         self._flushed = time.monotonic()
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("w", encoding="utf-8")
-            self._file.write(",".join(COLUMNS) + "\n")
+            go_on = go_on and path.is_file()
+            self._file = path.open("a" if go_on else "w", encoding="utf-8")
+            if not go_on:
+                self._file.write(",".join(COLUMNS) + "\n")
             self._file.flush()
 
     def __enter__(self) -> History:

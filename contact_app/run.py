@@ -85,7 +85,7 @@ def run(
         _ending_together(comm),
         run_log(directory / "run.log" if first else None),
         Progress(first) as progress,
-        History(directory / "history.csv" if first else None) as history,
+        History(directory / "history.csv" if first else None, checkpoint.found) as history,
         Interruption() as interruption,
     ):
 
@@ -93,6 +93,12 @@ def run(
             return bool(comm.allreduce(int(interruption(event)), op=MPI.MAX))
 
         monitor = together(progress, history, interrupted)
+        if resume:
+            progress.stage(
+                f"going on from {checkpoint.path}"
+                if checkpoint.found
+                else f"no checkpoint in {directory}: starting from the beginning"
+            )
         progress.stage(f"modelling {scene.title or scene.source.name}")
         refined = None
         if scene.accuracy is None:
@@ -109,6 +115,8 @@ def run(
             solved = refined.solved
         if solved.solution.reason is Reason.STOPPED and refined is None:
             checkpoint.write()
+            if first and checkpoint.path.is_file():
+                log.info("--resume goes on from here")
         else:
             checkpoint.remove()
         for note in solved.model.notes:

@@ -91,7 +91,7 @@ def _run(
     checkpoint = Checkpoint(directory, comm, resume=True)
     with (
         Progress(first) as progress,
-        History(directory / "history.csv" if first else None) as history,
+        History(directory / "history.csv" if first else None, checkpoint.found) as history,
         Interruption() as interruption,
     ):
 

@@ -62,3 +62,13 @@ def test_other_ranks_write_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with History(None) as monitor:
         monitor(Step(1, 1, "cg", 1.0, 0.0, 0, 0.0))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_goes_on_keeps_the_rows_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "history.csv"
+    kept = []
+    for go_on, iteration in ((True, 1), (True, 2), (False, 3)):
+        with History(path, go_on) as written:
+            written(Step(1, iteration, "cg", 1.0, 0.0, 0, 0.0))
+        kept.append([int(row["iteration"]) for row in rows(path)])
+    assert kept == [[1], [1, 2], [3]]
