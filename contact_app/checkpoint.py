@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from contact_app.errors import ConfigurationError
 from solver import Counts
 from solver.smalbe import Restart
-from solver.tfeti.coarse import petsc_vec
+from solver.tfeti.coarse import lent
 from solver.tfeti.constraints import RowKind
 from solver.tfeti.dual import DualProblem
 
@@ -84,7 +84,8 @@ class Checkpoint:
             )
             x, multiplier = np.empty(problem.size), np.empty(problem.size)
             for values in (x, multiplier):
-                petsc_vec(values, self.comm).load(viewer)
+                with lent(self.comm, values) as (vector,):
+                    vector.load(viewer)
             viewer.destroy()
             state = saved["state"]
             state["lagrangian"] = -math.inf if state["lagrangian"] is None else state["lagrangian"]
@@ -112,7 +113,8 @@ class Checkpoint:
             str(self.path.with_name(vectors)), mode="w", comm=self.comm
         )
         for values in (state.x, state.multiplier):
-            petsc_vec(values, self.comm).view(viewer)
+            with lent(self.comm, values) as (vector,):
+                vector.view(viewer)
         viewer.destroy()
         scalars = {k: v for k, v in state.__dict__.items() if k not in ("x", "multiplier")}
         scalars["counts"] = asdict(state.counts)

@@ -9,7 +9,8 @@ does not depend on the scaling of R.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 
 import numpy as np
@@ -19,9 +20,39 @@ from petsc4py import PETSc
 from scipy import sparse
 
 
-def petsc_vec(values: NDArray[np.float64], comm: MPI.Intracomm) -> PETSc.Vec:
-    """A distributed PETSc vector on the memory of the local part."""
-    return PETSc.Vec().createWithArray(values, comm=comm)
+@contextmanager
+def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PETSc.Vec]]:
+    """Distributed PETSc vectors on the memory of the local parts, for as long as the block runs.
+
+    They are destroyed at its end: left to Python's collector they would keep the arrays alive,
+    gigabytes of temporaries in a large run.
+    """
+    vectors = [PETSc.Vec().createWithArray(values, comm=comm) for values in arrays]
+    try:
+        yield vectors
+    finally:
+        for vector in vectors:
+            vector.destroy()
+
+
+def multiply(matrix: PETSc.Mat, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """Put a matrix times a vector into out; local parts."""
+    with lent(matrix.comm, x, out) as (source, target):
+        matrix.mult(source, target)
+
+
+def multiply_transposed(
+    matrix: PETSc.Mat, x: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:
+    """Put the transpose of a matrix times a vector into out; local parts."""
+    with lent(matrix.comm, x, out) as (source, target):
+        matrix.multTranspose(source, target)
+
+
+def scale_rows(matrix: PETSc.Mat, weights: NDArray[np.float64]) -> None:
+    """Multiply each row of a matrix by a weight, in place; local parts."""
+    with lent(matrix.comm, weights) as (left,):
+        matrix.diagonalScale(L=left)
 
 
 class CoarseProblem:
@@ -91,7 +122,7 @@ class CoarseProblem:
             weights = weights * self._weights
             lost *= self._weights[self._contact_rows] ** 2
         part = self._contact.duplicate(copy=True)
-        part.diagonalScale(L=petsc_vec(np.sqrt(np.maximum(lost, 0.0)), self.comm))
+        scale_rows(part, np.sqrt(np.maximum(lost, 0.0)))
         gram = self._gram.duplicate(copy=True)
         loss = _gram(part)
         gram.axpy(-1.0, loss, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -117,13 +148,14 @@ class CoarseProblem:
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
-        self._pc.apply(petsc_vec(rhs, self.comm), petsc_vec(out, self.comm))
+        with lent(self.comm, rhs, out) as (source, target):
+            self._pc.apply(source, target)
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
         if self._weights is not None:
             dual = self._weights * dual
-        self.B.multTranspose(petsc_vec(dual, self.comm), petsc_vec(self._interface, self.comm))
+        multiply_transposed(self.B, dual, self._interface)
         for interface, coarse, members, R in self._classes:
             forces = self._interface[interface].reshape(members, -1)
             np.matmul(forces, R, out=out[coarse].reshape(members, -1))
@@ -133,7 +165,7 @@ class CoarseProblem:
         for interface, part, members, R in self._classes:
             motions = self._interface[interface].reshape(members, -1)
             np.matmul(coarse[part].reshape(members, -1), R.T, out=motions)
-        self.B.mult(petsc_vec(self._interface, self.comm), petsc_vec(out, self.comm))
+        multiply(self.B, self._interface, out)
         if self._weights is not None:
             out *= self._weights
 

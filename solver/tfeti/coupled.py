@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from solver.tfeti.coarse import petsc_vec
+from solver.tfeti.coarse import lent, scale_rows
 from solver.tfeti.dual import DualProblem
 
 
@@ -49,12 +49,13 @@ class CoupledRows:
         )
         mask = problem.wide.astype(float)
         wide = problem.B.copy()
-        wide.diagonalScale(L=petsc_vec(mask, self.comm))
+        scale_rows(wide, mask)
         divided = wide.copy()
-        divided.diagonalScale(R=petsc_vec(compliance, self.comm))
+        with lent(self.comm, compliance) as (right,):
+            divided.diagonalScale(R=right)
         self._matrix = self._gathered(divided.matMult(wide.transpose(PETSc.Mat())))
         self.B = problem.B.copy()
-        self.B.diagonalScale(L=petsc_vec(1.0 - mask, self.comm))
+        scale_rows(self.B, 1.0 - mask)
         self.B.axpy(1.0, divided, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         for matrix in (wide, divided):
             matrix.destroy()

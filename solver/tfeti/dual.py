@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.tfeti.classes import SubdomainClass
-from solver.tfeti.coarse import CoarseProblem, ProjectedOperator, petsc_vec
+from solver.tfeti.coarse import (
+    CoarseProblem,
+    ProjectedOperator,
+    multiply,
+    multiply_transposed,
+    scale_rows,
+)
 from solver.tfeti.constraints import ContactRows, RowKind
 
 
@@ -49,9 +55,9 @@ class DualOperator:
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """F x."""
-        self.B.multTranspose(petsc_vec(x, self.comm), petsc_vec(self._loads, self.comm))
+        multiply_transposed(self.B, x, self._loads)
         self.solve_interface(self._loads, self._displacements)
-        self.B.mult(petsc_vec(self._displacements, self.comm), petsc_vec(out, self.comm))
+        multiply(self.B, self._displacements, out)
 
     def solve_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """K⁺ between interface vectors."""
@@ -233,13 +239,13 @@ class DualProblem:
     def residual(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
         """B u - c for displacements on the interface: jumps, and penetration on contact rows."""
         result = np.empty(self.size)
-        self.B.mult(petsc_vec(interface, self.comm), petsc_vec(result, self.comm))
+        multiply(self.B, interface, result)
         return result - self.c
 
     def constraint_forces(self, multiplier: NDArray[np.float64]) -> NDArray[np.float64]:
         """Bᵀ λ, an interface vector."""
         result = np.empty(self.B.getLocalSize()[1])
-        self.B.multTranspose(petsc_vec(multiplier, self.comm), petsc_vec(result, self.comm))
+        multiply_transposed(self.B, multiplier, result)
         return result
 
     def face(self, touching: NDArray[np.bool_]) -> DualProblem:
@@ -255,7 +261,7 @@ class DualProblem:
         """
         keep = np.where(self.inequality & ~touching, 0.0, 1.0)
         B = self.B.copy()
-        B.diagonalScale(L=petsc_vec(keep, self.comm))
+        scale_rows(B, keep)
         face = replace(
             self,
             B=B,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.coarse import petsc_vec
+from solver.tfeti.coarse import multiply, multiply_transposed
 from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.dual import DualProblem, interface_slices
 
@@ -59,14 +59,14 @@ class LumpedPreconditioner:
         np.subtract(r, self._q, out=self._p)
         if self._coupled:
             self._coupled.divide(self._p, free_mask)
-        self.B.multTranspose(petsc_vec(self._p, self.comm), petsc_vec(self._jumps, self.comm))
+        multiply_transposed(self.B, self._p, self._jumps)
         for S, part, shape in zip(self._stiffness, self._slices, self._shapes, strict=True):
             jumps, forces = self._jumps[part].reshape(shape), self._forces[part].reshape(shape)
             if isinstance(S, np.ndarray):
                 np.matmul(jumps, S, out=forces)
             else:
                 forces[:] = (S @ jumps.T).T
-        self.B.mult(petsc_vec(self._forces, self.comm), petsc_vec(out, self.comm))
+        multiply(self.B, self._forces, out)
         if self._coupled:
             self._coupled.divide(out, free_mask)
         self.coarse.project(out, out)
