@@ -25,6 +25,19 @@ class Timings:
         finally:
             self.seconds[stage] += time.perf_counter() - begin
 
+    def branched(self, total: float) -> Timings:
+        """What was measured so far, as the start of one of several runs that share it.
+
+        Parameters
+        ----------
+        total
+            Seconds in all that the shared part took.
+        """
+        result = Timings()
+        result.seconds = dict(self.seconds)
+        result._start -= total
+        return result
+
     def as_dict(self) -> dict[str, float]:
         """Seconds by stage and in all."""
         return {**self.seconds, "total": time.perf_counter() - self._start}

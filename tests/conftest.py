@@ -3,12 +3,14 @@
 import os
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # A verdict of CI is about the change: the same examples every time; elsewhere new ones each time.
-settings.register_profile("ci", derandomize=True)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
+# How fast examples are made says more of what else the machine is doing than of the test.
+busy = {"suppress_health_check": [HealthCheck.too_slow], "deadline": None}
+settings.register_profile("ci", derandomize=True, **busy)
+settings.register_profile("here", **busy)
+settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -9,7 +9,6 @@ stopped run goes on from its last outer iteration.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import StrEnum
@@ -66,9 +65,10 @@ def paper_run(
     with Progress(comm.rank == 0) as progress:
         progress.stage(f"modelling {scene.title}")
         model = build_model(scene, comm, timings)
+        before = timings.as_dict()["total"]
     for setting in settings:
         directory = output / setting.value
-        summary = _run(model, setting, directory, copy.deepcopy(timings), full_field)
+        summary = _run(model, setting, directory, timings.branched(before), full_field)
         solver, clock = summary["solver"], summary["timings"]
         if comm.rank == 0:
             yield (
