@@ -105,6 +105,7 @@ def _tao(system: WholeSystem, tolerance: float) -> Answer:
     tao.setMaximumIterations(1000)
     tao.setSolution(x)
     tao.setFromOptions()
+    tao.setUp()  # before that newer releases have no KSP
     tao.getKSP().setMonitor(count)
     tao.solve()
     return x, tao.getIterationNumber(), products.count, tao.getConvergedReason() > 0
