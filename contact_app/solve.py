@@ -261,6 +261,66 @@ def _active_sets(
     return None, counts
 
 
+class _OuterJudge:
+    """Decides after each outer iteration of SMALBE whether its answer will do.
+
+    An answer is certified where its jumps and its penetration are small enough for a certificate
+    to have a chance; where SMALBE is slow its active set is tried by `_active_sets`.
+
+    Attributes
+    ----------
+    answer
+        The last answer that was certified, or None.
+    spent
+        Work of the active sets that were tried.
+    """
+
+    def __init__(self, problem: DualProblem, target: Target, inner: MPRGP) -> None:
+        self.answer: Solution | None = None
+        self.spent = Counts()
+        self._problem, self._target, self._inner = problem, target, inner
+        self._largest = 0.0
+        self._residuals: list[float] = []
+        self._next_certificate = self._failures = 0
+
+    def certify(self, x: NDArray[np.float64], force: NDArray[np.float64]) -> Solution:
+        """The answer that an iterate and its force Cᵀ μ stand for."""
+        answer = certified_answer(self._problem, x, force, self._target.tolerance)
+        self._largest = answer.measures.displacement
+        self.answer = self._target.judge(answer)
+        return self.answer
+
+    def accepts(self, state: OuterState, monitor: Monitor | None) -> bool:
+        """Whether `answer` meets the tolerance (collective)."""
+        self._residuals.append(state.residual_norm)
+        outer = len(self._residuals)
+        if self._is_near(state) and outer > self._next_certificate:
+            tolerance = self._target.tolerance
+            if self.certify(state.x, state.transposed_multiplier).converged:
+                return True
+            if self._target.tolerance == tolerance:
+                self._next_certificate = outer + min(self._failures, self._target.patience)
+                self._failures += 1
+        due = outer % PATIENCE == 0 and self._problem.held_without_contact
+        if due and self._residuals[-1] > 0.1 * self._residuals[-PATIENCE // 2]:
+            found, counts = _active_sets(self._problem, self._target, self._inner, state.x, monitor)
+            self.spent = _sum(self.spent, counts)
+            if found is not None:
+                self.answer = found
+                return True
+        return False
+
+    def _is_near(self, state: OuterState) -> bool:
+        """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
+        problem = self._problem
+        gap = np.where(problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient))
+        worst = float((gap / problem.spread).max(initial=0.0))
+        worst = problem.comm.allreduce(worst, op=MPI.MAX)
+        if not self._largest:
+            self._largest = _largest_displacement(problem, state)
+        return worst <= self._target.tolerance * self._largest
+
+
 def _solve_smalbe(
     problem: DualProblem,
     target: Target,
@@ -281,63 +341,28 @@ def _solve_smalbe(
     if answer is not None:
         return replace(answer, counts=counts)
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
-    found: list[Solution] = []
-    displacement = [0.0]
-    sizes: list[float] = []
-    spent = [Counts()]
-    retry = [0, 0]  # outer iteration of the next certificate at the earliest, failures so far
-
-    def near(state: OuterState) -> bool:
-        """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
-        gap = np.where(problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient))
-        worst = float((gap / problem.spread).max(initial=0.0))
-        worst = problem.comm.allreduce(worst, op=MPI.MAX)
-        if not displacement[0]:
-            displacement[0] = _largest_displacement(problem, state)
-        return worst <= target.tolerance * displacement[0]
-
-    def accept(state: OuterState) -> bool:
-        sizes.append(state.residual_norm)
-        if near(state) and len(sizes) > retry[0]:
-            answer = certified_answer(
-                problem, state.x, state.transposed_multiplier, target.tolerance
-            )
-            displacement[0] = answer.measures.displacement
-            tolerance = target.tolerance
-            found[:] = [target.judge(answer)]
-            if found[0].converged:
-                return True
-            if target.tolerance == tolerance:
-                retry[:] = [len(sizes) + min(retry[1], target.patience), retry[1] + 1]
-        due = len(sizes) % PATIENCE == 0 and problem.held_without_contact
-        if due and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]:
-            solution, faces = _active_sets(problem, target, inner, state.x, monitor)
-            spent[0] = _sum(spent[0], faces)
-            if solution is not None:
-                found[:] = [solution]
-                return True
-        return False
+    inner = replace(inner, max_iterations=inner.max_iterations - counts.inner)
+    judge = _OuterJudge(problem, target, inner)
 
     def save(state: Restart) -> None:
         if checkpoint is not None:
-            checkpoint(replace(state, counts=_sum(_sum(counts, spent[0]), state.counts)))
+            checkpoint(replace(state, counts=_sum(_sum(counts, judge.spent), state.counts)))
 
-    inner = replace(inner, max_iterations=inner.max_iterations - counts.inner)
     result = SMALBE(inner).solve(
         qp,
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
         x0=start.x if start else None,
         multiplier0=start.equality_force if start else None,
         monitor=monitor,
-        accept=accept,
+        accept=lambda state: judge.accepts(state, monitor),
         save=save,
         restart=restart,
     )
-    if result.reason is not Reason.ACCEPTED:
-        answer = certified_answer(problem, result.x, result.multiplier, target.tolerance)
-        found[:] = [target.judge(answer)]
-    counts = _sum(_sum(counts, spent[0]), result.counts)
-    return replace(found[0], counts=counts, reason=result.reason)
+    answer = judge.answer
+    if answer is None or result.reason is not Reason.ACCEPTED:
+        answer = judge.certify(result.x, result.multiplier)
+    counts = _sum(_sum(counts, judge.spent), result.counts)
+    return replace(answer, counts=counts, reason=result.reason)
 
 
 def _solve_mprgp(
@@ -347,16 +372,17 @@ def _solve_mprgp(
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     if problem.coarse is None and problem.lower is not None:
         inner = replace(inner, memory=MEMORY)
-    found: list[Solution] = []
+    answer: Solution | None = None
 
-    def accept(x: NDArray[np.float64]) -> bool:
-        found[:] = [target.judge(certified_answer(problem, x, None, target.tolerance))]
-        return found[0].converged
+    def certify(x: NDArray[np.float64]) -> Solution:
+        nonlocal answer
+        answer = target.judge(certified_answer(problem, x, None, target.tolerance))
+        return answer
 
-    result = inner.solve(qp, monitor=monitor, accept=accept)
-    if not found or not found[0].converged:
-        accept(result.x)
-    return replace(found[0], counts=result.counts, reason=result.reason)
+    result = inner.solve(qp, monitor=monitor, accept=lambda x: certify(x).converged)
+    if answer is None or not answer.converged:
+        answer = certify(result.x)
+    return replace(answer, counts=result.counts, reason=result.reason)
 
 
 def certified_answer(
