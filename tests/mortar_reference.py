@@ -17,28 +17,64 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 @dataclass(frozen=True)
 class Facet:
-    """Nodes, coordinates (v, d) in order around, and outward unit normal (d,)."""
+    """Nodes, coordinates (n, d), the v vertices first and in order around, outward unit normal."""
 
     nodes: tuple[int, ...]
     points: np.ndarray
     normal: np.ndarray
+    vertices: int
+
+
+VERTICES = {2: 2, 3: 3, 4: 4, 6: 3, 9: 4}
+"""Vertices of a facet in space by its nodes; in the plane it has two."""
 
 
 def facet(nodes: np.ndarray, points: np.ndarray, inside: np.ndarray) -> Facet:
-    """Order the vertices (v, d) of a facet of a convex body around a point inside it."""
-    if len(nodes) == 2:
-        along = points[1] - points[0]
+    """Order the nodes (n, d) of a straight facet of a convex body around a point inside it."""
+    distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    if points.shape[1] == 2:
+        order = np.argsort(-distance)  # the middle last
+        v = 2
+        along = points[order[1]] - points[order[0]]
         normal = np.array([along[1], -along[0]]) / np.linalg.norm(along)
-        order = [0, 1]
     else:
         centred = points - points.mean(axis=0)
         u, _, vt = np.linalg.svd(centred)
         normal = vt[2]
         flat = centred @ vt[:2].T
-        order = np.argsort(np.arctan2(flat[:, 1], flat[:, 0])).tolist()
+        v = VERTICES[len(nodes)]
+        corners = np.arange(v) if v == len(nodes) else _corners(flat)
+        angle = np.arctan2(flat[corners, 1], flat[corners, 0])
+        rest = np.setdiff1d(np.arange(len(nodes)), corners)
+        order = np.concatenate([corners[np.argsort(angle)], rest])
     if normal @ (points[0] - inside) < 0:
         normal = -normal
-    return Facet(tuple(int(n) for n in nodes[order]), points[order], normal)
+    return Facet(tuple(int(n) for n in nodes[order]), points[order], normal, v)
+
+
+def _corners(flat: np.ndarray) -> np.ndarray:
+    """Nodes of a second-order facet (6 or 9, 2) that are no mean of two others."""
+    middles = 0.5 * (flat[:, None] + flat)[~np.eye(len(flat), dtype=bool)]
+    distance = np.linalg.norm(flat[:, None] - middles, axis=2).min(axis=1)
+    return np.flatnonzero(distance > 1e-6 * np.ptp(flat))
+
+
+def displacement_shape(points: np.ndarray, vertices: int, x: np.ndarray) -> np.ndarray:
+    """Shape functions of the displacement (n,) at one point, by interpolating monomials."""
+    if len(points) == vertices:
+        return shape(points, x)
+    corners = points[:vertices]
+    if vertices == 4:  # biquadratic in the coordinates of the parallelogram
+        edges = np.stack([corners[1] - corners[0], corners[3] - corners[0]], axis=1)
+        powers = [(a, b) for a in range(3) for b in range(3)]
+    else:
+        edges = (corners[1:] - corners[0]).T
+        powers = [(a,) for a in range(3)] if vertices == 2 else [
+            (a, b) for a in range(3) for b in range(3 - a)
+        ]  # fmt: skip
+    at = np.linalg.solve(edges, np.column_stack([(points - corners[0]).T, x - corners[0]])).T
+    monomials = np.array([np.prod(at ** np.array(p), axis=1) for p in powers])
+    return np.linalg.solve(monomials[:, :-1], monomials[:, -1])
 
 
 def shape(points: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -104,39 +140,42 @@ def mortar_rows(
     full: dict[int, float] = {}
     near: dict[int, dict[int, float]] = {}
     for s in on:
-        d, v = len(s.normal), len(s.nodes)
+        d, v, second = len(s.normal), s.vertices, s.vertices < len(s.nodes)
         tangents = np.linalg.svd(np.eye(d) - np.outer(s.normal, s.normal))[0][:, : d - 1]
         origin = s.points[0]
         flat = (s.points - origin) @ tangents
-        own, weight, pieces = np.zeros((v, v)), np.zeros(v), []
+        corners = flat[:v]
+        own, weight, pieces = np.zeros((v, len(s.nodes))), np.zeros(v), []
         for m in against:
             if s.normal @ m.normal > -0.5:
                 continue
             other = (m.points - origin) @ tangents
-            for x, w in overlap(flat, other):
-                phi, theirs = shape(flat, x), shape(other, x)
+            for x, w in overlap(corners, other[: m.vertices]):
+                psi = shape(corners, x)
+                phi, theirs = (displacement_shape(p, k, x)
+                               for p, k in ((flat, v), (other, m.vertices)))  # fmt: skip
                 gap = s.normal @ (theirs @ m.points - phi @ s.points)
-                own += w * np.outer(phi, phi)
-                weight += w * phi
-                pieces.append((m, w, phi, theirs, gap))
-        area = np.ptp(flat) if d == 2 else ConvexHull(flat).volume
-        covered = weight.sum() > (1 - 1e-6) * area
-        C = np.diag(weight) @ np.linalg.inv(own) if covered else np.eye(v)
-        slave = np.diag(weight) if covered else own
-        for node in s.nodes:
+                own += w * np.outer(psi, phi)
+                weight += w * psi
+                pieces.append((m, w, psi, theirs, gap))
+        area = np.ptp(flat) if d == 2 else ConvexHull(corners).volume
+        dual = weight.sum() > (1 - 1e-6) * area and not second
+        C = np.diag(weight) @ np.linalg.inv(own) if dual else np.eye(v)
+        slave = np.diag(weight) if dual else own
+        for node in s.nodes[:v]:
             full[node] = full.get(node, 0.0) + area / v
         if not pieces:
             continue
-        for j, node in enumerate(s.nodes):
+        for j, node in enumerate(s.nodes[:v]):
             row = rows.setdefault(node, {})
             areas[node] = areas.get(node, 0.0) + weight[j]
             for k, there in enumerate(s.nodes):
                 row[there] = row.get(there, 0.0) + slave[j, k] * s.normal
-                if there != node:
+                if there != node and k < v:
                     near.setdefault(node, {})
                     near[node][there] = near[node].get(there, 0.0) + weight[k]
-            for m, w, phi, theirs, gap in pieces:
-                psi = C[j] @ phi
+            for m, w, hat, theirs, gap in pieces:
+                psi = C[j] @ hat
                 gaps[node] = gaps.get(node, 0.0) + w * psi * gap
                 for k, there in enumerate(m.nodes):
                     row[there] = row.get(there, 0.0) - w * psi * theirs[k] * s.normal

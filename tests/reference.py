@@ -164,10 +164,11 @@ def _cell_mesh(given: Any) -> mesh.Mesh:
 
 
 def _touches(points: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Which points are corners of facets (n, corners, d)."""
-    corners = facets.reshape(-1, facets.shape[2])
-    distance, _ = cKDTree(corners).query(points[:, : facets.shape[2]])
-    return distance < 1e-9 * np.ptp(corners, axis=0).max()
+    """Which points are nodes, of degree 1 or 2, of straight facets (n, corners, d)."""
+    middles = 0.5 * (facets[:, :, None] + facets[:, None])  # of a corner and itself, too
+    nodes = np.concatenate([middles.reshape(-1, facets.shape[2]), facets.mean(axis=1)])
+    distance, _ = cKDTree(nodes).query(points[:, : facets.shape[2]])
+    return distance < 1e-9 * np.ptp(nodes, axis=0).max()
 
 
 def _vector_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
@@ -187,6 +188,16 @@ def _on(body: Any, name: str, points: np.ndarray) -> np.ndarray:
     lower, upper = np.asarray(body.mesh.lower, float), np.asarray(body.mesh.upper, float)
     axis, side = "xyz".index(name[0]), (lower if name[1] == "-" else upper)
     return np.abs(points[:, axis] - side[axis]) < 1e-9 * np.abs(upper - lower).max()
+
+
+def _assembled(form: Any) -> sp.csr_matrix:
+    """The matrix of a form."""
+    matrix = assemble_matrix(fem.form(form))
+    matrix.assemble()
+    indptr, indices, values = matrix.getValuesCSR()
+    result = sp.csr_matrix((values, indices, indptr), shape=matrix.getSize())
+    matrix.destroy()
+    return result
 
 
 class _AssembledBody:
@@ -224,16 +235,21 @@ class _AssembledBody:
         def strain(w: Any) -> Any:
             return ufl.sym(ufl.grad(w))
 
-        stress = lame[0] * ufl.div(u) * ufl.Identity(dimension) + 2 * lame[1] * strain(u)
+        # with mean dilatation the pressure is a constant of each cell, eliminated from
+        #   a(u, v) + ∫ p div v = l(v),  ∫ q (div u - p / λ) = 0
+        mean = body.materials[0].mean_dilatation
+        stress = (0.0 if mean else lame[0]) * ufl.div(u) * ufl.Identity(dimension) + 2 * lame[
+            1
+        ] * strain(u)
         # Two points a direction for degree 1, three for degree 2, as every code has it: exact on
         # boxes; on distorted cells the integrand is rational, and another rule would make another
         # discrete problem.
         dx = ufl.dx(metadata={"quadrature_degree": 2 * body.degree})
-        matrix = assemble_matrix(fem.form(ufl.inner(stress, strain(v)) * dx))
-        matrix.assemble()
-        indptr, indices, values = matrix.getValuesCSR()
-        self.stiffness = sp.csr_matrix((values, indices, indptr), shape=matrix.getSize())
-        matrix.destroy()
+        self.stiffness = _assembled(ufl.inner(stress, strain(v)) * dx)
+        if mean:
+            p, q = ufl.TrialFunction(constants), ufl.TestFunction(constants)
+            D, M = _assembled(ufl.div(v) * p * dx), _assembled(p * q / lame[0] * dx)
+            self.stiffness = sp.csr_matrix(self.stiffness + D @ sp.diags(1.0 / M.diagonal()) @ D.T)
         self.load = np.zeros(self.points.shape[0] * dimension)
 
     def add_load(
@@ -292,11 +308,7 @@ class _AssembledBody:
         tags = mesh.meshtags(self.domain, 2, facets, np.ones_like(facets))
         ds = ufl.Measure("ds", domain=self.domain, subdomain_data=tags)(1)
         psi, phi = ufl.TestFunction(hats), ufl.TrialFunction(quadratic)
-        assembled = assemble_matrix(fem.form(psi * phi * ds))
-        assembled.assemble()
-        indptr, indices, values = assembled.getValuesCSR()
-        matrix = sp.csr_matrix((values, indices, indptr), shape=assembled.getSize())
-        assembled.destroy()
+        matrix = _assembled(psi * phi * ds)
         area = np.asarray(matrix.sum(axis=1)).ravel()
         rows = np.flatnonzero(area > 1e-12 * area.max())
         mean = sp.diags(1.0 / area[rows]) @ matrix[rows]

@@ -1,19 +1,24 @@
 """Random scenes, as a user might type them: any seed gives one, the same one every time.
 
 What is drawn: dimension, cells, bodies (also slender ones, slivers, far from the origin, in any
-unit, one on another), materials to a contrast of 1e6 and nearly incompressible, conditions that
-hold a body, hold it in part or not at all, loads, obstacles that are near, touched, overlapped,
-tilted or curved, and partitions. Many of these scenes have no equilibrium; that is part of the
-question.
+unit, one on another with meshes that do not match, of distorted cells from a mesh file), degree 1
+and 2, mean dilatation, materials to a contrast of 1e6 (in one body, too) and nearly
+incompressible, conditions that hold a body, hold it in part or not at all, loads, obstacles that
+are near, touched, overlapped, tilted or curved, tolerances (`auto`, too), expansions, and
+partitions. Many of these scenes have no equilibrium; that is part of the question.
 """
 
 from __future__ import annotations
 
 import itertools
+import tempfile
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tests import meshfiles
 from tests.scenes import CELLS_2D, CELLS_3D, Config
 
 Subdomains = int | list[int] | None
@@ -50,23 +55,32 @@ class _Draw:
 
     def scene(self) -> tuple[Config, Subdomains]:
         cell = self.choice(CELLS_3D if self.dimension == 3 else CELLS_2D)
-        plane = self.choice(("plane_strain", "plane_stress"))
+        self.plane = self.choice(("plane_strain", "plane_stress"))
         made: Config = {
             "title": f"random scene {self.seed}",
-            "dimension": 3 if self.dimension == 3 else plane,
+            "dimension": 3 if self.dimension == 3 else self.plane,
             "bodies": [],
             "conditions": [],
             "contacts": [],
             "solver": {"tolerance": 1e-8},
         }
-        if self.chance(0.2):
+        if self.chance(0.25):
             self.stack(made, cell)
-            return made, self.subdomains(made)
-        for number in range(self.choice((1, 1, 2, 3))):
-            self.body(made, number, cell)
-        if self.chance(0.1):
-            made["contacts"] += [dict(c) for c in made["contacts"]]  # every obstacle twice
+        else:
+            for number in range(self.choice((1, 1, 2, 3))):
+                self.body(made, number, cell)
+            if self.chance(0.1):
+                made["contacts"] += [dict(c) for c in made["contacts"]]  # every obstacle twice
+        self.solver(made)
         return made, self.subdomains(made)
+
+    def solver(self, made: Config) -> None:
+        """Mostly the defaults; `auto` where the error of the mesh is known."""
+        plain = all(b.get("degree", 1) == 1 and "mean_dilatation" not in b for b in made["bodies"])
+        if self.chance(0.15):
+            made["solver"]["tolerance"] = "auto" if plain else 1e-4
+        if self.chance(0.15):
+            made["solver"]["expansion"] = self.choice(("projcg", "fixed", "gfgr-opt"))
 
     def stack(self, made: Config, cell: str) -> None:
         """A block pressed onto another one: meshes that do not match, any contrast."""
@@ -80,21 +94,9 @@ class _Draw:
         for number in range(2):
             stiff = self.young * CONTRAST ** self.random.uniform(-0.5, 0.5)
             cells = [int(n) for n in self.random.integers(1, most + 1, d)]
-            made["bodies"].append(
-                {
-                    "name": f"b{number}",
-                    "mesh": {
-                        "box": {
-                            "lower": _floats(lower[number] * self.unit),
-                            "upper": _floats((lower[number] + size[number]) * self.unit),
-                            "cells": cells,
-                            "cell": cell,
-                        }
-                    },
-                    "material": self.material(stiff),
-                }
-            )
-        softest = min(b["material"]["young"] for b in made["bodies"])
+            low, high = lower[number] * self.unit, (lower[number] + size[number]) * self.unit
+            made["bodies"].append(self.meshed(f"b{number}", low, high, cells, cell, stiff))
+        softest = min(min(moduli(b)) for b in made["bodies"])
         made["conditions"] += [
             {"on": f"b0.{axis}-", "displacement": [0.0] * d},
             {"on": f"b1.{axis}+", "pressure": float(softest * self.strain)},
@@ -112,9 +114,33 @@ class _Draw:
         poisson = 0.4999 if self.chance(0.1) else float(self.random.uniform(0.0, 0.49))
         return {"young": float(stiff), "poisson": poisson}
 
-    def degree(self) -> int:
-        """One body in eight is quadratic."""
-        return 2 if self.chance(0.125) else 1
+    def meshed(
+        self, name: str, lower: np.ndarray, upper: np.ndarray, cells: list[int], cell: str,
+        stiff: float,
+    ) -> Config:  # fmt: skip
+        """A body between two corners: a box, or the same of distorted cells from a file.
+
+        One in eight is quadratic, one in four of the others has mean dilatation where it may.
+        """
+        body: Config = {"name": name}
+        if self.chance(0.2):
+            n = int(self.choice((2, 4) if self.dimension == 2 else (2,)))
+            seed = int(self.random.integers(3))
+            body["mesh"] = {"file": _mesh_file(cell, n, seed, tuple(lower), tuple(upper))}
+            body["material"] = self.material(stiff)
+            if self.chance(0.5):
+                other = stiff * CONTRAST ** self.random.uniform(-0.5, 0.5)
+                body["material"] = {"soft": body["material"], "hard": self.material(other)}
+        else:
+            corners = {"lower": _floats(lower), "upper": _floats(upper)}
+            body["mesh"] = {"box": {**corners, "cells": cells, "cell": cell}}
+            body["material"] = self.material(stiff)
+        may = cell == "hexahedron" or (cell == "quadrilateral" and self.plane == "plane_strain")
+        if self.chance(0.125):
+            body["degree"] = 2
+        elif self.chance(0.25) and may:
+            body["mean_dilatation"] = True
+        return body
 
     def body(self, made: Config, number: int, cell: str) -> None:
         d, name = self.dimension, f"b{number}"
@@ -136,21 +162,8 @@ class _Draw:
         lower, size = lower * self.unit, size * self.unit
         upper = lower + size
         stiff = self.young * CONTRAST ** self.random.uniform(-0.5, 0.5)
-        made["bodies"].append(
-            {
-                "name": name,
-                "mesh": {
-                    "box": {
-                        "lower": _floats(lower),
-                        "upper": _floats(upper),
-                        "cells": [int(n) for n in cells],
-                        "cell": cell,
-                    }
-                },
-                "degree": self.degree(),
-                "material": self.material(stiff),
-            }
-        )
+        made["bodies"].append(self.meshed(name, lower, upper, [int(n) for n in cells], cell, stiff))
+        stiff = min(moduli(made["bodies"][-1]))
         faces = [f"{axis}{side}" for axis in "xyz"[:d] for side in "-+"]
         faces = [faces[i] for i in self.random.permutation(len(faces))]
         held = self.choice(("all", "some", "none"), [0.6, 0.25, 0.15])
@@ -244,13 +257,39 @@ class _Draw:
         return {"sphere": {"center": _floats(middle), "radius": around + gap, "hollow": True}}
 
     def subdomains(self, made: Config) -> Subdomains:
-        least = np.min([b["mesh"]["box"]["cells"] for b in made["bodies"]], axis=0)
+        boxes = [b["mesh"]["box"]["cells"] for b in made["bodies"] if "box" in b["mesh"]]
+        least = np.min([*boxes, np.full(self.dimension, 100 if boxes else 2)], axis=0)
+        if len(boxes) < len(made["bodies"]):
+            least = np.minimum(least, 2)
         kind = self.choice(("auto", "split", "graph", "whole"))
         if kind == "split":
             return [int(self.random.integers(1, n + 1)) for n in least]
         if kind == "graph":
             return len(made["bodies"]) + int(self.random.integers(0, 4))
         return None if kind == "auto" else 1
+
+
+@cache
+def _mesh_file(
+    cell: str, n: int, seed: int, lower: tuple[float, ...], upper: tuple[float, ...]
+) -> str:
+    """A mesh file of a block of distorted cells between two corners, kept while Python runs."""
+    mesh = meshfiles.block(cell, n, seed=seed)
+    d = len(lower)
+    mesh.points[:, :d] = np.array(lower) + mesh.points[:, :d] * np.subtract(upper, lower)
+    path = Path(_directory().name) / f"{_mesh_file.cache_info().misses}.msh"
+    return str(meshfiles.write(mesh, path))
+
+
+@cache
+def _directory() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="random-scenes-")
+
+
+def moduli(body: Config) -> list[float]:
+    """Young's moduli of a body."""
+    material = body["material"]
+    return [m["young"] for m in ([material] if "young" in material else material.values())]
 
 
 def _floats(vector: np.ndarray) -> list[float]:

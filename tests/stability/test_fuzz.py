@@ -79,6 +79,7 @@ def test_a_solve_without_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_the_random_scenes_are_what_they_should_be() -> None:
     """Equal for equal seeds, and with something of everything."""
+    from tests.stability.random_scenes import moduli as moduli_of
     from tests.stability.random_scenes import random_scene
 
     made = [random_scene(seed)[0] for seed in range(300)]
@@ -87,9 +88,16 @@ def test_the_random_scenes_are_what_they_should_be() -> None:
     kinds = {next(iter(c["obstacle"])) if "obstacle" in c else "body" for c in contacts}
     assert kinds == {"plane", "sphere", "cylinder", "body"}
     assert {b.get("degree", 1) for scene in made for b in scene["bodies"]} == {1, 2}
-    moduli = [[b["material"]["young"] for b in scene["bodies"]] for scene in made]
+    bodies = [b for scene in made for b in scene["bodies"]]
+    assert sum("mean_dilatation" in b for b in bodies) > 5
+    assert sum("file" in b["mesh"] for b in bodies) > 20
+    assert {str(scene["solver"]["tolerance"]) for scene in made} == {"1e-08", "0.0001", "auto"}
+    moduli = [[m for b in scene["bodies"] for m in moduli_of(b)] for scene in made]
     assert max(max(m) / min(m) for m in moduli) > 1e4
-    boxes = [b["mesh"]["box"] for scene in made for b in scene["bodies"]]
+    assert max(max(moduli_of(b)) / min(moduli_of(b)) for b in bodies) > 1e2  # in one body
+    stacks = [s["bodies"] for s in made if any("against" in c for c in s["contacts"])]
+    assert {b.get("degree", 1) for stack in stacks for b in stack} == {1, 2}
+    boxes = [b["mesh"]["box"] for b in bodies if "box" in b["mesh"]]
     edges = [[u - v for u, v in zip(b["upper"], b["lower"], strict=True)] for b in boxes]
     assert max(max(e) / min(e) for e in edges) > 50
     assert {b["cell"] for b in boxes} == {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
