@@ -106,15 +106,15 @@ def plot(
 
     if camera is not None and not any(camera):
         raise ConfigurationError("--camera is 0 0 0: it needs a direction")
-    pictures, left_out = draw(
+    pictures, remarks = draw(
         directory,
         output=output,
         fields=tuple(field or ("von_mises", "contact_pressure")),
         exaggeration=scale,
         camera=camera,
     )
-    for sentence in left_out:
-        typer.echo(f"left out: {sentence}", err=True)
+    for sentence in remarks:
+        typer.echo(sentence, err=True)
     for path in pictures:
         typer.echo(f"wrote {path}")
 

@@ -105,6 +105,7 @@ def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
         axes.plot(position, pressure[nodes], marker=".", markersize=4, linewidth=1.2, label=label)
     axes.set(xlabel="position along the boundary", ylabel="contact pressure")
     axes.set_ylim(bottom=0.0)
+    axes.ticklabel_format(axis="y", scilimits=(-3, 4))
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
 
@@ -134,7 +135,8 @@ def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None
         axes.set_aspect("equal")
         axes.set(xlabel=names[0], ylabel=names[1])
         flat.append(axes)
-    figure.colorbar(shades, ax=flat, label="contact pressure", shrink=0.8)
+    bar = figure.colorbar(shades, ax=flat, label="contact pressure", shrink=0.8)
+    bar.formatter.set_powerlimits((-3, 4))
 
 
 def _flattened(

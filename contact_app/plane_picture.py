@@ -53,9 +53,10 @@ def draw_plane(
         axes.set_aspect("equal")
         axes.autoscale_view()
         axes.set_axis_off()
-        figure.colorbar(
+        bar = figure.colorbar(
             shades, ax=axes, location="bottom", label=labels.get(name, name), shrink=0.8
         )
+        bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=10)
     figure.savefig(target, dpi=150)
     return target

@@ -66,7 +66,11 @@ class Stored:
         -------
         list of (sides, 2) in the plane, of (sides, 3) or (sides, 4) in space
         """
-        return [_single(sides) for sides in self._sides() if len(sides)]
+        return [sides for sides, _ in self.skin()]
+
+    def skin(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """The same, and the row in `cell_data` of the cell each side belongs to (sides,)."""
+        return [_single(sides, rows) for sides, rows in self._sides() if len(sides)]
 
     def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Cells of the plane as triangles (n, 3), and the row in `cell_data` of each (n,)."""
@@ -77,14 +81,16 @@ class Stored:
                 rows.append(self.numbers[name])
         return np.concatenate(corners), np.concatenate(rows)
 
-    def _sides(self) -> Iterator[NDArray[np.int64]]:
+    def _sides(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
         found: dict[int, list[NDArray[np.int64]]] = {}
+        rows: dict[int, list[NDArray[np.int64]]] = {}
         for name, cells in self.cells.items():
             base = _base(name)
             for pieces in _pieces(base, quadratic=name != base):
                 found.setdefault(len(pieces), []).append(cells[:, list(pieces)])
-        for parts in found.values():
-            yield np.concatenate(parts)
+                rows.setdefault(len(pieces), []).append(self.numbers[name])
+        for corners, parts in found.items():
+            yield np.concatenate(parts), np.concatenate(rows[corners])
 
 
 def read(directory: Path | str) -> Stored:
@@ -178,12 +184,15 @@ def _middles(cell: str, side: tuple[int, ...]) -> list[int]:
     return [known[pair] for pair in (pairs[:1] if len(side) == 2 else pairs)]
 
 
-def _single(sides: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sides that occur once, whichever way round."""
+def _single(
+    sides: NDArray[np.int64], rows: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sides that occur once, whichever way round, and their rows."""
     _, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
-    return np.asarray(sides[first[count == 1]])
+    once = first[count == 1]
+    return sides[once], rows[once]
 
 
 _CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
