@@ -3,8 +3,9 @@
 A row at each node does not serve there. Of the six shape functions of a face those of the vertices
 have the integral zero, so the nodal forces of a constant pressure are zero at vertices, those of a
 linear one of either sign, and λ ≥ 0 cannot represent them. The pressure is linear on each face
-instead, p = Σ p_j ψ_j with ψ_j the hat function of vertex j, and what it works on, the gap
-averaged with ψ_j, is what must not be negative:
+instead (on a curved one in the coordinates of its reference), p = Σ p_j ψ_j with ψ_j the hat
+function of vertex j, and what it works on, the gap averaged with ψ_j, is what must not be
+negative:
 
     ∫ ψ_j (g + n·u) ds / W_j ≥ 0,   W_j = ∫ ψ_j ds,
 
@@ -20,23 +21,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.facets import moments
 from contact_app.obstacles import Obstacle
 from contact_app.scene import Body
 from meshes import Partition
 from solver.tfeti.constraints import ContactEntries, ContactRows
 from solver.tfeti.exchange import NodeExchange
-
-MOMENTS = (
-    np.array(
-        [
-            [2.0, -1.0, -1.0, 4.0, 8.0, 8.0],
-            [-1.0, 2.0, -1.0, 8.0, 4.0, 8.0],
-            [-1.0, -1.0, 2.0, 8.0, 8.0, 4.0],
-        ]
-    )
-    / 60.0
-)
-"""∫ ψ_j φ_k ds over the area of a flat face; node 3 + i is in the middle of the edge opposite i."""
 
 
 def has_averaged_rows(body: Body) -> bool:
@@ -74,12 +64,11 @@ def averaged_rows(
         if len(rows) == 0:  # another body's facets may have other nodes
             continue
         facets, x = s.reference.facets[rows], s.points()
-        a, b, c = (x[facets[:, i]] for i in range(3))
-        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        shape = (len(facets), *MOMENTS.shape)
+        integrals = moments(x[facets], d)
+        shape = integrals.shape
         vertices.append(np.broadcast_to(s.nodes[facets[:, :3, None]], shape).ravel())
         nodes.append(np.broadcast_to(s.nodes[facets[:, None]], shape).ravel())
-        weights.append((area[:, None, None] * MOMENTS).ravel())
+        weights.append(integrals.ravel())
         points.append(np.broadcast_to(x[facets[:, None]], (*shape, 3)).reshape(-1, 3))
     meeting = NodeExchange(partition.comm, np.concatenate(vertices), exchange.total)
     pair = np.stack([meeting.nodes, meeting.to_owners(np.concatenate(nodes))], axis=1)

@@ -431,7 +431,7 @@ class _Builder:
             )
         if body.degree not in (1, 2):
             self._fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
-        mesh = self._mesh(body.mesh, (*path, "mesh"))
+        mesh = self._mesh(body.mesh, body.degree, (*path, "mesh"))
         materials, mesh = self._materials(body, mesh, (*path, "material"))
         if body.mean_dilatation:
             at = (*path, "mean_dilatation")
@@ -504,7 +504,7 @@ class _Builder:
             )
         return Material(material.young, poisson)
 
-    def _mesh(self, mesh: c.Mesh, path: tuple[str | int, ...]) -> BodyMesh:
+    def _mesh(self, mesh: c.Mesh, degree: int, path: tuple[str | int, ...]) -> BodyMesh:
         if (mesh.box is None) == (mesh.file is None):
             both = "has both; exactly one of" if mesh.box else "needs"
             self._fail(path, f"{both} `box: {{lower, upper, cells, cell}}` or `file: part.msh`")
@@ -513,9 +513,9 @@ class _Builder:
                 if key in mesh.model_fields_set:
                     self._fail((*path, key), "belongs to a mesh from a file; a box has corners")
             return self._box(mesh.box, (*path, "box"))
-        return self._file(mesh, path)
+        return self._file(mesh, degree, path)
 
-    def _file(self, mesh: c.Mesh, path: tuple[str | int, ...]) -> BodyMesh:
+    def _file(self, mesh: c.Mesh, degree: int, path: tuple[str | int, ...]) -> BodyMesh:
         from meshes import (
             MeshError,
             Placement,
@@ -543,7 +543,7 @@ class _Builder:
             self._fail((*path, "file"), f"is {mesh.file!r}, which is no name of a file")
         file = self.c.source.parent / mesh.file
         try:
-            found = load_mesh(file, self.dimension, placement, groups)
+            found = load_mesh(file, self.dimension, placement, groups, degree)
         except MeshError as error:
             self._fail((*path, "file"), f"is {file}, which {error}")
         dofs = float(found.nodes * self.dimension * 2 ** (self.dimension * mesh.refine))

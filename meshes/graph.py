@@ -20,7 +20,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from meshes import versions
-from meshes.subdomains import VTK_ORDER, Reference, Subdomain
+from meshes.quadratic import STRAIGHT, VERTICES, bulges
+from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order
 from meshes.unstructured import CellMesh, matching_rows
 
 CRUMB = 0.2
@@ -143,9 +144,13 @@ def place_piece(
         piece.tags.tobytes(),
     )  # fmt: skip
     if key not in references:
-        corners = piece.cells[:, VTK_ORDER[piece.cell]]  # this order is its own inverse
-        used, cells = np.unique(corners, return_inverse=True)
-        mesh = versions.create_mesh(cells.reshape(corners.shape), local[used], piece.cell)
+        order = VTK_ORDER[piece.cell]  # its own inverse
+        degree = 2 if _curved(piece) else 1
+        if degree == 2:
+            order = tuple(np.argsort(vtk_order(piece.cell, degree)).tolist())
+        nodes = piece.cells[:, order]
+        used, cells = np.unique(nodes, return_inverse=True)
+        mesh = versions.create_mesh(cells.reshape(nodes.shape), local[used], piece.cell, degree)
         references[key] = Reference.of(mesh, piece.cell, piece.degree, piece.tags)
     reference = references[key]
     given = np.empty(len(local), np.int64)
@@ -165,6 +170,15 @@ def place_piece(
             for name, rows in piece.boundaries.items()
         },
     )
+
+
+def _curved(piece: Piece) -> bool:
+    """Whether any edge of a piece is curved."""
+    if piece.degree == 1:
+        return False
+    x = piece.points[piece.cells]
+    v = VERTICES[piece.cell]
+    return bool(bulges(x[:, :v], x[:, v:], piece.cell).max() > STRAIGHT)
 
 
 def _symmetric(pairs: NDArray[np.int64], size: int) -> sparse.csr_matrix:

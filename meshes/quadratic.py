@@ -3,6 +3,10 @@
 Full Lagrange cells: 6 nodes in a triangle, 9 in a quadrilateral, 10 in a tetrahedron, 27 in a
 hexahedron, in VTK's order (VTK_QUADRATIC_TRIANGLE, VTK_BIQUADRATIC_QUAD, VTK_QUADRATIC_TETRA,
 VTK_TRIQUADRATIC_HEXAHEDRON): first the vertices, then what is listed here.
+
+A cell is as curved as its nodes: the position of a point of the reference cell is interpolated
+between all of them (isoparametric). Serendipity cells (8 and 20 nodes), whose interpolation is
+among those of the full cells, become such by the nodes they lack, put where they interpolate them.
 """
 
 from __future__ import annotations
@@ -32,6 +36,9 @@ FACES = {
 
 VERTICES = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 
+STRAIGHT = 1e-9
+"""Distance of a node from the middle of its vertices, over the size of the cell, that is none."""
+
 CENTRED = ("quadrilateral", "hexahedron")
 """Cells that have a node in their middle."""
 
@@ -42,6 +49,54 @@ def node_vertices(cell: str) -> tuple[tuple[int, ...], ...]:
     corners = tuple((v,) for v in range(VERTICES[cell]))
     centre = (tuple(range(VERTICES[cell])),) if cell in CENTRED else ()
     return (*corners, *EDGES[cell], *FACES.get(cell, ()), *centre)
+
+
+def middles_of(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+    """Places of the nodes that cells have besides their vertices, (cells, further nodes, d).
+
+    Parameters
+    ----------
+    x : (cells, nodes, d)
+        Nodes in VTK's order: of first order (straight edges), serendipity, or all.
+    """
+    v, nodes = VERTICES[cell], node_vertices(cell)
+    count, edges = x.shape[1], len(EDGES[cell])
+    if count == len(nodes):
+        return x[:, v:]
+    if count == v:
+        return straight_middles(x, cell)
+    found = [x[:, v:]]
+    for on in nodes[v + edges :]:  # shape functions of 8 and 20 nodes amid the face or cell
+        around = [v + i for i, edge in enumerate(EDGES[cell]) if set(edge) <= set(on)]
+        share = 0.5 if len(on) == 4 else 0.25
+        middle = share * x[:, around].sum(axis=1) - 0.25 * x[:, list(on)].sum(axis=1)
+        found.append(middle[:, None])
+    return np.concatenate(found, axis=1)
+
+
+def straight_middles(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+    """Places of the further nodes where edges are straight; `x` as above, vertices first."""
+    on = node_vertices(cell)[VERTICES[cell] :]
+    return np.stack([x[:, list(vertices)].mean(axis=1) for vertices in on], axis=1)
+
+
+def bulges(x: NDArray[np.float64], middles: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+    """How far cells are from having straight edges, over their size, (cells,).
+
+    Parameters
+    ----------
+    x : (cells, vertices or more, d)
+    middles : (cells, further nodes, d)
+    """
+    away = np.linalg.norm(middles - straight_middles(x, cell), axis=2).max(axis=1)
+    return away / np.ptp(x, axis=1).max(axis=1)
+
+
+def reordering(cell: str, order: tuple[int, ...]) -> NDArray[np.int64]:
+    """Which node each becomes when the vertices of a second-order cell are taken in an order."""
+    nodes = node_vertices(cell)
+    place = {frozenset(on): k for k, on in enumerate(nodes)}
+    return np.array([place[frozenset(order[i] for i in on)] for on in nodes])
 
 
 def facet_table(facets: tuple[tuple[int, ...], ...], cell: str) -> NDArray[np.int64]:

@@ -5,7 +5,7 @@ Names come from Gmsh's physical groups (formats 2.2 and 4.1), from the sets of o
 the body's dimension are parts of its volume, groups one dimension lower parts of its surface;
 sets of nodes stand for the facets they enclose.
 
-Cells with nodes amid their edges keep their corners: edges are taken as straight.
+Cells with nodes amid their edges keep them, in VTK's order.
 """
 
 from __future__ import annotations
@@ -65,8 +65,9 @@ class FileContent:
         Corner nodes of facets by name, (facets, corners).
     point_groups
         Nodes by name.
-    second_order
-        Whether cells had nodes amid their edges, which are left out.
+    nodes
+        All nodes of the cells as the file has them, block by block in the order of `cells`: blocks
+        of cells of second order have more than the corners.
     notes
         What was left out, a sentence each.
     """
@@ -77,8 +78,13 @@ class FileContent:
     cell_groups: dict[str, NDArray[np.int64]]
     facet_groups: dict[str, NDArray[np.int64]]
     point_groups: dict[str, NDArray[np.int64]]
-    second_order: bool
+    nodes: tuple[NDArray[np.int64], ...]
     notes: tuple[str, ...]
+
+    @property
+    def second_order(self) -> bool:
+        """Whether cells have nodes besides their corners."""
+        return any(block.shape[1] > self.kind.corners for block in self.nodes)
 
 
 def read_file(path: Path, dimension: int) -> FileContent:
@@ -106,9 +112,6 @@ def read_file(path: Path, dimension: int) -> FileContent:
     mine = [i for i, block in enumerate(mesh.cells) if block.type in names]
     cells = np.concatenate([_corners(mesh.cells[i], kind.corners) for i in mine])
     notes = []
-    second_order = any(mesh.cells[i].type != kind.first for i in mine)
-    if second_order:
-        notes.append("cells have nodes amid their edges: only corners are used, edges are straight")
     facet_types = {n for n, c in FACET_CORNERS.items() if c == len(FACETS[kind.name][0])}
     facets = [i for i, block in enumerate(mesh.cells) if block.type in facet_types]
     starts = dict(zip(mine, np.cumsum([0, *(len(mesh.cells[i]) for i in mine)]), strict=False))
@@ -136,7 +139,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
             str(name): np.unique(np.asarray(nodes, dtype=np.int64))
             for name, nodes in (mesh.point_sets or {}).items()
         },
-        second_order=second_order,
+        nodes=tuple(np.asarray(mesh.cells[i].data, dtype=np.int64) for i in mine),
         notes=tuple(notes),
     )
 

@@ -4,8 +4,8 @@ Triangles and quadrilaterals fall into four cells, tetrahedra and hexahedra into
 octahedron that is left when a tetrahedron loses its corners is cut along its shortest diagonal,
 which keeps shapes from degenerating when it is done again (S. Zhang, *Successive subdivisions of
 tetrahedra and multigrid methods on tetrahedral meshes*, Houston J. Math. 21, 1995). The new nodes
-are those of second-order cells with straight edges: a curved boundary stays the polygon or
-polyhedron it was.
+are those of second-order cells: where edges are straight a curved boundary stays the polygon or
+polyhedron it was, curved cells fall into curved ones that fill the same place.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes.quadratic import node_vertices, with_middles
+from meshes import versions
+from meshes.quadratic import node_vertices, straight_middles
+from meshes.subdomains import vtk_order
 from meshes.unstructured import FACETS, CellMesh, Topology, matching_rows
 
 Rows = list[list[int]]
@@ -82,10 +84,13 @@ FACET_PARTS = {
 
 def refined(mesh: CellMesh) -> CellMesh:
     """A mesh of first order with every edge halved; groups and parts of the surface go on."""
-    points, nodes = with_middles(mesh.points, mesh.cells, mesh.cell)
-    cells = nodes[:, PARTS[mesh.cell]]
+    whole = mesh.shape(2)
+    points, nodes = whole.points, whole.cells
+    local = np.broadcast_to(PARTS[mesh.cell], (len(nodes), *PARTS[mesh.cell].shape))
     if mesh.cell == "tetrahedron":
-        cells = np.concatenate([cells, _octahedra(points, nodes)], axis=1)
+        local = np.concatenate([local, _octahedra(points, nodes)], axis=1)
+    cells = np.take_along_axis(nodes, local.reshape(len(nodes), -1), axis=1).reshape(local.shape)
+    middles = None if mesh.middles is None else _inner_middles(points[nodes], local, mesh.cell)
     parts = cells.shape[1]
     cells = cells.reshape(-1, cells.shape[2])
     topology = Topology.of(cells, mesh.cell)
@@ -106,7 +111,37 @@ def refined(mesh: CellMesh) -> CellMesh:
             for name, rows in mesh.groups.items()
         },
         tags=np.repeat(mesh.tags, parts),
+        middles=middles,
     )
+
+
+def _inner_middles(
+    x: NDArray[np.float64], parts: NDArray[np.int64], cell: str
+) -> NDArray[np.float64]:
+    """Where the further nodes of the parts of curved cells lie in the cells.
+
+    Parameters
+    ----------
+    x : (cells, nodes, d)
+        All nodes of the cells.
+    parts : (cells, parts, vertices)
+        Nodes of a cell that are vertices of its parts.
+
+    Returns
+    -------
+    (cells · parts, further nodes, d)
+    """
+    order = list(vtk_order(cell, 2))
+    reference = versions.lagrange_nodes(cell, 2)[0][order]
+    found = np.empty((*parts.shape[:2], x.shape[1] - parts.shape[2], x.shape[2]))
+    kinds, kind = np.unique(parts.reshape(-1, parts.shape[2]), axis=0, return_inverse=True)
+    kind = kind.reshape(parts.shape[:2])
+    for k, vertices in enumerate(kinds):
+        at = straight_middles(reference[None, vertices], cell)[0]
+        values = versions.lagrange_values(cell, 2, at)[:, order]
+        row, part = np.nonzero(kind == k)
+        found[row, part] = np.einsum("qk,cki->cqi", values, x[row])
+    return found.reshape(-1, *found.shape[2:])
 
 
 def _surface_parts(mesh: CellMesh, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -120,14 +155,13 @@ def _surface_parts(mesh: CellMesh, nodes: NDArray[np.int64]) -> NDArray[np.int64
 
 
 def _octahedra(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Four tetrahedra around the shortest diagonal of the middle of each, (cells, 4, 4)."""
+    """Nodes of each cell in the four parts about the shortest diagonal, (cells, 4, 4)."""
     ends = np.array([[_middle("tetrahedron", *edge) for edge in pair] for pair in OPPOSITE])
     # the middles around each diagonal in turn, such that the tetrahedra are not inside out
     rings = [(*ends[k - 2], *ends[k - 1]) for k in range(3)]
     rings = [(a, c, b, d) for a, b, c, d in rings]
     x = points[nodes[:, ends]]
     shortest = np.linalg.norm(x[:, :, 0] - x[:, :, 1], axis=2).argmin(axis=1)
-    axis = np.take_along_axis(nodes, ends[shortest], axis=1)
-    ring = np.take_along_axis(nodes, np.array(rings)[shortest], axis=1)
+    axis, ring = ends[shortest], np.array(rings)[shortest]
     parts = [[*axis.T, ring[:, i], ring[:, (i + 1) % 4]] for i in range(4)]
     return np.array(parts).transpose(2, 0, 1)

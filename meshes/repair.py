@@ -4,6 +4,9 @@ Repaired and reported: nodes no cell uses are dropped, nodes at one place become
 inside out are turned back, cells given twice count once. Refused: cells without volume or folded
 into themselves, cells that overlap, nodes that hang on a neighbour's edge or face, and a body
 that falls apart into pieces which share no facet.
+
+Nodes amid the edges of second-order cells make edges curved where the displacement is of degree 2;
+for degree 1 they are left out, which is reported. Cells that their curved edges fold are refused.
 """
 
 from __future__ import annotations
@@ -18,8 +21,19 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from meshes.quadratic import EDGES
+from meshes import versions
+from meshes.quadratic import (
+    EDGES,
+    STRAIGHT,
+    VERTICES,
+    bulges,
+    middles_of,
+    node_vertices,
+    reordering,
+    with_middles,
+)
 from meshes.read import FileContent, read_file
+from meshes.subdomains import vtk_order
 from meshes.unstructured import CellMesh, MeshError, Topology
 
 SAME_PLACE = 1e-9
@@ -42,6 +56,18 @@ SHORTEST_EDGE = 1e-15
 
 HANGING = 1e-6
 """Distance to a facet over its size below which a node that is not one of its own hangs on it."""
+
+APART = 1e-6
+"""Distance over the size of cells between the nodes two cells have amid a common edge or face."""
+
+FOLDED = 1e-6
+"""Least over largest Jacobian of a curved cell that is allowed."""
+
+LATTICE = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 3}
+"""Points along an edge, less one, at which the Jacobian of curved cells is looked at."""
+
+BATCH = 20_000
+"""Curved cells looked at at once."""
 
 CORNERS = {
     "triangle": ((0, 1, 2),),
@@ -101,6 +127,7 @@ def load_mesh(
     dimension: int,
     placement: Placement | None = None,
     groups: Iterable[str] = (),
+    degree: int = 1,
 ) -> CellMesh:
     """Read a mesh file and make it fit to compute with.
 
@@ -112,6 +139,8 @@ def load_mesh(
         How it is scaled, turned and moved.
     groups
         Cell groups that make the body; all cells unless given.
+    degree
+        Of the displacement; 2 keeps the nodes amid the edges of second-order cells.
 
     Raises
     ------
@@ -128,6 +157,8 @@ def load_mesh(
     if dimension == 2:
         points = _in_the_plane(points, cells, notes)
     points = (placement or Placement())(points)[:, :dimension]
+    middles = _middles(content, points, degree, notes)
+    number = np.unique(row, return_index=True)[1][chosen]  # of each cell in the file, from 0
 
     used = np.unique(cells)
     idle = len(points) - len(used)
@@ -143,12 +174,19 @@ def load_mesh(
     cells = rename[cells]
 
     cells, rows, doubled = _once(cells)
+    number = number[np.unique(rows, return_index=True)[1]]
     doubled += 0 if content.cell_groups else len(content.cells) - len(given)
     if doubled:
         notes.append(f"{doubled} cells are given twice: counted once")
     turned = _turn(points, cells, content.kind.name)
-    if turned:
-        notes.append(f"{turned} cells were inside out (negative volume): turned")
+    if turned.any():
+        notes.append(f"{int(turned.sum())} cells were inside out (negative volume): turned")
+    if middles is not None:
+        middles = middles[number]
+        order = reordering(content.kind.name, REVERSED[content.kind.name])
+        v = VERTICES[content.kind.name]
+        middles[turned] = middles[turned][:, order[v:] - v]
+        middles = _curved(points, cells, middles, content.kind.name, number)
 
     topology = Topology.of(cells, content.kind.name)
     if topology.crowded:
@@ -172,7 +210,75 @@ def load_mesh(
         tags=np.zeros(len(cells), np.int32),
         name=path.name,
         notes=tuple(notes),
+        middles=middles,
     )
+
+
+def _middles(
+    content: FileContent, points: NDArray[np.float64], degree: int, notes: list[str]
+) -> NDArray[np.float64] | None:
+    """Where the further nodes of all cells of a file are, (cells, further nodes, dimension)."""
+    if not content.second_order:
+        return None
+    if degree == 1:
+        notes.append(
+            "cells have nodes amid their edges: degree 1 uses their corners only, edges are "
+            "straight (degree: 2 keeps them curved)"
+        )
+        return None
+    cell = content.kind.name
+    full = len(node_vertices(cell))
+    lacking = sum(len(b) for b in content.nodes if content.kind.corners < b.shape[1] < full)
+    if lacking:
+        notes.append(
+            f"{lacking} cells have no nodes amid their faces or in their middle (serendipity): "
+            "added where their own shape functions put them"
+        )
+    return np.concatenate([middles_of(points[block], cell) for block in content.nodes])
+
+
+def _curved(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    middles: NDArray[np.float64],
+    cell: str,
+    number: NDArray[np.int64],
+) -> NDArray[np.float64] | None:
+    """The middles, checked, or None if all edges are straight."""
+    v = VERTICES[cell]
+    bulge = bulges(points[cells], middles, cell)
+    if bulge.max() <= STRAIGHT:
+        return None
+    places, nodes = with_middles(points, cells, cell)
+    places[nodes[:, v:]] = middles
+    away = np.linalg.norm(places[nodes[:, v:]] - middles, axis=2).max(axis=1)
+    apart = away > APART * np.ptp(points[cells], axis=1).max(axis=1)
+    if apart.any():
+        what = f"{cell}s that have nodes amid an edge or face elsewhere than their neighbours"
+        raise MeshError(_which(points, cells, apart, what, number))
+    folded = np.zeros(len(cells), bool)
+    rows = np.flatnonzero(bulge > STRAIGHT)
+    slopes = versions.lagrange_slopes(cell, 2, _lattice(cell))[..., list(vtk_order(cell, 2))]
+    for part in np.array_split(rows, len(rows) // BATCH + 1):
+        jacobian = np.linalg.det(np.einsum("qrk,cki->cqir", slopes, places[nodes[part]]))
+        folded[part] = jacobian.min(axis=1) <= FOLDED * jacobian.max(axis=1)
+    if folded.any():
+        what = f"{cell}s folded by their curved edges (their Jacobian is not positive everywhere)"
+        raise MeshError(
+            _which(points, cells, folded, what, number) + "; use smaller cells or straight edges "
+            "there (in Gmsh: Mesh.HighOrderOptimize = 2, or Mesh.SecondOrderLinear = 1)"
+        )
+    return middles
+
+
+def _lattice(cell: str) -> NDArray[np.float64]:
+    """Points of a reference cell, its corners among them, (points, dimension)."""
+    n, d = LATTICE[cell], 2 if cell in ("triangle", "quadrilateral") else 3
+    axes = np.meshgrid(*[np.arange(n + 1)] * d, indexing="ij")
+    points = np.stack([axis.ravel() for axis in axes], axis=1)
+    if cell in ("triangle", "tetrahedron"):
+        points = points[points.sum(axis=1) <= n]
+    return points / n
 
 
 def _chosen(members: dict[str, NDArray[np.int64]], groups: tuple[str, ...]) -> NDArray[np.int64]:
@@ -243,8 +349,8 @@ def _once(
     return cells[kept], np.searchsorted(kept, leader), len(cells) - len(kept)
 
 
-def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> int:
-    """Turn cells that are inside out (in place) and count them; refuse empty and folded ones."""
+def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> NDArray[np.bool_]:
+    """Turn cells that are inside out (in place) and say which; refuse empty and folded ones."""
     edges = points[cells[:, np.array(EDGES[cell])]]
     lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
     longest, shortest = lengths.max(axis=1), lengths.min(axis=1)
@@ -272,15 +378,20 @@ def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> i
                    "in another order than the format's")
         )  # fmt: skip
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
-    return int(inside_out.sum())
+    return inside_out
 
 
 def _which(
-    points: NDArray[np.float64], cells: NDArray[np.int64], bad: NDArray[np.bool_], what: str
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    bad: NDArray[np.bool_],
+    what: str,
+    number: NDArray[np.int64] | None = None,
 ) -> str:
-    centre = points[cells[np.flatnonzero(bad)[0]]].mean(axis=0)
-    at = ", ".join(f"{v:g}" for v in centre)
-    return f"has {int(bad.sum())} {what}; the first is at ({at})"
+    first = np.flatnonzero(bad)[0]
+    at = ", ".join(f"{v:g}" for v in points[cells[first]].mean(axis=0))
+    name = "" if number is None else f" cell {number[first] + 1} of the file,"
+    return f"has {int(bad.sum())} {what}; the first is{name} at ({at})"
 
 
 def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:

@@ -48,7 +48,8 @@ class Reference:
     Attributes
     ----------
     mesh
-        The dolfinx mesh; its geometry nodes come first among the nodes.
+        The dolfinx mesh; its geometry nodes come first among the nodes. Where edges are curved its
+        geometry is of second order and has all nodes of degree 2.
     cell
         Name of the cell, e.g. ``hexahedron``.
     degree
@@ -73,6 +74,11 @@ class Reference:
     facets: NDArray[np.int32]
     facet_entities: NDArray[np.int32]
     tags: NDArray[np.int32]
+
+    @property
+    def curved(self) -> bool:
+        """Whether cells have curved edges."""
+        return versions.cell_nodes(self.mesh).shape[1] > VERTICES[self.cell]
 
     @classmethod
     def of(

@@ -115,6 +115,9 @@ class CellMesh:
         What was repaired or left out when it was read, a sentence each.
     degree
         1, or 2 where cells have nodes amid their edges, faces and in their middle, too.
+    middles : (cells, further nodes, dimension)
+        Of a mesh of degree 1 whose edges are curved: where the nodes of degree 2 lie that cells
+        have besides their vertices, in VTK order; None where edges are straight.
     """
 
     cell: str
@@ -127,6 +130,7 @@ class CellMesh:
     name: str = "mesh"
     notes: tuple[str, ...] = field(default=())
     degree: int = 1
+    middles: NDArray[np.float64] | None = None
 
     @property
     def dimension(self) -> int:
@@ -146,12 +150,19 @@ class CellMesh:
     @cached_property
     def lower(self) -> tuple[float, ...]:
         """Smallest coordinates of any node."""
-        return tuple(float(v) for v in self.points.min(axis=0))
+        return tuple(float(v) for v in self._places.min(axis=0))
 
     @cached_property
     def upper(self) -> tuple[float, ...]:
         """Largest coordinates of any node."""
-        return tuple(float(v) for v in self.points.max(axis=0))
+        return tuple(float(v) for v in self._places.max(axis=0))
+
+    @property
+    def _places(self) -> NDArray[np.float64]:
+        """Coordinates of nodes, those amid curved edges among them."""
+        if self.middles is None:
+            return self.points
+        return np.concatenate([self.points, self.middles.reshape(-1, self.dimension)])
 
     @property
     def boundaries(self) -> tuple[str, ...]:
@@ -206,8 +217,10 @@ class CellMesh:
     def _quadratic(self) -> CellMesh:
         """The same mesh with the nodes of degree 2."""
         points, cells = with_middles(self.points, self.cells, self.cell)
+        if self.middles is not None:
+            points[cells[:, VERTICES[self.cell] :]] = self.middles
         topology = Topology.of(cells, self.cell)  # facets in the same order
-        return replace(self, points=points, cells=cells, topology=topology, degree=2)
+        return replace(self, points=points, cells=cells, topology=topology, degree=2, middles=None)
 
     def shape(self, degree: int) -> CellMesh:
         """What is cut into subdomains: the mesh itself, with the nodes of a degree."""
@@ -219,4 +232,5 @@ class CellMesh:
 
     def describe(self) -> str:
         """A phrase for reports."""
-        return f"{self.name} of {self.total_cells:,} cells ({self.cell})"
+        curved = "" if self.middles is None else " with curved edges"
+        return f"{self.name} of {self.total_cells:,} cells ({self.cell}){curved}"

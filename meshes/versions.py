@@ -43,24 +43,29 @@ def cellwise_scalars(mesh: Any) -> Any:
     return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("DG", 0))
 
 
-def coordinate_element(cell: str, dimension: int) -> Any:
-    """First-order coordinate element, as `create_mesh` expects it."""
+def coordinate_element(cell: str, dimension: int, degree: int = 1) -> Any:
+    """Coordinate element of a degree, as `create_mesh` expects it."""
     if _MODERN:
         import basix.ufl
 
-        element = basix.ufl.element("Lagrange", cell, 1, shape=(dimension,))
+        element = basix.ufl.element("Lagrange", cell, degree, shape=(dimension,))
         return ufl.Mesh(element)
-    return ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1, dim=dimension))
+    return ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree, dim=dimension))
 
 
-def create_mesh(cells: NDArray[np.int64], points: NDArray[np.float64], cell: str) -> Any:
-    """Mesh of given cells (dolfinx vertex order) on this process alone."""
-    domain = coordinate_element(cell, points.shape[1])
+def create_mesh(
+    cells: NDArray[np.int64], points: NDArray[np.float64], cell: str, degree: int = 1
+) -> Any:
+    """Mesh of given cells (nodes in dolfinx's order) on this process alone.
+
+    Cells of degree 2 have the nodes of Lagrange cells of that degree and edges as curved as these.
+    """
+    domain = coordinate_element(cell, points.shape[1], degree)
     return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
 
 
 def cell_nodes(mesh: Any) -> NDArray[np.int32]:
-    """Geometry nodes of each cell, (cells, vertices a cell), in dolfinx's vertex order."""
+    """Geometry nodes of each cell, (cells, nodes a cell), in dolfinx's order, vertices first."""
     dofmap = mesh.geometry.dofmap
     if _MODERN:
         return np.asarray(dofmap)
@@ -86,11 +91,32 @@ def lagrange_nodes(cell: str, degree: int) -> tuple[NDArray, NDArray, NDArray]:
     Returns reference coordinates of its nodes (nodes, dimension) and of its vertices (vertices,
     dimension), and the nodes of each facet (facets, nodes a facet), vertices first.
     """
+    element = _lagrange(cell, degree)
+    closures = np.array(element.entity_closure_dofs[-2])
+    return np.asarray(element.points), np.asarray(basix.geometry(element.cell_type)), closures
+
+
+def quadrature(cell: str, degree: int) -> tuple[NDArray, NDArray]:
+    """Points (q, dimension) of a reference cell and weights (q,) of a rule of a degree."""
+    points, weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)
+    return np.asarray(points), np.asarray(weights)
+
+
+def lagrange_values(cell: str, degree: int, points: NDArray[np.float64]) -> NDArray:
+    """Shape functions of a Lagrange cell at reference points, (points, nodes)."""
+    return _lagrange(cell, degree).tabulate(0, points)[0, ..., 0]
+
+
+def lagrange_slopes(cell: str, degree: int, points: NDArray[np.float64]) -> NDArray:
+    """Slopes of the shape functions at reference points, (points, dimension, nodes)."""
+    return np.moveaxis(_lagrange(cell, degree).tabulate(1, points)[1:, ..., 0], 0, 1)
+
+
+def _lagrange(cell: str, degree: int) -> Any:
     kind = getattr(basix.CellType, cell)
-    variant = basix.LagrangeVariant.gll_warped
-    element = basix.create_element(basix.ElementFamily.P, kind, degree, variant)
-    closures = element.entity_closure_dofs[-2]
-    return np.asarray(element.points), np.asarray(basix.geometry(kind)), np.array(closures)
+    return basix.create_element(
+        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
+    )
 
 
 def compile_form(form: Any) -> Any:
@@ -127,7 +153,7 @@ def tabulated(mesh: Any, degree: int) -> tuple[NDArray, NDArray, NDArray]:
     Returns weights (q,), values (q, vertices) and slopes (q, dimension, vertices).
     """
     kind = getattr(basix.CellType, mesh.ufl_cell().cellname())
-    points, weights = basix.make_quadrature(kind, degree)
+    points, weights = quadrature(mesh.ufl_cell().cellname(), degree)
     table = basix.create_element(basix.ElementFamily.P, kind, 1).tabulate(1, points)[..., 0]
     return weights, table[0], np.moveaxis(table[1:], 0, 1)
 

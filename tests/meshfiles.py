@@ -9,10 +9,13 @@ would give it, with ``bottom`` the lowest one.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from pathlib import Path
 
 import meshio
 import numpy as np
+
+from meshes.quadratic import node_vertices
 
 MESHIO = {
     "triangle": "triangle",
@@ -90,6 +93,46 @@ def named(cell: str, points: np.ndarray, cells: np.ndarray) -> meshio.Mesh:
                    "gmsh:geometrical": [np.where(soft, 1, 2), np.concatenate(numbers)]},
         field_data={name: np.array(v) for name, v in field_data.items()},
     )  # fmt: skip
+
+
+SECOND = {
+    "triangle": ("triangle6",),
+    "quadrilateral": ("quad8", "quad9"),
+    "tetrahedron": ("tetra10",),
+    "hexahedron": ("hexahedron20", "hexahedron27"),
+}
+"""meshio's names of the cells of second order."""
+
+
+def bend(x: np.ndarray) -> np.ndarray:
+    """Bend the unit block (n, 3) into an eighth of a ring of radii 1 to 2 about the z axis."""
+    angle = 0.25 * np.pi * x[:, 1]
+    radius = 1.0 + x[:, 0]
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), x[:, 2]])
+
+
+def second_order(
+    mesh: meshio.Mesh, cell: str, name: str, shape: Callable[[np.ndarray], np.ndarray]
+) -> meshio.Mesh:
+    """A block with nodes amid edges (faces, cells), all nodes moved by `shape`; groups stay.
+
+    Facets stay of first order: their corners name them.
+    """
+    cells = mesh.cells[0].data
+    places, columns = [mesh.points], [cells]
+    count = len(mesh.points)
+    for on in node_vertices(cell)[cells.shape[1] :]:
+        if len(columns) + cells.shape[1] > int("".join(filter(str.isdigit, name))):
+            break
+        places.append(mesh.points[cells[:, list(on)]].mean(axis=1))
+        columns.append(count + np.arange(len(cells))[:, None])
+        count += len(cells)
+    return meshio.Mesh(
+        shape(np.concatenate(places)),
+        [(name, np.concatenate(columns, axis=1)), *((b.type, b.data) for b in mesh.cells[1:])],
+        cell_data=mesh.cell_data,
+        field_data=mesh.field_data,
+    )
 
 
 def write(

@@ -33,6 +33,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 import ufl
 from dolfinx import fem, mesh
+from dolfinx.cpp.io import perm_vtk
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -143,6 +144,10 @@ _CELLS = {
 }
 
 
+_RULES = {"triangle": 4, "quadrilateral": 5, "tetrahedron": 5, "hexahedron": 7}
+"""Degrees that integrate φ times the Jacobian of curved cells."""
+
+
 def _box_mesh(box: Any) -> mesh.Mesh:
     lower, upper = [np.array(p, dtype=np.float64) for p in (box.lower, box.upper)]
     make = mesh.create_box if len(lower) == 3 else mesh.create_rectangle
@@ -150,17 +155,21 @@ def _box_mesh(box: Any) -> mesh.Mesh:
 
 
 def _cell_mesh(given: Any) -> mesh.Mesh:
-    """The whole mesh of a body whose mesh came from a file."""
+    """The whole mesh of a body whose mesh came from a file; nodes as VTK has them."""
     dimension = given.points.shape[1]
     if NEW_DOLFINX:
         import basix.ufl
 
-        element = basix.ufl.element("Lagrange", given.cell, 1, shape=(dimension,))
+        element = basix.ufl.element("Lagrange", given.cell, given.degree, shape=(dimension,))
     else:
-        element = ufl.VectorElement("Lagrange", given.cell, 1, dim=dimension)
-    vertices = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
-    cells = given.cells[:, vertices.get(given.cell, slice(None))]
-    return mesh.create_mesh(MPI.COMM_SELF, cells, given.points, ufl.Mesh(element))
+        element = ufl.VectorElement("Lagrange", given.cell, given.degree, dim=dimension)
+    order = perm_vtk(_CELLS[given.cell], given.cells.shape[1])
+    return mesh.create_mesh(MPI.COMM_SELF, given.cells[:, order], given.points, ufl.Mesh(element))
+
+
+def _curved(body: Any) -> bool:
+    """Whether the geometry of a body is of second order, too."""
+    return body.degree == 2 and getattr(body.mesh, "middles", None) is not None
 
 
 def _touches(points: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -183,8 +192,8 @@ def _on(body: Any, name: str, points: np.ndarray) -> np.ndarray:
     if name in body.boundaries:
         return np.asarray(body.boundaries[name](points), dtype=bool)
     if hasattr(body.mesh, "sides"):
-        topology = body.mesh.topology
-        return _touches(points, body.mesh.points[topology.facets[body.mesh.sides[name]]])
+        given = body.mesh.shape(2) if _curved(body) else body.mesh
+        return _touches(points, given.points[given.topology.facets[body.mesh.sides[name]]])
     lower, upper = np.asarray(body.mesh.lower, float), np.asarray(body.mesh.upper, float)
     axis, side = "xyz".index(name[0]), (lower if name[1] == "-" else upper)
     return np.abs(points[:, axis] - side[axis]) < 1e-9 * np.abs(upper - lower).max()
@@ -206,7 +215,11 @@ class _AssembledBody:
     def __init__(self, body: Any, dimension: int, plane: str | None) -> None:
         self.body = body
         from_file = hasattr(body.mesh, "points")
-        self.domain = _cell_mesh(body.mesh) if from_file else _box_mesh(body.mesh)
+        curved = _curved(body)
+        if from_file:
+            self.domain = _cell_mesh(body.mesh.shape(2) if curved else body.mesh)
+        else:
+            self.domain = _box_mesh(body.mesh)
         self.space = _vector_space(self.domain, body.degree)
         self.dimension = dimension
         self.points = self.space.tabulate_dof_coordinates()
@@ -244,7 +257,8 @@ class _AssembledBody:
         # Two points a direction for degree 1, three for degree 2, as every code has it: exact on
         # boxes; on distorted cells the integrand is rational, and another rule would make another
         # discrete problem.
-        dx = ufl.dx(metadata={"quadrature_degree": 2 * body.degree})
+        rule = _RULES[body.mesh.cell] if curved else 2 * body.degree
+        dx = ufl.dx(metadata={"quadrature_degree": rule})
         self.stiffness = _assembled(ufl.inner(stress, strain(v)) * dx)
         if mean:
             p, q = ufl.TrialFunction(constants), ufl.TestFunction(constants)
@@ -306,7 +320,8 @@ class _AssembledBody:
         )
         facets = np.sort(facets).astype(np.int32)
         tags = mesh.meshtags(self.domain, 2, facets, np.ones_like(facets))
-        ds = ufl.Measure("ds", domain=self.domain, subdomain_data=tags)(1)
+        degree = {"quadrature_degree": 12}  # exact but for curved faces, whose area has a root
+        ds = ufl.Measure("ds", domain=self.domain, subdomain_data=tags, metadata=degree)(1)
         psi, phi = ufl.TestFunction(hats), ufl.TrialFunction(quadratic)
         matrix = _assembled(psi * phi * ds)
         area = np.asarray(matrix.sum(axis=1)).ravel()

@@ -155,7 +155,7 @@ def test_placement_scales_then_turns_then_moves(tmp_path: Path) -> None:
      ("hexahedron", "hexahedron20")],
 )  # fmt: skip
 def test_second_order_cells_keep_their_corners(cell: str, name: str, tmp_path: Path) -> None:
-    """Midside nodes (here all one far point) are not used, and it is said."""
+    """Midside nodes (here all one far point) are not used by degree 1, and it is said."""
     given = meshfiles.block(cell, 2)
     corners = given.cells[0].data
     count = {"triangle6": 3, "quad9": 5, "tetra10": 6, "hexahedron20": 12}[name]
@@ -164,9 +164,12 @@ def test_second_order_cells_keep_their_corners(cell: str, name: str, tmp_path: P
         np.vstack([given.points, [[9.0, 9.0, 0.0]]]),
         [meshio.CellBlock(name, np.column_stack([corners, middle]))],
     )
-    read = load_mesh(meshfiles.write(mesh, tmp_path / "a.vtu", None), meshfiles.dimension(cell))
+    path = meshfiles.write(mesh, tmp_path / "a.vtu", None)
+    read = load_mesh(path, meshfiles.dimension(cell))
     assert total_volume(read) == pytest.approx(1.0)
     assert any("edges are straight" in note for note in read.notes)
+    with pytest.raises(MeshError, match=r"folded by their curved edges.*the first is cell 1 of"):
+        load_mesh(path, meshfiles.dimension(cell), degree=2)
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -1,0 +1,82 @@
+"""Second-order meshes at degree 2: patch tests, the undecomposed answer, rates against Lamé."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_app.run import solve_scene
+from tests import meshfiles, reference, scenes
+from tests.comparison import in_order_of
+from tests.contact_app.test_meshes_from_files import patch, two_materials
+
+NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]
+
+
+def degree_2(made: scenes.Config) -> scenes.Config:
+    return {**made, "bodies": [{**body, "degree": 2} for body in made["bodies"]]}
+
+
+def written(
+    cell: str, name: str, shape: Callable[[np.ndarray], np.ndarray], directory: Path
+) -> Path:
+    first = meshfiles.block(cell, 2, 0.1)
+    mesh = meshfiles.second_order(first, cell, name, shape)
+    return meshfiles.write(mesh, directory / "part.msh")
+
+
+def wavy(x: np.ndarray) -> np.ndarray:
+    """Move the nodes of the unit block inside it and within its faces: all edges are curved."""
+    waves = 0.04 * np.sin(2 * np.pi * x)
+    across = np.cos(2 * np.pi * np.roll(x, 1, axis=1) + 0.5)
+    return x + waves * across
+
+
+@pytest.mark.parametrize(("cell", "name"), NAMES)
+@pytest.mark.parametrize("subdomains", [1, 3])
+def test_contact_patch_on_curved_cells(
+    cell: str, name: str, subdomains: int, tmp_path: Path
+) -> None:
+    """Uniform stress and pressure come out to round-off, whatever the edges inside."""
+    made = degree_2(patch(cell, written(cell, name, wavy, tmp_path)))
+    solved = solve_scene(scenes.build(made, subdomains))
+    assert all(s.reference.curved for s in solved.model.partition.subdomains)
+    points, u = solved.displacement_at_nodes()
+    d = meshfiles.dimension(cell)
+    slope = np.array([0.25, 0.25, -1.0]) * 100 / 900
+    if d == 2:  # plane strain
+        slope = np.array([0.25 * 1.25, -(1 - 0.25**2)]) * 100 / 900
+    np.testing.assert_allclose(u, points[:, :d] * slope, rtol=0, atol=1e-9 * np.abs(slope).max())
+    assert solved.summary["certificate"]["passed"]
+    pressure = solved.nodes.contact_pressure
+    assert pressure[pressure > 0.0] == pytest.approx(100.0, rel=1e-7)
+    assert (pressure > 0.0).sum() == 5 ** (d - 1)
+    np.testing.assert_allclose(solved.cells.stress[:, d - 1], -100.0, rtol=1e-8)
+
+
+@pytest.mark.parametrize(("cell", "name"), NAMES)
+@pytest.mark.parametrize("subdomains", [1, 4])
+def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path: Path) -> None:
+    """A bent block of two materials beside a round obstacle, against dolfinx and an active set."""
+    made = degree_2(two_materials(cell, written(cell, name, meshfiles.bend, tmp_path)))
+    d = meshfiles.dimension(cell)
+    made["conditions"] = [
+        scenes.clamp(cell, "block.y-"),
+        {"on": "block.y+", "traction": [-40.0, -60.0, 5.0][:d]},
+        {"on": "block.x+", "pressure": 30.0},
+    ]
+    angle = np.deg2rad(35.0)
+    centre = [float(0.5 * np.cos(angle)), float(0.5 * np.sin(angle)), 0.5][:d]
+    ball = {"sphere": {"center": centre, "radius": 0.501}}
+    made["contacts"] = [{"on": "block.x-", "obstacle": ball}]
+    scene = scenes.build(made, subdomains)
+    known = reference.solve(scene)
+    assert known.active > 0
+    solved = solve_scene(scene)
+    assert solved.summary["certificate"]["passed"]
+    u = in_order_of(known, solved)
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
+    assert solved.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
