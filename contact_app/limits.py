@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.certificate import EQUILIBRIUM_FLOOR
 from contact_app.error_estimate import STRAINLESS
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
@@ -106,7 +107,14 @@ def model_warnings(
             f"{lost} touching nodes lie on no whole facet of their contact boundary: their force "
             "counts, their pressure is not shown"
         )
-    if not solution.certificate.passed:
+    certificate = solution.certificate
+    if certificate.passed and certificate.equilibrium > max(solution.tolerance, EQUILIBRIUM_FLOOR):
+        warnings.append(
+            f"forces balance to {certificate.equilibrium:.1g} of the load only, as far as the last "
+            "digit of the displacements lets them: a stiff body moves far and is hardly strained, "
+            "so its stresses have few digits"
+        )
+    if not certificate.passed:
         warnings.append(f"not certified: {reason_text(solution)}")
     for note in model.notes:
         if "can move freely" in note:

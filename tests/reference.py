@@ -496,8 +496,17 @@ def minimise(
         raise ReferenceError("a held node penetrates an obstacle")
     gap = np.where(fixed, np.maximum(gap, 0.0), gap)
 
-    stiff = float(np.abs(K.diagonal()).max())
-    epsilon, delta = 1e-7 * stiff, 1e-3 / stiff
+    # In units in which every diagonal entry and every row is one, so that neither a soft body
+    # beside a stiff one nor a short row is lost in ε and δ.
+    given = K, load, B, gap
+    unit = 1.0 / np.sqrt(K.diagonal())
+    B = B @ sp.diags(unit)
+    size = np.sqrt(np.asarray(B.multiply(B).sum(axis=1)).ravel())
+    size[fixed] = 1.0
+    K = sp.csc_matrix(sp.diags(unit) @ K @ sp.diags(unit))
+    B, gap, load = sp.csr_matrix(sp.diags(1.0 / size) @ B), gap / size, unit * load
+
+    epsilon, delta = 1e-7, 1e-3
     K_epsilon = sp.csc_matrix(K + epsilon * sp.identity(n))
     u, multiplier = np.zeros(n), np.zeros(m)
     factors: dict[bytes, Any] = {}
@@ -540,13 +549,13 @@ def minimise(
                 rate / np.sqrt(delta),
             )
         multiplier = np.maximum(0.0, (B @ u - shifted_gap) / delta)
-        residual = optimality(K, load, B, gap, u, multiplier)
+        residual = optimality(*given, unit * u, multiplier / size)
         if residual < 0.5 * best_residual:
             stagnation = 0
         else:
             stagnation += 1
         if residual < best_residual:
-            best, best_residual = (u, multiplier), residual
+            best, best_residual = (unit * u, multiplier / size), residual
         if best_residual < 1e-14 or (stagnation >= 5 and best_residual < tolerance):
             break
     if not best_residual <= tolerance:

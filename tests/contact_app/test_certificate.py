@@ -7,11 +7,13 @@ the balance of forces and the distance to the exact answer, which the duality ga
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from contact_app.certificate import Certificate
 from tests import scenes
 from tests.comparison import in_order_of, reference_of, solve
 
@@ -110,6 +112,33 @@ def test_a_solve_cut_short_does_not_pass(name: str) -> None:
     assert not summary["certificate"]["passed"]
     assert summary["solver"]["reason"]
     assert max(abs(summary["certificate"][number]) for number in NUMBERS) > 1e-9
+
+
+def test_a_stiff_body_on_a_soft_one_is_certified_to_round_off() -> None:
+    """Moved by 1e6 times its own strain, its forces are the last digits of large numbers."""
+    soft = scenes.block("quadrilateral", 2, name="soft", young=1.0)
+    stiff = scenes.block("quadrilateral", 3, name="stiff", lower=(0, 0, 1), upper=(1, 1, 2),
+                         young=1e6, poisson=0.499)  # fmt: skip
+    conditions = [
+        scenes.clamp("quadrilateral", "soft.y-"),
+        {"on": "stiff.x-", "displacement": [0.0, None]},
+        {"on": "stiff.y+", "pressure": 1e-3},
+    ]
+    pair = [{"on": "stiff.y-", "against": "soft.y+"}]
+    made = scenes.config("quadrilateral", [soft, stiff], conditions, pair)
+    certificate = solve(made, 1, tolerance=1e-9).summary["certificate"]
+    assert 1e-9 < certificate["equilibrium"] < certificate["round_off"] < 1e-5
+    assert certificate["passed"]
+    assert any("forces balance to" in w for w in certificate["warnings"])
+
+
+def test_round_off_excuses_no_more_than_it_leaves() -> None:
+    found = Certificate(0.0, 0.0, 0.0, 0.0, equilibrium=1e-5, duality_gap=0.0, passed=False)
+    assert found.judged(1e-4).passed
+    assert not found.judged(1e-6).passed
+    assert not replace(found, round_off=1.0).judged(1e-6).passed
+    assert not replace(found, equilibrium=1e-7, round_off=1e-8).judged(1e-8).passed
+    assert replace(found, equilibrium=1e-7, round_off=2e-7).judged(1e-8).passed
 
 
 def test_large_displacements_are_warned_of() -> None:

@@ -46,7 +46,7 @@ ENERGY = 1e-6
 OPTIMAL = 1e-6
 """Relative residual of the optimality conditions that shows an answer to be right."""
 
-REFERENCE = 1e-8
+REFERENCE = 1e-7
 """Relative residual of the optimality conditions that the reference may leave here."""
 
 GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided")
