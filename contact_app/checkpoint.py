@@ -20,9 +20,9 @@ from petsc4py import PETSc
 from contact_app.errors import ConfigurationError
 from solver import Counts
 from solver.smalbe import Restart
-from solver.tfeti.coarse import lent
 from solver.tfeti.constraints import RowKind
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.matrix import lent
 
 EVERY_SECONDS = 10.0
 """Least time between two checkpoints; outer iterations may be much shorter."""

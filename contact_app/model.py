@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import block_diag
 
@@ -37,7 +36,7 @@ from contact_app.scene import (
 from contact_app.timings import Timings
 from meshes import Partition, Subdomain, decompose
 from solver.tfeti.classes import subdomain_class
-from solver.tfeti.coarse import CoarseProblem, petsc_rows
+from solver.tfeti.coarse import CoarseProblem
 from solver.tfeti.constraints import (
     ContactRows,
     ContradictionError,
@@ -59,6 +58,7 @@ from solver.tfeti.kernels import (
     fixing_nodes,
     rigid_motions,
 )
+from solver.tfeti.matrix import ConstraintMatrix, petsc_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -765,7 +765,7 @@ def _constraint_matrix(
     supports: _Supports,
     columns: NDArray[np.int64],
     size: int,
-) -> tuple[PETSc.Mat, NDArray[np.float64], NDArray[np.int8]]:
+) -> tuple[ConstraintMatrix, NDArray[np.float64], NDArray[np.int8]]:
     """B on interface columns, its right-hand side and the kind of each row."""
     arrived = exchange.to_owners(columns)
     row, column, value = [[part] for part in rows.entries(arrived)]
@@ -783,4 +783,4 @@ def _constraint_matrix(
         shape=(len(kinds), total),
     )
     local.sort_indices()
-    return petsc_rows(comm, local, size), c, kinds
+    return ConstraintMatrix(petsc_rows(comm, local, size)), c, kinds

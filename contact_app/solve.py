@@ -28,7 +28,7 @@ from solver.smalbe import Restart
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
-from solver.tfeti.preconditioner import LumpedPreconditioner
+from solver.tfeti.preconditioner import FacePreconditioner
 from solver.tfeti.recovery import displacements as recover
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 
@@ -131,7 +131,7 @@ class _Face:
         self.glued = problem.face(touching)
         self.qp = BoxQP(self.glued.projected, self.glued.rhs)
         # no penalty here: steps that leave the range of P would meet no curvature
-        self.preconditioner = LumpedPreconditioner(self.glued, math.inf)
+        self.preconditioner = FacePreconditioner(self.glued, math.inf)
         self.x: NDArray[np.float64] | None = None
         self.counts = Counts()
         assert self.glued.coarse is not None
@@ -331,7 +331,7 @@ def _solve_smalbe(
     """SMALBE-M around MPRGP on the projected, homogenised dual."""
     assert problem.coarse is not None
     norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
-    preconditioner = LumpedPreconditioner(problem, norm)
+    preconditioner = FacePreconditioner(problem, norm)
     inner = replace(inner, norm=norm, preconditioner=preconditioner)
     restart = checkpoint.load(problem) if checkpoint else None
     start, answer, counts = None, None, Counts()

@@ -50,6 +50,9 @@ class Iterate:
         Step length of the reduced gradient: the one that an expansion used last.
     drift : float
         Rounding errors that recurrences may have added to g since it was last evaluated.
+    image : ndarray or None
+        What an operator that has an ``image`` makes of x beside the product, carried along by
+        recurrence as g is.
     """
 
     def __init__(
@@ -97,6 +100,9 @@ class Iterate:
         self.drift = 0.0
         self.alpha = 0.0
         self.b_norm = 0.0
+        self.image: np.ndarray | None = None
+        self._image_p: np.ndarray | None = None
+        self._image_beside: np.ndarray | None = None
         self._norm = norm
         self._fresh = False  # p is the preconditioned free gradient itself
         self._beside = (0.0, 0.0, 0.0)
@@ -135,6 +141,7 @@ class Iterate:
     def evaluate(self) -> None:
         """g = Ax - b by a product; split it and restart the directions at the free gradient."""
         self.operator.apply(self.x, self.g)
+        self.image = self._image_of_last()
         self.counts.hessian += 1
         self.drift = 0.0
         self.restart(subtract_b=True)
@@ -161,6 +168,7 @@ class Iterate:
         IndefiniteError, UnboundedError, NotFiniteError
         """
         self.operator.apply(self.p, self.Ap)
+        self._image_p = self._image_of_last()
         self.counts.hessian += 1
         slope = curvature = pp = ApAp = 0.0
         steepest = 0.0
@@ -199,6 +207,7 @@ class Iterate:
         on it, as the half step to the bound needs.
         """
         self._drift(alpha)
+        self._step_image(alpha)
         sums = np.zeros(5)
         free_product = 0.0
         for block in self.blocks:
@@ -248,6 +257,7 @@ class Iterate:
         1/``largest``.
         """
         self._drift(alpha_f)
+        self._step_image(alpha_f)
         sums = np.zeros(5)
         slope = standard = 0.0
         for block in self.blocks:
@@ -303,6 +313,7 @@ class Iterate:
         They are kept where g^c and g^f stood, which the next step splits anew.
         """
         self._beside = self.slope, self.curvature, self.product_norm
+        self._image_beside = self._image_p
         slope = mixed = 0.0
         for block in self.blocks:
             np.copyto(block.chopped, block.p)
@@ -317,6 +328,7 @@ class Iterate:
     def take_back(self) -> None:
         """P and Ap as they were before :meth:`aim_reduced_beside`."""
         self.slope, self.curvature, self.product_norm = self._beside
+        self._image_p = self._image_beside
         np.copyto(self.p, self.chopped)
         np.copyto(self.Ap, self.free)
 
@@ -348,6 +360,16 @@ class Iterate:
         """Account for the rounding errors of g - αAp."""
         size = abs(alpha) * self.product_norm + self.projected_gradient_norm
         self.drift += float(np.finfo(np.float64).eps) * size
+
+    def _image_of_last(self) -> np.ndarray | None:
+        """A copy of the image of the last vector that the operator was applied to."""
+        image = getattr(self.operator, "image", None)
+        return None if image is None else image.copy()
+
+    def _step_image(self, alpha: float) -> None:
+        """The image of x - αp."""
+        if self.image is not None and self._image_p is not None:
+            self.image -= alpha * self._image_p
 
     def settle(self) -> None:
         """Put active components on their bounds exactly."""

@@ -29,6 +29,10 @@ class Operator(Protocol):
     comm : MPI.Comm
     size : int
         Components of this rank.
+
+    An operator may have more: ``image``, an array of what it found on the way that is linear in
+    the last x, which an iterate carries along, and ``image_norm(image)``, which SMALBE reads as
+    ‖Cx‖ (`PenalisedOperator` of the coarse problem has them).
     """
 
     comm: MPI.Comm

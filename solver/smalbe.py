@@ -269,10 +269,29 @@ class SMALBE:
             it.equality_residual = qp.reduction.norm(residual)
             return it.equality_residual
 
+        peak = 0.0  # largest ‖Cx‖ carried along so far: it sets the rounding errors of the others
+
+        def carried(it: Iterate) -> tuple[float, float] | None:
+            """‖Cx‖ by recurrence and what rounding may have done to it; None if it takes C."""
+            nonlocal peak
+            if it.image is None or right_square > 0.0:
+                return None
+            it.equality_residual = size = it.operator.image_norm(it.image)  # type: ignore[attr-defined]
+            peak = max(peak, size)
+            steps = 100.0 + it.iterations
+            return size, 1e-3 * size + steps * float(np.finfo(np.float64).eps) * peak
+
         def inner_stop(it: Iterate) -> Reason | None:
             gradient = it.projected_gradient_norm
             if gradient > eta:
                 return None
+            known = carried(it)
+            if known is not None:  # a look at Cx itself only where it can decide
+                size, error = known
+                limit = tolerance if accept is None else target
+                small = gradient <= limit and (size - error) * to_gradient <= limit
+                if gradient > M * (size + error) and not small:
+                    return None
             size = measure(it)
             if gradient <= M * size:
                 return Reason.CONVERGED

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.costs import BlockKind, choose_block
+from solver.tfeti.costs import BlockKind, choose_block, relaxing_pays
 from solver.tfeti.generalised_inverse import (
     Block,
     DenseBlock,
@@ -69,6 +69,18 @@ class SubdomainClass:
     def interface_stiffness(self) -> sparse.csr_matrix:
         """K between interface unknowns, (i, i)."""
         return self.stiffness[self.interface][:, self.interface]
+
+    @cached_property
+    def schur_complement(self) -> Block | None:
+        """K on the interface with all other unknowns relaxed; None where it does not pay."""
+        if self.block is None or not relaxing_pays(
+            len(self.interface), self.members, self.block.order
+        ):
+            return None
+        try:
+            return self.block.schur_complement(self.kernel[self.interface])
+        except np.linalg.LinAlgError:  # a body so slender that its block has no digits left
+            return None
 
     def batches(self) -> Iterator[slice]:
         """Members a few at a time, for work whose temporaries should stay small."""

@@ -9,50 +9,16 @@ does not depend on the scaling of R.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Callable, Sequence
 from copy import copy
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy import sparse
 
-
-@contextmanager
-def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PETSc.Vec]]:
-    """Distributed PETSc vectors on the memory of the local parts, for as long as the block runs.
-
-    They are destroyed at its end: left to Python's collector they would keep the arrays alive,
-    gigabytes of temporaries in a large run.
-    """
-    vectors = [PETSc.Vec().createWithArray(values, comm=comm) for values in arrays]
-    try:
-        yield vectors
-    finally:
-        for vector in vectors:
-            vector.destroy()
-
-
-def multiply(matrix: PETSc.Mat, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """Put a matrix times a vector into out; local parts."""
-    with lent(matrix.comm, x, out) as (source, target):
-        matrix.mult(source, target)
-
-
-def multiply_transposed(
-    matrix: PETSc.Mat, x: NDArray[np.float64], out: NDArray[np.float64]
-) -> None:
-    """Put the transpose of a matrix times a vector into out; local parts."""
-    with lent(matrix.comm, x, out) as (source, target):
-        matrix.multTranspose(source, target)
-
-
-def scale_rows(matrix: PETSc.Mat, weights: NDArray[np.float64]) -> None:
-    """Multiply each row of a matrix by a weight, in place; local parts."""
-    with lent(matrix.comm, weights) as (left,):
-        matrix.diagonalScale(L=left)
+from solver.tfeti.matrix import ConstraintMatrix, lent, scale_rows
 
 
 class CoarseProblem:
@@ -79,17 +45,17 @@ class CoarseProblem:
 
     def __init__(
         self,
-        B: PETSc.Mat,
+        B: ConstraintMatrix,
         kernels: Sequence[tuple[int, NDArray[np.float64]]],
         inequality: NDArray[np.bool_],
     ) -> None:
-        self.comm: MPI.Intracomm = B.getComm().tompi4py()
+        self.comm = B.comm
         self.B = B
-        self.size, interface = B.getLocalSize()
+        self.size, interface = B.rows, B.columns
         self.kernels = sum(members * R.shape[1] for members, R in kernels)
         self._classes = _kernel_parts(kernels)
         R = _kernel_matrix(self.comm, kernels, interface, self.kernels)
-        Gt = B.matMult(R)
+        Gt = B.matrix.matMult(R)
         self._gram = _gram(Gt)
         self._contact_rows = np.flatnonzero(inequality)
         self._contact = _rows_of(Gt, self._contact_rows)
@@ -155,7 +121,7 @@ class CoarseProblem:
         """G times a dual vector."""
         if self._weights is not None:
             dual = self._weights * dual
-        multiply_transposed(self.B, dual, self._interface)
+        self.B.apply_transpose(dual, self._interface)
         for interface, coarse, members, R in self._classes:
             forces = self._interface[interface].reshape(members, -1)
             np.matmul(forces, R, out=out[coarse].reshape(members, -1))
@@ -165,7 +131,7 @@ class CoarseProblem:
         for interface, part, members, R in self._classes:
             motions = self._interface[interface].reshape(members, -1)
             np.matmul(coarse[part].reshape(members, -1), R.T, out=motions)
-        multiply(self.B, self._interface, out)
+        self.B.apply(self._interface, out)
         if self._weights is not None:
             out *= self._weights
 
@@ -223,21 +189,6 @@ def _kernel_matrix(
     matrix = PETSc.Mat().createAIJ(
         ((interface, PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
         csr=(begins, places, values),
-        comm=comm,
-    )
-    matrix.assemble()
-    return matrix
-
-
-def petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> PETSc.Mat:
-    """A distributed PETSc matrix from each rank's rows, with its share of the columns."""
-    matrix = PETSc.Mat().createAIJ(
-        ((local.shape[0], PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
-        csr=(
-            local.indptr.astype(PETSc.IntType),
-            local.indices.astype(PETSc.IntType),
-            local.data,
-        ),
         comm=comm,
     )
     matrix.assemble()
@@ -315,22 +266,36 @@ class ProjectedOperator:
 
 
 class PenalisedOperator:
-    """P F P + ρ Q on dual vectors, sharing the first projection."""
+    """P F P + ρ Q on dual vectors, sharing the first projection.
+
+    Attributes
+    ----------
+    image : (2, kernels)
+        G x and (G Gᵀ)⁻¹ G x of the last vector x the operator was applied to: what ‖Q x‖ needs.
+    """
 
     def __init__(self, projected: ProjectedOperator, rho: float) -> None:
         self.projected = projected
         self.rho = rho
         self.comm = projected.comm
         self.size = projected.size
+        self.image = np.empty((2, projected.coarse.kernels))
         self._q = np.empty(self.size)
         self._p = np.empty(self.size)
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """P F P x + ρ Q x."""
         coarse = self.projected.coarse
-        coarse.apply(x, self._q)
+        coarse.restrict(x, self.image[0])
+        coarse.solve(self.image[0], self.image[1])
+        coarse.extend(self.image[1], self._q)
         np.subtract(x, self._q, out=self._p)
         self.projected.F(self._p, out)
         coarse.project(out, out)
         self._q *= self.rho
         out += self._q
+
+    def image_norm(self, image: NDArray[np.float64]) -> float:
+        """‖Q x‖ = √((G x)ᵀ (G Gᵀ)⁻¹ G x) from the image of x."""
+        square = self.comm.allreduce(float(np.dot(image[0], image[1])))
+        return math.sqrt(max(square, 0.0))

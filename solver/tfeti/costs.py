@@ -68,6 +68,27 @@ def build_seconds(kind: BlockKind, unknowns: int, interface: int, order: int) ->
     return solves
 
 
+def relaxing_pays(interface: int, members: int, order: int) -> bool:
+    """Whether a preconditioner of Schur complements beats one of plain stiffnesses.
+
+    It costs an inverse of the block and as much as the block to apply, and saves iterations: the
+    more, the more cells a subdomain has along an edge.
+    """
+    kind = BlockKind.SPLIT if order > 1 else BlockKind.DENSE
+    block = apply_seconds(kind, 0, interface, order)
+    rest = ROW_SECONDS * interface / 2.0
+    inverse = order * (interface / order) ** 3 / PRODUCT_RATE
+    lumped = APPLICATIONS * members * (block + SPARSE_SECONDS * interface + rest)
+    relaxed = APPLICATIONS * members * (2.0 * block + rest) * relaxed_share(interface)
+    return inverse + relaxed < lumped
+
+
+def relaxed_share(interface: int) -> float:
+    """Iterations with the Schur complement over those with the plain stiffness."""
+    edge = (interface / 18.0) ** 0.5  # cells along an edge of a box in space
+    return min(1.0, (edge / 5.0) ** -0.35)
+
+
 def coarse_seconds(subdomains: int) -> float:
     """One solve with G Gᵀ."""
     return 1.5e-7 * subdomains ** (4.0 / 3.0)

@@ -22,8 +22,8 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from solver.tfeti.coarse import lent, scale_rows
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.matrix import ConstraintMatrix, lent, scale_rows
 
 
 class CoupledRows:
@@ -31,7 +31,7 @@ class CoupledRows:
 
     Attributes
     ----------
-    B : PETSc matrix (dual, interface)
+    B : (dual, interface)
         Rows of several nodes times D⁻¹, the others as they were.
     """
 
@@ -48,15 +48,16 @@ class CoupledRows:
             ]
         )
         mask = problem.wide.astype(float)
-        wide = problem.B.copy()
+        wide = problem.B.matrix.copy()
         scale_rows(wide, mask)
         divided = wide.copy()
         with lent(self.comm, compliance) as (right,):
             divided.diagonalScale(R=right)
         self._matrix = self._gathered(divided.matMult(wide.transpose(PETSc.Mat())))
-        self.B = problem.B.copy()
-        scale_rows(self.B, 1.0 - mask)
-        self.B.axpy(1.0, divided, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        B = problem.B.matrix.copy()
+        scale_rows(B, 1.0 - mask)
+        B.axpy(1.0, divided, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self.B = ConstraintMatrix(B)
         for matrix in (wide, divided):
             matrix.destroy()
         counts = self.comm.allgather(len(self._rows))

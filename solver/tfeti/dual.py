@@ -20,17 +20,11 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from solver.tfeti.classes import SubdomainClass
-from solver.tfeti.coarse import (
-    CoarseProblem,
-    ProjectedOperator,
-    multiply,
-    multiply_transposed,
-    scale_rows,
-)
+from solver.tfeti.coarse import CoarseProblem, ProjectedOperator
 from solver.tfeti.constraints import ContactRows, RowKind
+from solver.tfeti.matrix import ConstraintMatrix
 
 
 class DualOperator:
@@ -44,20 +38,20 @@ class DualOperator:
         The congruence classes of this rank, in the order of the columns.
     """
 
-    def __init__(self, B: PETSc.Mat, classes: tuple[SubdomainClass, ...]) -> None:
-        self.comm: MPI.Intracomm = B.getComm().tompi4py()
+    def __init__(self, B: ConstraintMatrix, classes: tuple[SubdomainClass, ...]) -> None:
+        self.comm = B.comm
         self.B = B
         self.classes = classes
-        self.size, self.interface = B.getLocalSize()
+        self.size, self.interface = B.rows, B.columns
         self._loads = np.empty(self.interface)
         self._displacements = np.empty(self.interface)
         self._slices = interface_slices(classes)
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """F x."""
-        multiply_transposed(self.B, x, self._loads)
+        self.B.apply_transpose(x, self._loads)
         self.solve_interface(self._loads, self._displacements)
-        multiply(self.B, self._displacements, out)
+        self.B.apply(self._displacements, out)
 
     def solve_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """K⁺ between interface vectors."""
@@ -80,7 +74,7 @@ class DualProblem:
     ----------
     classes
         Congruence classes of this rank.
-    B : PETSc matrix (dual, interface)
+    B : (dual, interface)
         Constraint matrix on interface unknowns.
     c : (dual,)
         Right-hand side of the constraints.
@@ -105,7 +99,7 @@ class DualProblem:
     comm: MPI.Intracomm
     dimension: int
     classes: tuple[SubdomainClass, ...]
-    B: PETSc.Mat
+    B: ConstraintMatrix
     c: NDArray[np.float64]
     kinds: NDArray[np.int8]
     contact: ContactRows
@@ -156,7 +150,7 @@ class DualProblem:
     @cached_property
     def free_displacements(self) -> NDArray[np.float64]:
         """K⁺ f on the interface; members without a load are not solved for."""
-        result = np.zeros(self.B.getLocalSize()[1])
+        result = np.zeros(self.B.columns)
         for cls, part, load in zip(
             self.classes, interface_slices(self.classes), self.loads, strict=True
         ):
@@ -229,7 +223,7 @@ class DualProblem:
 
     def on_interface(self, displacements: list[NDArray[np.float64]]) -> NDArray[np.float64]:
         """The interface vector of displacements, (n, members) of each class."""
-        result = np.empty(self.B.getLocalSize()[1])
+        result = np.empty(self.B.columns)
         for cls, part, u in zip(
             self.classes, interface_slices(self.classes), displacements, strict=True
         ):
@@ -239,13 +233,13 @@ class DualProblem:
     def residual(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
         """B u - c for displacements on the interface: jumps, and penetration on contact rows."""
         result = np.empty(self.size)
-        multiply(self.B, interface, result)
+        self.B.apply(interface, result)
         return result - self.c
 
     def constraint_forces(self, multiplier: NDArray[np.float64]) -> NDArray[np.float64]:
         """Bᵀ λ, an interface vector."""
-        result = np.empty(self.B.getLocalSize()[1])
-        multiply_transposed(self.B, multiplier, result)
+        result = np.empty(self.B.columns)
+        self.B.apply_transpose(multiplier, result)
         return result
 
     def face(self, touching: NDArray[np.bool_]) -> DualProblem:
@@ -260,11 +254,9 @@ class DualProblem:
             Contact rows kept as equalities.
         """
         keep = np.where(self.inequality & ~touching, 0.0, 1.0)
-        B = self.B.copy()
-        scale_rows(B, keep)
         face = replace(
             self,
-            B=B,
+            B=self.B.scaled(keep),
             c=self.c * keep,
             kinds=np.where(self.inequality, np.int8(RowKind.SUPPORT), self.kinds),
             contact=self.contact.none(),

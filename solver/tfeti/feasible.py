@@ -106,10 +106,11 @@ def _overlap(problem: DualProblem) -> NDArray[np.float64]:
     They bound what the corrections of rows that are not orthogonal add up to.
     """
     result = np.ones(problem.size)
-    first = problem.B.getOwnershipRange()[0]
+    B = problem.B.matrix
+    first = B.getOwnershipRange()[0]
     rows = (first + np.flatnonzero(problem.inequality)).astype(PETSc.IntType)
-    columns = np.arange(*problem.B.getOwnershipRangeColumn(), dtype=PETSc.IntType)
-    contact = problem.B.createSubMatrix(
+    columns = np.arange(*B.getOwnershipRangeColumn(), dtype=PETSc.IntType)
+    contact = B.createSubMatrix(
         *(PETSc.IS().createGeneral(i, comm=problem.comm) for i in (rows, columns))
     )
     product = contact.matMult(contact.transpose(PETSc.Mat()))

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
+from scipy.linalg import lapack
 
 from solver.tfeti.symmetry import Split, Symmetry
 
@@ -38,7 +39,15 @@ class Inverse(Protocol):
 
 
 class Block(Protocol):
-    """A dense part of K⁺, symmetric, applied to many members at once."""
+    """A dense part of K⁺, symmetric, applied to many members at once.
+
+    Attributes
+    ----------
+    order : int
+        Blocks on its diagonal once vectors are split by reflections; 1 where they are not.
+    """
+
+    order: int
 
     @property
     def nbytes(self) -> int:
@@ -49,6 +58,20 @@ class Block(Protocol):
 
     def toarray(self) -> NDArray[np.float64]:
         """The block as one matrix, (m, m)."""
+
+    def schur_complement(self, kernel: NDArray[np.float64]) -> Block:
+        """The stiffness between the same unknowns with all others relaxed.
+
+        Parameters
+        ----------
+        kernel : (m, k)
+            Rigid motions there, independent.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The block is not positive definite to working precision.
+        """
 
 
 class CholeskyFactor:
@@ -179,9 +202,10 @@ class SymmetricInverse:
         for begin in range(0, loads.shape[1], COLUMNS_AT_ONCE):
             part = slice(begin, begin + COLUMNS_AT_ONCE)
             rows = loads.T[part][:, order]
-            split = self._split.forward(rows)
-            solved = [f.solve(c.T).T for f, c in zip(self._factors, split, strict=True)]
-            self._split.backward(solved, rows)
+            coordinates = self._split.forward(rows)
+            for factor, place in zip(self._factors, self._split.places, strict=True):
+                coordinates[:, place] = factor.solve(coordinates[:, place].T).T
+            self._split.backward(coordinates, rows)
             result.T[part] = rows[:, back]
         return result
 
@@ -199,6 +223,8 @@ class SymmetricInverse:
 class DenseBlock:
     """A dense part of K⁺ as one matrix (protocol `Block`)."""
 
+    order = 1
+
     def __init__(self, matrix: NDArray[np.float64]) -> None:
         self.matrix = matrix
 
@@ -214,6 +240,10 @@ class DenseBlock:
     def toarray(self) -> NDArray[np.float64]:
         """The block as one matrix, (m, m)."""
         return self.matrix
+
+    def schur_complement(self, kernel: NDArray[np.float64]) -> DenseBlock:
+        """The stiffness between the same unknowns with all others relaxed."""
+        return DenseBlock(_relaxed(self.matrix, _range(kernel, np.linalg.norm(kernel))))
 
 
 class SymmetricBlock:
@@ -232,6 +262,7 @@ class SymmetricBlock:
 
     def __init__(self, blocks: list[NDArray[np.float64]], split: Split) -> None:
         self.blocks, self.split = blocks, split
+        self.order = split.order
 
     @property
     def nbytes(self) -> int:
@@ -242,8 +273,10 @@ class SymmetricBlock:
         """One row a member: (s, m) to (s, m)."""
         for begin in range(0, len(loads), self.MEMBERS_AT_ONCE):
             members = slice(begin, begin + self.MEMBERS_AT_ONCE)
-            parts = self.split.forward(loads[members])
-            solved = [part @ block for part, block in zip(parts, self.blocks, strict=True)]
+            coordinates = self.split.forward(loads[members])
+            solved = np.empty_like(coordinates)
+            for place, block in zip(self.split.places, self.blocks, strict=True):
+                np.matmul(coordinates[:, place], block, out=solved[:, place])
             self.split.backward(solved, out[members])
 
     def toarray(self) -> NDArray[np.float64]:
@@ -252,6 +285,55 @@ class SymmetricBlock:
         result = np.empty_like(identity)
         self.apply(identity, result)
         return result
+
+    def schur_complement(self, kernel: NDArray[np.float64]) -> SymmetricBlock:
+        """The stiffness between the same unknowns with all others relaxed."""
+        coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
+        blocks = []
+        for block, place, (_, orbit) in zip(
+            self.blocks, self.split.places, self.split.orbits, strict=True
+        ):
+            # the bases are orthogonal, their squares the sizes of the orbits
+            motions = _range(coordinates[:, place].T, np.linalg.norm(coordinates))
+            blocks.append(_relaxed(block, motions, 1.0 / orbit))
+        return SymmetricBlock(blocks, self.split)
+
+
+def _relaxed(
+    block: NDArray[np.float64],
+    kernel: NDArray[np.float64],
+    weights: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """S = A⁻¹ - Y (Rᵀ Y)⁻¹ Yᵀ with Y = A⁻¹ R, from A = K⁺ on the interface; its kernel is R.
+
+    A force g = S w does no work on R, and A g = w + R c for some c; so A⁻¹ (w + R c) = g, and what
+    is subtracted makes R the kernel and vanishes at w + R c, for Yᵀ (w + R c) = Rᵀ g = 0.
+
+    Parameters
+    ----------
+    weights : (m,)
+        Scale of the result on both sides, where coordinates are not normalised; R is given in
+        them as a force is.
+    """
+    inverse, failed = lapack.dpotrf(block, lower=0, clean=1)
+    if not failed:
+        inverse, failed = lapack.dpotri(inverse, lower=0, overwrite_c=1)
+    if failed:
+        raise np.linalg.LinAlgError("K⁺ on the interface is not positive definite")
+    inverse += np.triu(inverse, 1).T
+    if weights is not None:
+        inverse *= weights
+        inverse *= weights[:, None]
+    if kernel.shape[1]:
+        forces = inverse @ kernel
+        inverse -= forces @ np.linalg.solve(kernel.T @ forces, forces.T)
+    return np.ascontiguousarray(inverse)
+
+
+def _range(motions: NDArray[np.float64], size: np.floating) -> NDArray[np.float64]:
+    """Orthonormal basis of the columns' span but for rounding, (m, k) to (m, rank)."""
+    basis, sizes, _ = np.linalg.svd(motions, full_matrices=False)
+    return basis[:, sizes > 1e-10 * size]
 
 
 def _regularised(

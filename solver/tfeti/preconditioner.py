@@ -1,12 +1,15 @@
-"""The lumped preconditioner of the projected dual operator, applied in the face of free rows.
+"""The preconditioner of the projected dual operator, applied in the face of free rows.
 
     z = P B S Bᵀ P r + ρ⁻¹ Q r
 
-with S the stiffness restricted to the interface unknowns (Farhat, Roux 1991): B S Bᵀ approximates
-the inverse of F = B K⁺ Bᵀ on the range of P, and ρ⁻¹ Q inverts the penalty of SMALBE there. B has
-orthonormal rows, so no scaling by multiplicity is left to do, but for rows of several nodes, which
-`CoupledRows` weighs. The solver cuts the result to the free rows. It costs two projections and a
-product with a sparse matrix, against the product with the dense inverse in F.
+approximates the inverse of P F P + ρ Q, F = B K⁺ Bᵀ. S is, class by class, the Schur complement
+of the stiffness on the interface (Dirichlet) or the stiffness between interface unknowns as it
+stands (lumped; C. Farhat, F.-X. Roux, 1991, and C. Farhat, J. Mandel, F.-X. Roux, *Optimal
+convergence properties of the FETI domain decomposition method*, 1994). The Schur complement saves
+iterations, the more the larger the subdomain, and where F has dense blocks it is made of their
+inverses (`costs.relaxing_pays` decides). B has orthonormal rows, so no scaling by multiplicity is
+left to do, but for rows of several nodes, which `CoupledRows` weighs. The solver cuts the result to
+the free rows. It costs two projections and a product with S.
 """
 
 from __future__ import annotations
@@ -15,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.coarse import multiply, multiply_transposed
 from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.dual import DualProblem, interface_slices
+from solver.tfeti.generalised_inverse import Block, DenseBlock
 
 DENSE_GAIN = 20.0
 """How many times faster a dense product runs, a multiplication, than a sparse one."""
 
 
-class LumpedPreconditioner:
+class FacePreconditioner:
     """Approximate inverse of P F P + ρ Q (protocol `Preconditioner` of MPRGP).
 
     Parameters
@@ -42,8 +45,10 @@ class LumpedPreconditioner:
         self.B = self._coupled.B if self._coupled else problem.B
         self._slices = interface_slices(problem.classes)
         self._shapes = [(c.members, len(c.interface)) for c in problem.classes]
-        self._stiffness = [_fastest(c.interface_stiffness) for c in problem.classes]
-        interface = problem.B.getLocalSize()[1]
+        self._stiffness = [
+            c.schur_complement or _fastest(c.interface_stiffness) for c in problem.classes
+        ]
+        interface = problem.B.columns
         self._jumps, self._forces = np.empty(interface), np.empty(interface)
         self._q, self._p = np.empty(problem.size), np.empty(problem.size)
 
@@ -59,14 +64,14 @@ class LumpedPreconditioner:
         np.subtract(r, self._q, out=self._p)
         if self._coupled:
             self._coupled.divide(self._p, free_mask)
-        multiply_transposed(self.B, self._p, self._jumps)
+        self.B.apply_transpose(self._p, self._jumps)
         for S, part, shape in zip(self._stiffness, self._slices, self._shapes, strict=True):
             jumps, forces = self._jumps[part].reshape(shape), self._forces[part].reshape(shape)
-            if isinstance(S, np.ndarray):
-                np.matmul(jumps, S, out=forces)
-            else:
+            if isinstance(S, sparse.csr_matrix):
                 forces[:] = (S @ jumps.T).T
-        multiply(self.B, self._forces, out)
+            else:
+                S.apply(jumps, forces)
+        self.B.apply(self._forces, out)
         if self._coupled:
             self._coupled.divide(out, free_mask)
         self.coarse.project(out, out)
@@ -74,6 +79,6 @@ class LumpedPreconditioner:
         out += self._q
 
 
-def _fastest(S: sparse.csr_matrix) -> NDArray[np.float64] | sparse.csr_matrix:
+def _fastest(S: sparse.csr_matrix) -> Block | sparse.csr_matrix:
     """The matrix, dense where its dense product is faster."""
-    return S.toarray() if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S.tocsr()
+    return DenseBlock(S.toarray()) if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S.tocsr()

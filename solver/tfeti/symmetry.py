@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import groupby, product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import hadamard
 from scipy.spatial import cKDTree
 
 TOLERANCE = 1e-10
@@ -34,11 +35,14 @@ class Symmetry:
         Where each element of the group takes each unknown; element h is the product of the
         generators whose bit is set in h, element 0 the identity.
     signs : (2^g, n)
-        The sign it takes there.
+        The sign it takes there, the same for a component at all nodes.
+    dimension
+        Unknowns of a node.
     """
 
     images: NDArray[np.int64]
     signs: NDArray[np.int8]
+    dimension: int
 
     @property
     def order(self) -> int:
@@ -55,13 +59,28 @@ class Symmetry:
         Coordinates have round-off of their own, so cells that should be mirror images differ in
         their last digits; a slender body multiplies the difference by its condition.
         """
+        nodes = self.images.shape[1] // self.dimension
+        blocks = stiffness.tobsr((self.dimension, self.dimension))
         h = 1
         while h < self.order:  # the generators are the elements with one bit set
-            image, sign = self.images[h], self.signs[h].astype(float)
-            S = sparse.csr_matrix((sign, (image, np.arange(len(image)))), stiffness.shape)
-            stiffness = 0.5 * (stiffness + S @ stiffness @ S.T)
+            # unknowns of a node stay together: S K Sᵀ moves whole blocks and changes their signs
+            node = self.images[h, :: self.dimension] // self.dimension
+            sign = self.signs[h, : self.dimension].astype(float)
+            back = np.argsort(node)
+            widths = np.diff(blocks.indptr)[back]
+            begins = np.zeros(nodes + 1, blocks.indptr.dtype)
+            np.cumsum(widths, out=begins[1:])
+            source = np.repeat(blocks.indptr[back] - begins[:-1], widths) + np.arange(begins[-1])
+            column = node[blocks.indices[source]]
+            key = np.repeat(np.arange(nodes), widths) * nodes + column
+            order = np.argsort(key)
+            mirrored = sparse.bsr_matrix(
+                (np.outer(sign, sign) * blocks.data[source[order]], column[order], begins),
+                stiffness.shape,
+            )
+            blocks = 0.5 * (blocks + mirrored)
             h *= 2
-        result = stiffness.tocsr()
+        result = blocks.tocsr()
         result.sort_indices()
         return result
 
@@ -78,6 +97,7 @@ class Symmetry:
         for known in np.unique(kind, axis=0):
             mine = first[(kind == known).all(axis=1)]
             families.append(self._family(mine))
+        families.sort(key=lambda family: len(family.unknowns))
         return Split(tuple(families), self.order)
 
     def _family(self, first: NDArray[np.int64]) -> Family:
@@ -122,13 +142,14 @@ class Family:
 class Split:
     """The change to one coordinate an orbit and character, and back.
 
-    Coordinates are Σ_β (-1)^{β·γ} u_β over the images of an unknown, made by sums and differences
-    of halves (a Walsh-Hadamard transform); they are orthogonal but not normalised.
+    Coordinates are Σ_β (-1)^{β·γ} u_β over the images of an unknown (a Walsh-Hadamard transform);
+    they are orthogonal but not normalised. Orbits of one size are transformed together, and the
+    coordinates then put in the order of the characters.
 
     Attributes
     ----------
     families
-        Orbits by the way the group acts on them.
+        Orbits by the way the group acts on them, those of one size one after another.
     order
         Characters.
     """
@@ -139,7 +160,49 @@ class Split:
     @cached_property
     def unknowns(self) -> NDArray[np.int64]:
         """The unknowns in the order in which vectors are taken, (m,)."""
-        return np.concatenate([f.unknowns.ravel() for f in self.families])
+        groups = [np.concatenate([f.unknowns for f in group], axis=1) for group in self._groups]
+        return np.concatenate([group.ravel() for group in groups])
+
+    @cached_property
+    def _groups(self) -> list[list[Family]]:
+        """Families with orbits of one size."""
+        return [list(group) for _, group in groupby(self.families, lambda f: len(f.unknowns))]
+
+    @cached_property
+    def _transforms(self) -> list[tuple[slice, NDArray[np.float64]]]:
+        """Place of each group in a vector, and its Hadamard matrix (cosets, cosets)."""
+        result, begin = [], 0
+        for group in self._groups:
+            end = begin + sum(family.unknowns.size for family in group)
+            result.append((slice(begin, end), hadamard(len(group[0].unknowns), dtype=float)))
+            begin = end
+        return result
+
+    @cached_property
+    def _gather(self) -> NDArray[np.int64]:
+        """Place after the transforms of each coordinate in the order of the characters, (m,)."""
+        parts: list[list[NDArray[np.int64]]] = [[] for _ in range(self.order)]
+        begin = 0
+        for group in self._groups:
+            width = sum(family.unknowns.shape[1] for family in group)
+            for family in group:
+                orbits = np.arange(family.unknowns.shape[1])
+                for gamma, character in enumerate(family.characters):
+                    parts[character].append(begin + gamma * width + orbits)
+                begin += len(orbits)
+            begin += (len(group[0].unknowns) - 1) * width
+        return np.concatenate([np.zeros(0, np.int64), *(a for part in parts for a in part)])
+
+    @cached_property
+    def _scatter(self) -> NDArray[np.int64]:
+        """The inverse of `_gather`."""
+        return np.argsort(self._gather)
+
+    @cached_property
+    def places(self) -> list[slice]:
+        """Where the coordinates of each character are."""
+        ends = np.cumsum([0, *self.sizes])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -179,52 +242,27 @@ class Split:
             result.append(sparse.csc_matrix(entries, shape=(size, columns)))
         return result
 
-    def forward(self, vectors: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Coordinates of vectors in the order of `unknowns`: (s, m) to (s, m_χ) each."""
-        s = len(vectors)
-        result = [np.empty((s, n)) for n in self.sizes]
-        ends = [0] * self.order
-        begin = 0
-        for family in self.families:
-            shape = family.unknowns.shape
-            end = begin + family.unknowns.size
-            transformed = _walsh(vectors[:, begin:end].reshape(s, *shape))
-            for gamma, character in enumerate(family.characters):
-                start = ends[character]
-                ends[character] = start + shape[1]
-                result[character][:, start : start + shape[1]] = transformed[:, gamma]
-            begin = end
+    def forward(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coordinates of vectors in the order of `unknowns`, character after character: (s, m)."""
+        result = np.empty_like(vectors)
+        np.take(self._transformed(vectors, np.empty_like(vectors)), self._gather, 1, out=result,
+                mode="clip")  # fmt: skip
         return result
 
-    def backward(self, parts: list[NDArray[np.float64]], out: NDArray[np.float64]) -> None:
-        """Σ V_χ times coordinates: (s, m_χ) each to (s, m) in the order of `unknowns`."""
-        s = len(out)
-        ends = [0] * self.order
-        begin = 0
-        for family in self.families:
-            shape = family.unknowns.shape
-            end = begin + family.unknowns.size
-            gathered = np.empty((s, *shape))
-            for gamma, character in enumerate(family.characters):
-                start = ends[character]
-                ends[character] = start + shape[1]
-                gathered[:, gamma] = parts[character][:, start : start + shape[1]]
-            out[:, begin:end] = _walsh(gathered).reshape(s, -1)
-            begin = end
+    def backward(self, coordinates: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Σ V_χ times coordinates: (s, m) to (s, m) in the order of `unknowns`."""
+        gathered = np.empty_like(coordinates)
+        np.take(coordinates, self._scatter, 1, out=gathered, mode="clip")
+        self._transformed(gathered, out)
 
-
-def _walsh(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums Σ_β (-1)^{β·γ} x_β over the second axis of (s, 2^k, n) vectors."""
-    s, cosets, n = vectors.shape
-    step = 1
-    while step < cosets:
-        halves = vectors.reshape(s, -1, 2, step, n)
-        vectors = np.empty((s, cosets, n))
-        both = vectors.reshape(halves.shape)
-        np.add(halves[:, :, 0], halves[:, :, 1], out=both[:, :, 0])
-        np.subtract(halves[:, :, 0], halves[:, :, 1], out=both[:, :, 1])
-        step *= 2
-    return vectors
+    def _transformed(
+        self, vectors: NDArray[np.float64], out: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Sums Σ_β (-1)^{β·γ} x_β over the cosets of each group, (s, m)."""
+        for place, matrix in self._transforms:
+            shape = (len(vectors), len(matrix), -1)
+            np.matmul(matrix, vectors[:, place].reshape(shape), out=out[:, place].reshape(shape))
+        return out
 
 
 def find_symmetry(
@@ -281,7 +319,7 @@ def find_symmetry(
         signs += [
             known_sign * sign[known] for known, known_sign in zip(images, signs, strict=False)
         ]
-    return Symmetry(np.array(images), np.array(signs))
+    return Symmetry(np.array(images), np.array(signs), dimension)
 
 
 def _parity(bits: int) -> int:

@@ -103,11 +103,12 @@ def test_coordinates_are_products_with_the_bases_and_back() -> None:
     full = np.zeros((K.shape[0], 5))
     full[split.unknowns] = x.T
     bases = split.bases(K.shape[0])
-    parts = split.forward(x)
+    coordinates = split.forward(x)
+    parts = [coordinates[:, place] for place in split.places]
     for V, part in zip(bases, parts, strict=True):
         np.testing.assert_allclose(part.T, V.T @ full, atol=1e-14)
     out = np.empty_like(x)
-    split.backward(parts, out)
+    split.backward(coordinates, out)
     expected = sum(V @ part.T for V, part in zip(bases, parts, strict=True))
     np.testing.assert_allclose(out.T, expected[split.unknowns], atol=1e-14)
 
@@ -136,6 +137,31 @@ def test_split_inverse_is_the_inverse(cells: tuple[int, ...]) -> None:
     y = np.empty_like(x)
     block.apply(x, y)
     np.testing.assert_allclose(y, x @ whole, atol=1e-10)
+
+
+@pytest.mark.parametrize("cells", [(3, 2), (3, 2, 2)])
+def test_the_schur_complement_comes_from_the_inverse(cells: tuple[int, ...]) -> None:
+    """Split and whole, it is K relaxed inside, also where inner nodes are the fixed ones."""
+    d = len(cells)
+    points, K = springs(cells)
+    R = orthonormal_kernel(points, d)
+    symmetry = find_symmetry(points, d, K)
+    assert symmetry is not None
+    fixing = (fixing_nodes(points, d)[:, None] * d + np.arange(d)).ravel()
+    end = (points[:, 0] == 0.0) | (points[:, 0] == points[:, 0].max())
+    interface = symmetry.split(np.repeat(end, d).nonzero()[0]).unknowns
+    inside = np.setdiff1d(np.arange(K.shape[0]), interface)
+    A = K.toarray()
+    coupling = A[np.ix_(inside, interface)]
+    relaxed = A[np.ix_(interface, interface)] - coupling.T @ np.linalg.solve(
+        A[np.ix_(inside, inside)], coupling
+    )
+    for where in (fixing, inside):
+        whole = GeneralisedInverse(K, R, where).restricted(interface)
+        split = SymmetricInverse(K, R, where, symmetry).restricted(interface)
+        for block in (whole, split):
+            found = block.schur_complement(R[interface]).toarray()
+            np.testing.assert_allclose(found, relaxed, atol=1e-11 * np.abs(relaxed).max())
 
 
 def test_averaging_removes_what_breaks_the_symmetry() -> None:
