@@ -11,7 +11,9 @@ admissible û (glued, held, not penetrating)
 
 a sum of non-negative terms without cancellation, and the exact solution u* obeys
 ½ ‖û - u*‖²_K ≤ J(û) - J(u*) ≤ J(û) - D(λ). It bounds the algebraic error; the error of the mesh
-is another matter.
+is another matter. Any û will do. The nearest one to u is open wherever u is, which costs
+λᵀ (c - B u), first order in the error; rows that press are therefore closed in û where that costs
+less, second order.
 
 Lengths are relative to the largest displacement, forces to the load (the largest of the sums of
 the magnitudes of loads, of reactions and of contact forces), the gap to the energy.
@@ -28,7 +30,7 @@ from numpy.typing import NDArray
 
 from solver.tfeti.constraints import RowKind
 from solver.tfeti.dual import DualProblem, interface_slices
-from solver.tfeti.feasible import feasible_displacements
+from solver.tfeti.feasible import feasible_displacements, motion_energy, worth_closing
 
 NUMBERS = (
     "max_penetration",
@@ -123,6 +125,7 @@ def certify(
     multiplier: NDArray[np.float64],
     displacements: list[NDArray[np.float64]],
     tolerance: float,
+    relaxations: int = 0,
 ) -> tuple[Certificate, Measures]:
     """Compute the certificate of an answer.
 
@@ -134,6 +137,8 @@ def certify(
         u.
     tolerance
         `solver.tolerance` of the scene.
+    relaxations
+        Steps that let the inside of û follow its interface, for a sharper gap.
     """
     comm = problem.comm
     contact, glued = problem.inequality, ~problem.inequality
@@ -146,19 +151,18 @@ def certify(
     imbalance, energy = _equilibrium(problem, multiplier, displacements)
     contact_forces = multiplier[contact] * problem.spread[contact]
     load = _load(problem, multiplier, contact_forces)
-    repaired, repaired_residual = feasible_displacements(problem, interface)
-    gap = -float(multiplier[contact] @ np.minimum(repaired_residual[contact], 0.0))
-    repaired -= interface
-    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
-        change = repaired[part].reshape(cls.members, -1)
-        for members in cls.batches():
-            some = change[members].T.copy()
-            gap += 0.5 * float(np.vdot(some, cls.interface_stiffness @ some))
+    closed = worth_closing(problem, multiplier, residual)
+    ways = [_way(problem, multiplier, interface, rows) for rows in (closed, None)]
     complementarity = float(np.abs(contact_forces * slack[contact]).sum())
     work = float(multiplier @ residual)
-    gap, complementarity, work = (
-        float(v) for v in comm.allreduce(np.array([gap, complementarity, work]))
+    costs = [opened + motion_energy(problem, change) for change, opened in ways]
+    *costs, complementarity, work = (
+        float(v) for v in comm.allreduce(np.array([*costs, complementarity, work]))
     )
+    gap = min(costs)
+    if relaxations:
+        change, opened = ways[int(np.argmin(costs))]
+        gap = comm.allreduce(opened + motion_energy(problem, change, relaxations))
     energy += work + gap
 
     numbers = Certificate(
@@ -172,6 +176,19 @@ def certify(
         round_off=_round_off(problem, displacements) / (load or 1.0),
     )
     return numbers.judged(tolerance), Measures(largest, load, energy, gap)
+
+
+def _way(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    interface: NDArray[np.float64],
+    closed: NDArray[np.bool_] | None,
+) -> tuple[NDArray[np.float64], float]:
+    """The way û - u to an admissible û that closes some contact rows, and λᵀ (c - B û)."""
+    change, residual = feasible_displacements(problem, interface, closed)
+    contact = problem.inequality
+    change -= interface
+    return change, -float(multiplier[contact] @ np.minimum(residual[contact], 0.0))
 
 
 def _equilibrium(

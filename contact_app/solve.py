@@ -89,7 +89,7 @@ def solve(
     """
     target = aim(options, assess)
     if problem.comm.allreduce(problem.size) == 0:
-        return target.judge(certified_answer(problem, np.zeros(0), None, target.tolerance))
+        return target.judge(_answer(problem, target, np.zeros(0), None))
     inner = MPRGP(
         expansion=options.expansion,
         alpha_u=options.alpha_u,
@@ -199,14 +199,14 @@ def _without_contact(
         reason = face.solve(inner, rtol, monitor)
         start = face.state()
         if reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
-            solution = certified_answer(problem, start.x, start.equality_force, tolerance)
+            solution = _answer(problem, target, start.x, start.equality_force)
             return start, replace(solution, reason=reason), face.counts
         penetration = np.where(problem.inequality, start.residual, 0.0).max(initial=0.0)
         penetration = problem.comm.allreduce(float(penetration), op=MPI.MAX)
         if penetration > rtol * largest_magnitude(problem.comm, start.displacements):
             return start, None, face.counts
         if rtol <= INNER * tolerance:
-            solution = certified_answer(problem, start.x, start.equality_force, tolerance)
+            solution = _answer(problem, target, start.x, start.equality_force)
             solution = target.judge(solution)
             if solution.converged:
                 return start, solution, face.counts
@@ -250,7 +250,7 @@ def _active_sets(
         following = problem.inequality & np.where(touching, multiplier > 0.0, crossed)
         if not problem.comm.allreduce(int((following != touching).sum())):
             solution = target.judge(
-                certified_answer(problem, state.x, state.equality_force, tolerance, touching)
+                _answer(problem, target, state.x, state.equality_force, touching)
             )
             if solution.converged:
                 return solution, counts
@@ -285,7 +285,7 @@ class _OuterJudge:
 
     def certify(self, x: NDArray[np.float64], force: NDArray[np.float64]) -> Solution:
         """The answer that an iterate and its force Cᵀ μ stand for."""
-        answer = certified_answer(self._problem, x, force, self._target.tolerance)
+        answer = _answer(self._problem, self._target, x, force)
         self._largest = answer.measures.displacement
         self.answer = self._target.judge(answer)
         return self.answer
@@ -294,12 +294,13 @@ class _OuterJudge:
         """Whether `answer` meets the tolerance (collective)."""
         self._residuals.append(state.residual_norm)
         outer = len(self._residuals)
-        if self._is_near(state) and outer > self._next_certificate:
+        if self._is_near(state) and state.products >= self._next_certificate:
             tolerance = self._target.tolerance
             if self.certify(state.x, state.transposed_multiplier).converged:
                 return True
             if self._target.tolerance == tolerance:
-                self._next_certificate = outer + min(self._failures, self._target.patience)
+                wait = min(self._failures, self._target.patience)
+                self._next_certificate = state.products + wait
                 self._failures += 1
         due = outer % PATIENCE == 0 and self._problem.held_without_contact
         if due and self._residuals[-1] > 0.1 * self._residuals[-PATIENCE // 2]:
@@ -376,7 +377,7 @@ def _solve_mprgp(
 
     def certify(x: NDArray[np.float64]) -> Solution:
         nonlocal answer
-        answer = target.judge(certified_answer(problem, x, None, target.tolerance))
+        answer = target.judge(_answer(problem, target, x, None))
         return answer
 
     result = inner.solve(qp, monitor=monitor, accept=lambda x: certify(x).converged)
@@ -385,12 +386,26 @@ def _solve_mprgp(
     return replace(answer, counts=result.counts, reason=result.reason)
 
 
+def _answer(
+    problem: DualProblem,
+    target: Target,
+    x: NDArray[np.float64],
+    equality_force: NDArray[np.float64] | None,
+    touching: NDArray[np.bool_] | None = None,
+) -> Solution:
+    """`certified_answer` held against what a target asks for now."""
+    return certified_answer(
+        problem, x, equality_force, target.tolerance, touching, target.relaxations
+    )
+
+
 def certified_answer(
     problem: DualProblem,
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,
     tolerance: float,
     touching: NDArray[np.bool_] | None = None,
+    relaxations: int = 0,
 ) -> Solution:
     """Recover and certify what an iterate of the solver stands for.
 
@@ -400,6 +415,8 @@ def certified_answer(
         What the certificate is held against.
     touching : (dual,)
         Contact rows that carry force; those above their bound unless given.
+    relaxations
+        Of the certificate: steps that sharpen the duality gap.
     """
     balanced = x.copy()
     if problem.coarse is not None:
@@ -411,7 +428,7 @@ def certified_answer(
     multiplier = feasible_multiplier(problem, balanced, touching)
     alpha = kernel_coefficients(problem, multiplier, equality_force)
     u = recover(problem, multiplier, alpha)
-    certificate, measures = certify(problem, multiplier, u, tolerance)
+    certificate, measures = certify(problem, multiplier, u, tolerance, relaxations)
     return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, tolerance)
 
 

@@ -14,6 +14,7 @@ hardly disturbs it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -26,6 +27,10 @@ SHARE = 0.1
 LOOSEST = 3e-2
 """Largest tolerance that is chosen."""
 
+NEARLY = 1.2
+"""Gap over that which a tenth of the mesh's last known error allows, above which no new estimate
+of that error is made."""
+
 Assess = Callable[[Solution], Accuracy]
 
 
@@ -37,10 +42,13 @@ class Target:
     tolerance
         What the certificate's numbers have to meet.
     patience
-        Outer iterations that may pass between a certificate that failed and the next.
+        Products that may pass between a certificate that failed and the next.
+    relaxations
+        Steps that sharpen the duality gap of certificates.
     """
 
     patience = 0
+    relaxations = 0
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
@@ -62,27 +70,50 @@ class AutomaticTarget(Target):
         Smallest tolerance that is chosen: where the mesh is exact, or nearly so.
     """
 
-    patience = 3
+    patience = 6
+    relaxations = 3
 
     def __init__(self, assess: Assess, tightest: float) -> None:
         super().__init__(LOOSEST)
         self._assess, self._tightest = assess, tightest
+        self._enough: tuple[float, float] | None = None
 
     def judge(self, solution: Solution) -> Solution:
-        """The answer with the verdict of its certificate, which fails until enough is enough."""
-        loosely = super().judge(solution)
-        if not loosely.converged:
-            return loosely
+        """The answer with the verdict of its certificate, which fails until enough is enough.
+
+        The error of the mesh is estimated where a first certificate passes loosely, and again
+        where the gap that it then asked for is met.
+        """
+        gap = solution.measures.gap
+        if self._enough is None:
+            loosely = super().judge(solution)
+            if not loosely.converged:
+                return loosely
+        else:
+            chosen, enough = self._enough
+            loosely = replace(
+                solution, certificate=solution.certificate.judged(chosen), tolerance=chosen
+            )
+            if not loosely.converged:
+                return loosely
+            if gap > NEARLY * enough:
+                self._tighten(math.sqrt(gap / enough))
+                return replace(loosely, certificate=replace(loosely.certificate, passed=False))
         accuracy = self._assess(solution)
         limit = max(SHARE * accuracy.discretisation, self._tightest)
         chosen = min(limit, LOOSEST)
         judged = solution.certificate.judged(chosen)
         if accuracy.algebraic > limit:
             judged = replace(judged, passed=False)
+            self._enough = chosen, gap * (limit / accuracy.algebraic) ** 2
         if not judged.passed:
-            excess = max(accuracy.algebraic / limit, 2.0)
-            self.tolerance = min(chosen, self.tolerance / excess)
+            self._tighten(accuracy.algebraic / limit)
+            self.tolerance = min(chosen, self.tolerance)
         return replace(solution, certificate=judged, tolerance=chosen, accuracy=accuracy)
+
+    def _tighten(self, excess: float) -> None:
+        """Ask for residuals that are smaller by as much as the error has to fall."""
+        self.tolerance /= max(excess, 2.0)
 
 
 def aim(options: SolverOptions, assess: Assess | None) -> Target:

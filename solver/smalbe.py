@@ -88,6 +88,8 @@ class OuterState:
     transposed_multiplier : ndarray (local part)
         Cᵀ next_multiplier.
     projected_gradient_norm, residual_norm : float
+    products : int
+        Products with the Hessian so far.
     """
 
     iteration: int
@@ -99,6 +101,7 @@ class OuterState:
     transposed_multiplier: Vector
     projected_gradient_norm: float
     residual_norm: float
+    products: int
 
 
 #: The caller's own test; must answer the same on all ranks.
@@ -333,6 +336,7 @@ class SMALBE:
                     transposed,
                     it.projected_gradient_norm,
                     size,
+                    it.counts.hessian,
                 )  # fmt: skip
             ):
                 reason = Reason.ACCEPTED

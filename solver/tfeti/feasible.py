@@ -11,7 +11,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.classes import SubdomainClass
+from solver.tfeti.coarse import multiply
+from solver.tfeti.dual import DualProblem, interface_slices
 
 ROUNDS = 40
 """Corrections tried; a solver's iterate needs two or three."""
@@ -76,28 +78,112 @@ def _balance(
 
 
 def feasible_displacements(
-    problem: DualProblem, displacements: NDArray[np.float64]
+    problem: DualProblem,
+    displacements: NDArray[np.float64],
+    closed: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The admissible û nearest to u, both on the interface, and B û - c.
 
     B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
     admissible set; where contact rows are not orthogonal it is repeated, damped. Inside the
     subdomains û = u.
+
+    Parameters
+    ----------
+    closed : (dual,)
+        Contact rows whose gaps are closed as well, as far as that leaves û admissible.
     """
     damping = _overlap(problem)
     repaired = displacements.copy()
     residual = problem.residual(repaired)
     tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, displacements))
-    previous = np.inf
-    for _ in range(200):
-        violation = np.where(problem.inequality, np.maximum(residual, 0.0), residual)
-        size = largest_magnitude(problem.comm, violation)
-        if size <= tolerance or size > 0.99 * previous:
-            break
-        repaired -= problem.constraint_forces(violation / damping)
-        residual = problem.residual(repaired)
-        previous = size
+    one_sided = problem.inequality if closed is None else problem.inequality & ~closed
+    for rows in (one_sided, problem.inequality)[closed is None :]:
+        previous = np.inf
+        for _ in range(200):
+            violation = np.where(rows, np.maximum(residual, 0.0), residual)
+            size = largest_magnitude(problem.comm, violation)
+            if size <= tolerance or size > 0.99 * previous:
+                break
+            repaired -= problem.constraint_forces(violation / damping)
+            residual = problem.residual(repaired)
+            previous = size
     return repaired, residual
+
+
+def worth_closing(
+    problem: DualProblem, multiplier: NDArray[np.float64], residual: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Contact rows whose open gap costs more than closing it would.
+
+    An open row adds λ_i |r_i| to the duality gap; closing them all, w = Bᵀ r, adds ½ wᵀ K w, of
+    which the row's share is ½ r_i (B K w)_i.
+
+    Parameters
+    ----------
+    multiplier, residual : (dual,)
+        λ and r = B u - c.
+    """
+    opened = problem.inequality & (multiplier > 0.0) & (residual < 0.0)
+    gaps = np.where(opened, residual, 0.0)
+    motion = problem.constraint_forces(gaps)
+    force = np.empty_like(motion)
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        moved = motion[part].reshape(cls.members, -1)
+        shared = force[part].reshape(cls.members, -1)
+        for members in cls.batches():
+            shared[members] = (cls.interface_stiffness @ moved[members].T).T
+    share = np.empty(problem.size)
+    multiply(problem.B, force, share)
+    return opened & (-multiplier * gaps > 0.5 * gaps * share)
+
+
+def motion_energy(problem: DualProblem, motion: NDArray[np.float64], relaxations: int = 0) -> float:
+    """½ wᵀ K w on this rank, w moving the interface by `motion` and the inside little.
+
+    Inside the subdomains w is zero, or what some steps of conjugate gradients, preconditioned by
+    the diagonal, make of that towards the least energy.
+
+    Parameters
+    ----------
+    relaxations
+        Steps; each takes one product with the stiffness of every subdomain.
+    """
+    energy = 0.0
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        moved = motion[part].reshape(cls.members, -1)
+        for members in cls.batches():
+            some = moved[members].T.copy()
+            energy += 0.5 * float(np.vdot(some, cls.interface_stiffness @ some))
+            if relaxations:
+                energy -= _relaxed(cls, some, relaxations)
+    return energy
+
+
+def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> float:
+    """Energy that members give off when their inside follows the interface."""
+    inside = np.setdiff1d(cls.free, cls.interface)
+    if len(inside) == 0:
+        return 0.0
+    full = np.zeros((cls.unknowns, motion.shape[1]))
+    full[cls.interface] = motion
+    residual = -(cls.stiffness @ full)[inside]
+    full[cls.interface] = 0.0
+    diagonal = cls.stiffness.diagonal()[inside, None]
+    direction = residual / diagonal
+    square = np.einsum("im,im->m", residual, direction)
+    gain = np.zeros(len(square))
+    for _ in range(steps):
+        full[inside] = direction
+        force = (cls.stiffness @ full)[inside]
+        curvature = np.einsum("im,im->m", direction, force)
+        length = np.divide(square, curvature, out=np.zeros_like(gain), where=curvature > 0.0)
+        gain += 0.5 * length * square
+        residual -= length * force
+        before, square = square, np.einsum("im,im->m", residual, residual / diagonal)
+        ratio = np.divide(square, before, out=np.zeros_like(gain), where=before > 0.0)
+        direction = residual / diagonal + ratio * direction
+    return float(gain.sum())
 
 
 def _overlap(problem: DualProblem) -> NDArray[np.float64]:

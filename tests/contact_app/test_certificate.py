@@ -244,3 +244,38 @@ def test_sees_wrong_contact_forces(change: str) -> None:
         assert seen["min_multiplier"] < -1e-5
     if change == "push":
         assert seen["complementarity"] > 1e-6, "a force across an open gap"
+
+
+@pytest.mark.parametrize("name", ["wall", "hollow_sphere", "floating_in_corner"])
+def test_gap_is_sharper_where_the_inside_follows(name: str) -> None:
+    """And still a bound."""
+    from contact_app.certificate import certify
+
+    known = reference_of(name, CELL, 4)
+    solution = certified(name, 1e-4)
+    answer = solution.solution
+    problem = solution.model.problem
+    measured = [
+        certify(problem, answer.multiplier, answer.displacements, 1e-4, steps)[1]
+        for steps in (0, 3, 30)
+    ]
+    gaps = [m.gap for m in measured]
+    assert gaps[0] > gaps[1] >= gaps[2] * (1 - 1e-12)
+    for m in measured:
+        assert -1e-13 * abs(known.energy) <= m.energy - known.energy <= m.gap * (1 + 1e-9)
+
+
+def test_rows_that_press_and_stand_open_cost_the_second_order() -> None:
+    """A body moved off its wall by t: λ t would be first order in t, closing the gap is t²."""
+    from contact_app.certificate import certify
+
+    solution = certified("wall", 1e-12)
+    problem, answer = solution.model.problem, solution.solution
+    gaps = []
+    for t in (1e-3, 5e-4):
+        moved = [u.copy() for u in answer.displacements]
+        for u in moved:
+            u[0::3] -= t * answer.measures.displacement
+        measures = certify(problem, answer.multiplier, moved, 1e-9)[1]
+        gaps.append(measures.gap)
+    assert gaps[0] / gaps[1] == pytest.approx(4.0, rel=0.05)
