@@ -1,8 +1,8 @@
 """The contact pressure over the contact surface, by matplotlib alone.
 
 In the plane a line for each stretch of boundary in contact: pressure against the position along
-the boundary. In space a patch for each connected piece of surface, laid flat along its mean
-normal and zoomed to where it is pressed.
+the boundary. In space a patch for each connected piece of surface, laid flat (a bore is unrolled)
+and zoomed to where it is pressed.
 """
 
 from __future__ import annotations
@@ -20,6 +20,16 @@ from contact_app.stored import Stored
 
 MARGIN = 0.15
 """Room about what is pressed, as a share of its size."""
+
+
+STRAIGHT = 0.97
+"""Length of the mean of unit normals below which a surface is bent: a quarter of a circle's."""
+
+BARREL = 0.01
+"""Share of normals along an axis below which a surface is bent about it alone."""
+
+ROUND = 0.05
+"""How much a cylinder's radius may differ."""
 
 
 class NothingPressedError(ContactError):
@@ -71,9 +81,8 @@ def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64
         Nodes along the boundary, from the left end (the lower one of two), and their distance
         from it along the undeformed boundary.
     """
-    may = touchable(stored)
     (sides,) = stored.boundary()
-    sides = sides[may[sides].all(axis=1)]
+    sides = _sides_in_contact(stored, sides)
     found = []
     for piece in _connected(sides, len(stored.points)):
         nodes, ends = np.unique(piece, return_inverse=True)
@@ -97,6 +106,13 @@ def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64
     return found
 
 
+def _sides_in_contact(stored: Stored, sides: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sides that may touch; where only a line or a node is pressed, all sides about it."""
+    may = touchable(stored)[sides].all(axis=1)
+    pressed = (stored.point_data["contact_pressure"][sides] > 0.0).any(axis=1)
+    return sides[may if (may & pressed).any() else pressed]
+
+
 def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
     axes = figure.subplots()
     for nodes, position in profiles(stored):
@@ -111,24 +127,24 @@ def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
 
 
 def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
-    may = touchable(stored)
     corners = np.concatenate(
         [sides[:, pick] for sides in stored.boundary() for pick in _CORNERS[sides.shape[1]]]
     )
-    corners = corners[may[corners].all(axis=1)]
+    corners = _sides_in_contact(stored, corners)
     pieces = [
         piece for piece in _connected(corners, len(stored.points)) if (pressure[piece] > 0.0).any()
     ]
     high = float(pressure.max())
     flat = []
     for axes, piece in zip(np.ravel(figure.subplots(1, len(pieces))), pieces, strict=True):
-        across, names = _flattened(stored.points, piece)
+        pressed = (pressure[piece] > 0.0).any(axis=1)
+        across, shown, names = flattened(stored.points, piece, pressed)
         shades = axes.tripcolor(
-            across[:, 0], across[:, 1], piece, pressure,
+            across[:, 0], across[:, 1], piece[shown], pressure,
             shading="gouraud", cmap="magma_r", vmin=0.0, vmax=high,
         )  # fmt: skip
-        pressed = piece[(pressure[piece] > 0.0).any(axis=1)]
-        low, top = across[pressed].min(axis=(0, 1)), across[pressed].max(axis=(0, 1))
+        seen = piece[pressed & shown]
+        low, top = across[seen].min(axis=(0, 1)), across[seen].max(axis=(0, 1))
         room = MARGIN * (top - low).max()
         axes.set_xlim(low[0] - room, top[0] + room)
         axes.set_ylim(low[1] - room, top[1] + room)
@@ -139,22 +155,86 @@ def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None
     bar.formatter.set_powerlimits((-3, 4))
 
 
-def _flattened(
-    points: NDArray[np.float64], triangles: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], tuple[str, str]]:
-    """All points (n, 2) along two directions across the mean normal, and names of those."""
+def flattened(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], pressed: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]]:
+    """Lay a piece of surface flat.
+
+    Where what is pressed is bent about an axis, as in a bore, the surface is unrolled; otherwise
+    it is looked at along the mean normal of what is pressed.
+
+    Parameters
+    ----------
+    points : (n, 3)
+    triangles : (m, 3)
+        Of one connected piece, against the clock as seen from outside.
+    pressed : (m,)
+
+    Returns
+    -------
+    across : (n, 2)
+        Coordinates of all points.
+    shown : (m,)
+        Triangles that do not lie on their backs, nor across the cut where a bore is opened.
+    names
+        Of the coordinates.
+    """
     a, b, c = (points[triangles[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    # The mean of outer products: it does not matter which way round a triangle is.
-    _, vectors = np.linalg.eigh(normals.T @ normals)
-    normal = vectors[:, -1]
+    normals = np.cross(b - a, c - a)  # twice the area in length
+    area = np.linalg.norm(normals, axis=1)[pressed]
+    mean = normals[pressed].sum(axis=0)
+    normal = mean / max(float(np.linalg.norm(mean)), 1e-300)
+    if np.linalg.norm(mean) < STRAIGHT * area.sum():
+        units = normals[pressed] / np.sqrt(np.maximum(area, 1e-300))[:, None]
+        spread, vectors = np.linalg.eigh(units.T @ units)
+        if spread[0] < BARREL * spread.sum():
+            unrolled = _unrolled(points, triangles, pressed, vectors[:, 0], normal)
+            if unrolled is not None:
+                return unrolled
+    shown = normals @ normal > 0.0
     axis = int(np.argmax(np.abs(normal)))
     if np.abs(normal[axis]) > 1.0 - 1e-3:
         first, second = (i for i in range(3) if i != axis)
-        return points[:, [first, second]], ("xyz"[first], "xyz"[second])
+        return points[:, [first, second]], shown, ("xyz"[first], "xyz"[second])
     level = np.cross([0.0, 0.0, 1.0], normal) if axis != 2 else np.cross([0.0, 1.0, 0.0], normal)
     level /= np.linalg.norm(level)
-    return points @ np.stack([level, np.cross(normal, level)], axis=1), ("across", "along")
+    across = points @ np.stack([level, np.cross(normal, level)], axis=1)
+    return across, shown, ("across", "along")
+
+
+def _unrolled(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    pressed: NDArray[np.bool_],
+    axis: NDArray[np.float64],
+    middle: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]] | None:
+    """Unroll a piece of a cylinder along an axis, cut opposite its `middle`; None if it is none."""
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    out = middle - (middle @ axis) * axis
+    if np.linalg.norm(out) < 1e-6:  # pressed all round: it is cut anywhere
+        out = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    out /= np.linalg.norm(out)
+    plane = points @ np.stack([out, np.cross(axis, out)], axis=1)
+    on = np.unique(triangles[pressed])
+    rim = plane[on]
+    fit, *_ = np.linalg.lstsq(
+        np.column_stack([2.0 * rim, np.ones(len(rim))]), (rim**2).sum(axis=1), rcond=None
+    )
+    centre, radius = fit[:2], np.sqrt(max(fit[2] + fit[:2] @ fit[:2], 0.0))
+    if not np.allclose(np.linalg.norm(rim - centre, axis=1), radius, rtol=ROUND):
+        return None
+    x, y = (plane - centre).T
+    # Normals of a bore point to its axis.
+    inwards = -1.0 if (rim - centre)[:, 0].mean() < 0.0 else 1.0
+    angle = np.arctan2(inwards * y, inwards * x)
+    shown = np.ptp(angle[triangles], axis=1) < np.pi
+    # Only what lies on the cylinder, not faces at its ends.
+    distance = np.linalg.norm(plane[triangles] - centre, axis=2)
+    shown &= (np.abs(distance - radius) < ROUND * radius).all(axis=1)
+    across = np.column_stack([radius * angle, points @ axis])
+    along = "xyz"[int(np.argmax(axis))] if axis.max() > 1.0 - 1e-3 else "along the axis"
+    return across, shown, ("around the axis", along)
 
 
 def _connected(sides: NDArray[np.int64], n: int) -> list[NDArray[np.int64]]:

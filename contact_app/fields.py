@@ -86,6 +86,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     gap = np.full(size, np.inf)
     np.minimum.at(gap, at, -penetration[rows] / contact.spread)
     gap[np.isinf(gap)] = np.nan
+    _fill_faces(model, gap)
     resultants = np.zeros((len(model.scene.touching), 3))
     np.add.at(resultants[:, :d], contact.sources, force[:, None] * contact.normals)
     obstacles = len(model.scene.contacts)
@@ -101,8 +102,8 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     )
 
 
-def _fill_faces(model: Model, pressure: NDArray[np.float64]) -> None:
-    """Continue pressures known at the vertices of second-order faces to their middles, in place."""
+def _fill_faces(model: Model, values: NDArray[np.float64]) -> None:
+    """Continue what is known at the vertices of second-order faces to their middles, in place."""
     scene, partition, exchange = model.scene, model.partition, model.node_exchange
     averaged = [
         c
@@ -112,14 +113,14 @@ def _fill_faces(model: Model, pressure: NDArray[np.float64]) -> None:
     ]
     if not averaged:
         return
-    copies = exchange.from_owners(pressure[exchange.nodes - exchange.first])
+    copies = exchange.from_owners(values[exchange.nodes - exchange.first])
     starts = np.cumsum([0, *(len(s.nodes) for s in partition.subdomains)])
     for contact in averaged:
         chosen = facets_of(scene, partition, contact.body, contact.boundary)
         for start, s, rows in zip(starts, partition.subdomains, chosen, strict=False):
             if len(rows):
                 between_vertices(s.reference.facets[rows], copies[start : start + len(s.nodes)])
-    np.maximum.at(pressure, exchange.nodes - exchange.first, exchange.to_owners(copies))
+    np.fmax.at(values, exchange.nodes - exchange.first, exchange.to_owners(copies))
 
 
 def _contact_areas(model: Model) -> NDArray[np.float64]:

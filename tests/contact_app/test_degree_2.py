@@ -82,6 +82,8 @@ def test_a_constant_pressure_is_constant(cell: str, subdomains: int) -> None:
     on_floor = x[:, d - 1] < 1e-9
     np.testing.assert_allclose(pressure[on_floor], q, rtol=1e-7)
     assert not pressure[~on_floor].any()
+    # Everywhere on the faces, also between corners where only those have rows.
+    np.testing.assert_array_equal(np.isfinite(solution.nodes.gap), on_floor)
     assert solution.summary["solution"]["max_contact_pressure"] == pytest.approx(q, rel=1e-7)
     assert solution.summary["solution"]["contact_force"][d - 1] == pytest.approx(q, rel=1e-9)
     stress = solution.cells.stress[:, d - 1]

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from contact_app import picture, space_picture, vtk_panels
 from contact_app.cli import app
-from contact_app.contact_picture import profiles
+from contact_app.contact_picture import draw_contact, flattened, profiles
 from contact_app.report import write_summary
 from contact_app.stored import Stored, StoredError, read
 from contact_app.xdmf import XDMFWriter, cell_type_name
@@ -246,6 +246,55 @@ def test_without_pyvista_bodies_in_space_are_drawn_and_it_is_said_how_to_get_it(
     assert [path.name for path in made] == ["bodies.png", "contact_pressure.png"]
     assert "pip install" in remarks[0]
     assert not any(plain(path) for path in made)
+
+
+@pytest.mark.parametrize("all_round", [False, True])
+def test_a_bore_is_unrolled(all_round: bool) -> None:
+    """Lengths around the axis stay, its opposite is where it is cut, and nothing overlaps."""
+    n, radius, axis = 60, 2.0, np.array([0.6, 0.0, 0.8])
+    angles = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    e, f = np.array([0.8, 0.0, -0.6]), np.array([0.0, 1.0, 0.0])
+    ring = radius * (np.cos(angles)[:, None] * e + np.sin(angles)[:, None] * f) + [1.0, 5.0, 2.0]
+    points = np.concatenate([ring, ring + 3.0 * axis])
+    here, there = np.arange(n), np.roll(np.arange(n), -1)
+    triangles = np.concatenate(
+        [np.stack([here, here + n, there], 1), np.stack([there, here + n, there + n], 1)]
+    )
+    outside = np.cross(*(points[triangles[0, i]] - points[triangles[0, 0]] for i in (1, 2)))
+    assert outside @ (ring[0] - ring.mean(axis=0)) < 0.0  # out of the body: to the axis
+    pressed = np.tile(all_round | (np.abs(angles - np.pi) < 0.9), 2)
+    across, shown, names = flattened(points, triangles, pressed)
+    assert names == ("around the axis", "along the axis")
+    assert shown.sum() == 2 * (n - 1)
+    corners = across[triangles[shown]]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    assert (np.sign(area) == np.sign(area[0])).all()
+    np.testing.assert_allclose(np.abs(area), 0.5 * 3.0 * 2.0 * np.pi * radius / n, rtol=1e-3)
+    if not all_round:
+        assert abs(across[n // 2, 0]) < 0.2  # where it is pressed most
+
+
+def test_what_lies_behind_a_pressed_face_is_not_drawn_over_it(tmp_path: Path) -> None:
+    """All faces of a block may touch; the picture shows those that look as the pressed one."""
+    block(tmp_path)
+    stored = read(tmp_path)
+    (sides,) = stored.boundary()
+    triangles = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    pressed = (stored.points[triangles][:, :, 0] > 1.5).all(axis=1)
+    _, shown, names = flattened(stored.points, triangles, pressed)
+    assert names == ("y", "z")
+    np.testing.assert_array_equal(shown, pressed)
+
+
+def test_pressure_on_an_edge_alone_is_drawn(tmp_path: Path) -> None:
+    """No face may touch as a whole, as where a boundary is a line of nodes."""
+    block(tmp_path)
+    stored = read(tmp_path)
+    edge = (stored.points[:, 0] > 1.5) & (stored.points[:, 2] < 0.5)
+    stored.point_data["gap"][:] = np.where(edge, 0.0, np.nan)
+    stored.point_data["contact_pressure"][:] = np.where(edge, 3.0, 0.0)
+    assert not plain(draw_contact(stored, tmp_path / "edge.png"))
 
 
 def test_what_does_not_touch_has_no_pressure_to_draw(tmp_path: Path) -> None:
