@@ -18,6 +18,7 @@ Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and wi
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +38,16 @@ STRAINLESS = 1e-18
 
 
 class ErrorEstimator:
-    """Estimates the errors of answers to one model; making and using it are collective."""
+    """Estimates the errors of answers to one model; using it is collective."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self.available = all(body.plain for body in model.scene.bodies)
-        if self.available:
-            self.recovery = StressRecovery(model)
+
+    @cached_property
+    def recovery(self) -> StressRecovery:
+        """What recovers stresses on this model (collective)."""
+        return StressRecovery(self.model)
 
     def accuracy(self, solution: Solution) -> Accuracy:
         """The errors of an answer; of the mesh where every body has plain first-order cells."""

@@ -206,6 +206,12 @@ def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -
 def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Model:
     """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`."""
     timings = timings or Timings()
+    with timings.measure("setup"):
+        return _built(scene, comm, timings)
+
+
+def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings) -> Model:
+    """The model; all but assembly and factorization is set-up."""
     known = outline(scene, comm, timings)
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, contact, elements, loads = known.held, known.contact, known.elements, known.loads

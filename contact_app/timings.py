@@ -16,14 +16,19 @@ class Timings:
         self.seconds = dict.fromkeys(STAGES, 0.0)
         self._start = time.perf_counter()
 
+        self._inner = 0.0  # seconds of stages inside the one that runs
+
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
-        """Add the time spent inside to a stage."""
-        begin = time.perf_counter()
+        """Add the time spent inside to a stage; stages inside it count for themselves alone."""
+        begin, outer = time.perf_counter(), self._inner
+        self._inner = 0.0
         try:
             yield
         finally:
-            self.seconds[stage] += time.perf_counter() - begin
+            spent = time.perf_counter() - begin
+            self.seconds[stage] += spent - self._inner
+            self._inner = outer + spent
 
     def branched(self, total: float) -> Timings:
         """What was measured so far, as the start of one of several runs that share it.

@@ -266,11 +266,16 @@ class SMALBE:
         # of the inner solve, tightened when a caller's test asks for more
         target = restart.target if restart else tolerance
 
+        measured, known_size = -1, 0.0  # the step at which the residual was taken, and its norm
+
         def measure(it: Iterate) -> float:
-            equalities.apply(it.x, residual)
-            np.subtract(residual, right, out=residual)
-            it.equality_residual = qp.reduction.norm(residual)
-            return it.equality_residual
+            nonlocal measured, known_size
+            if measured != it.iterations:
+                equalities.apply(it.x, residual)
+                np.subtract(residual, right, out=residual)
+                measured, known_size = it.iterations, qp.reduction.norm(residual)
+            it.equality_residual = known_size
+            return known_size
 
         peak = 0.0  # largest ‖Cx‖ carried along so far: it sets the rounding errors of the others
 

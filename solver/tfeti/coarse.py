@@ -18,7 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.tfeti.matrix import ConstraintMatrix, lent, scale_rows
+from solver.tfeti.matrix import ConstraintMatrix, scale_rows
 
 
 class CoarseProblem:
@@ -66,6 +66,9 @@ class CoarseProblem:
         self._dual = np.empty(self.size)
         self._coarse = np.empty(self.kernels)
         self._solution = np.empty(self.kernels)
+        self._source, self._target = (
+            PETSc.Vec().createWithArray(np.empty(self.kernels), comm=self.comm) for _ in range(2)
+        )
         self._factor(self._gram)
 
     @property
@@ -114,8 +117,13 @@ class CoarseProblem:
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
-        with lent(self.comm, rhs, out) as (source, target):
-            self._pc.apply(source, target)
+        self._source.placeArray(rhs)
+        self._target.placeArray(out)
+        try:
+            self._pc.apply(self._source, self._target)
+        finally:
+            self._source.resetArray()
+            self._target.resetArray()
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
