@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.tfeti.classes import SubdomainClass
-from solver.tfeti.coarse import multiply
 from solver.tfeti.dual import DualProblem, interface_slices
 
 ROUNDS = 40
@@ -134,7 +133,7 @@ def worth_closing(
         for members in cls.batches():
             shared[members] = (cls.interface_stiffness @ moved[members].T).T
     share = np.empty(problem.size)
-    multiply(problem.B, force, share)
+    problem.B.apply(force, share)
     return opened & (-multiplier * gaps > 0.5 * gaps * share)
 
 
