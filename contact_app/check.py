@@ -30,6 +30,7 @@ from contact_app.scene import (
     Scene,
     Traction,
 )
+from contact_app.symmetry import halved
 from meshes import Subdomain
 from solver.tfeti.costs import (
     SPARSE_SECONDS,
@@ -86,8 +87,16 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     ConfigurationError, NoEquilibriumError
         What a run would refuse, too.
     """
+    halving = halved(scene)
+    if scene.symmetry:
+        scene = halving.scene
     known = outline(scene, comm)
     lines = describe(scene, known)
+    if scene.symmetry:
+        lines = [*halving.notes, "", *lines]
+    elif halving.scene.mirrors:
+        share = 2 ** len(halving.scene.mirrors)
+        lines.append(f"symmetry: `symmetry: allow` would solve one of {share} equal parts")
     if comm.rank == 0:
         console = Console(highlight=False, markup=False, soft_wrap=True)
         for line in lines:

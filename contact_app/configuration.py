@@ -339,6 +339,11 @@ class Configuration(Model):
     decomposition: Literal["auto"] | Split = Field(
         "auto", description="auto, or {subdomains: N | [nx, ny, nz]}."
     )
+    symmetry: Literal["none", "allow"] = Field(
+        "none",
+        description="allow: a scene of boxes that mirrors about planes midway through its bodies "
+        "is solved on one side of them and written as a whole; none.",
+    )
     accuracy: Annotated[float, Field(ge=1e-4, lt=1)] | None = Field(
         None,
         description="Relative error in energy norm to reach: boxes are refined, their `cells` "

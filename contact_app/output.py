@@ -5,15 +5,19 @@ Ranks hand their share to rank 0 one after another, so no rank holds a field of 
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_app.fields import slabs
+from contact_app.mirror import Image, whole
 from contact_app.xdmf import XDMFWriter, cell_type_name
 
 if TYPE_CHECKING:
+    from contact_app.model import Model
     from contact_app.run import SolvedScene
 
 POINT_FIELDS = ("displacement", "contact_pressure", "gap")
@@ -24,34 +28,46 @@ def write_xdmf(solved: SolvedScene, path: Path) -> None:
     """Write the fields the scene asks for (collective)."""
     model, nodes, cells = solved.model, solved.nodes, solved.cells
     scene, partition, comm = model.scene, model.partition, model.comm
+    found = whole(model, nodes)
     wanted = scene.output.fields
-    bodies = np.array([s.body for s in partition.subdomains])
-    by_body = [
-        np.concatenate([c for c, b in zip(cells.cells, bodies, strict=True) if b == body])
-        for body in np.unique(bodies)
-    ]
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     cell_fields = {name: getattr(cells, name) for name in CELL_FIELDS if name in wanted}
-    node_slabs = slabs(comm, nodes.first, nodes.points, point_fields)
-    cell_slabs = slabs(comm, cells.first, by_body, cell_fields)
-    if comm.rank:
-        for generator in (node_slabs, cell_slabs):
-            for _ in generator:
-                pass
-        return
     sizes = np.diff(partition.first_cell)
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
         for b, n in zip(scene.bodies, sizes, strict=True)
-    ]
-    with XDMFWriter(path, runs, partition.nodes, partition.cells) as writer:
-        for start, (points, fields) in node_slabs:
-            writer.points(start, points)
-            for name, values in fields.items():
-                writer.point_data(name, start, values)
-        for start, (groups, fields) in cell_slabs:
-            for name, values in fields.items():
-                writer.cell_data(name, start, values)
-            for group in groups:
-                writer.cells(start, group)
-                start += len(group)
+    ] * len(found.images)
+    writer = XDMFWriter(path, runs, found.nodes, found.cells) if comm.rank == 0 else None
+    with writer or nullcontext():
+        for number, image in enumerate(found.images):
+            own = {name: image.field(name, v)[image.new] for name, v in point_fields.items()}
+            points = image.points(nodes.points)[image.new]
+            for start, (located, fields) in slabs(comm, image.first, points, own):
+                assert writer is not None
+                writer.points(start, located)
+                for name, values in fields.items():
+                    writer.point_data(name, start, values)
+            first = number * partition.cells + cells.first
+            own = {name: image.field(name, v) for name, v in cell_fields.items()}
+            for start, (groups, fields) in slabs(comm, first, _cells(model, image), own):
+                assert writer is not None
+                for name, values in fields.items():
+                    writer.cell_data(name, start, values)
+                for group in groups:
+                    writer.cells(start, group)
+                    start += len(group)
+
+
+def _cells(model: Model, image: Image) -> list[NDArray[np.int64]]:
+    """Nodes of the image of this rank's cells, by body (collective)."""
+    exchange, partition = model.node_exchange, model.partition
+    copies = exchange.from_owners(image.numbers[exchange.nodes - exchange.first])
+    groups: dict[int, list[NDArray[np.int64]]] = {}
+    start = 0
+    for s in partition.subdomains:
+        body = model.scene.bodies[s.body]
+        nodes = copies[start : start + len(s.nodes)]
+        cells = image.cells(s.reference.cells, body.mesh.cell, body.degree)
+        groups.setdefault(s.body, []).append(nodes[cells])
+        start += len(s.nodes)
+    return [np.concatenate(groups[body]) for body in sorted(groups)]

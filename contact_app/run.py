@@ -22,6 +22,7 @@ from contact_app.errors import ConfigurationError, ContactError
 from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
 from contact_app.history import History
 from contact_app.limits import model_warnings
+from contact_app.mirror import whole_summary
 from contact_app.model import Model, build_model
 from contact_app.output import write_xdmf
 from contact_app.progress import Interruption, Progress, together
@@ -30,6 +31,7 @@ from contact_app.report import log, print_summary, run_log, write_summary
 from contact_app.scene import Scene
 from contact_app.solution import Accuracy, Solution
 from contact_app.solve import reason_text, solve
+from contact_app.symmetry import halved
 from contact_app.timings import Timings
 from solver.errors import QPError
 from solver.result import Monitor, Reason, Step
@@ -99,6 +101,10 @@ def run(
                 if checkpoint.found
                 else f"no checkpoint in {directory}: starting from the beginning"
             )
+        notes: tuple[str, ...] = ()
+        if scene.symmetry:
+            halving = halved(scene)
+            scene, notes = halving.scene, halving.notes
         progress.stage(f"modelling {scene.title or scene.source.name}")
         refined = None
         if scene.accuracy is None:
@@ -119,7 +125,7 @@ def run(
                 log.info("--resume goes on from here")
         else:
             checkpoint.remove()
-        for note in solved.model.notes:
+        for note in (*notes, *solved.model.notes):
             log.info("%s", note)
         files = [directory / "summary.json", directory / "history.csv", directory / "run.log"]
         if scene.output.xdmf:
@@ -234,6 +240,8 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["accuracy"] = solved.accuracy.as_dict()
     if solved.communication is not None:
         summary["solver"]["communication_per_multiplication"] = solved.communication
+    if solved.model.scene.mirrors:
+        return whole_summary(summary, solved.model, nodes)
     return summary
 
 

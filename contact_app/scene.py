@@ -286,8 +286,24 @@ class OutputOptions:
 
 
 @dataclass(frozen=True)
+class Mirror:
+    """A plane across an axis (0, 1 or 2) at a coordinate, about which a scene mirrors."""
+
+    axis: int
+    at: float
+
+
+@dataclass(frozen=True)
 class Scene:
-    """Everything a run needs; `plane` is None in space."""
+    """Everything a run needs; `plane` is None in space.
+
+    Attributes
+    ----------
+    symmetry
+        Whether the scene may be cut at planes it mirrors about.
+    mirrors
+        The planes at which it was cut: the bodies are what is left below them.
+    """
 
     title: str
     dimension: int
@@ -304,6 +320,8 @@ class Scene:
     solver: SolverOptions
     output: OutputOptions
     source: Path
+    symmetry: bool = False
+    mirrors: tuple[Mirror, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:
@@ -373,6 +391,7 @@ class _Builder:
             solver=self._solver(),
             output=OutputOptions(self.c.output.xdmf, tuple(dict.fromkeys(self.c.output.fields))),
             source=self.c.source,
+            symmetry=self.c.symmetry == "allow",
             places=self._places(),
         )
 
