@@ -339,7 +339,7 @@ def _what_went_wrong(ran: subprocess.CompletedProcess[str]) -> str:
     ended = f"signal {-ran.returncode}" if ran.returncode < 0 else f"exit code {ran.returncode}"
     return (
         f"VTK could not draw ({ended}{last}); without a screen it needs "
-        "'apt-get install libegl1 libgl1 libxrender1'"
+        "'apt-get install libegl1 libgl1'"
     )
 
 
