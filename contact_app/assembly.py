@@ -129,12 +129,6 @@ class Element:
         value = fem.Constant(self.mesh, PETSc.ScalarType(pressure))
         return self._load(-value * ufl.inner(normal, test) * self._ds(rows))
 
-    def tributary_area(self, rows: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Share of facets' area that falls to each node, ∫ φ_i ds, (nodes,)."""
-        unit = np.zeros(self.dimension)
-        unit[0] = 1.0
-        return self.traction(rows, unit)[:: self.dimension]
-
     def cell_volumes(self) -> NDArray[np.float64]:
         """Volume (area in the plane) of each cell."""
         test = ufl.TestFunction(versions.cellwise_space(self.mesh, self.dimension))

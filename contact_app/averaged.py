@@ -57,7 +57,7 @@ def averaged_rows(
     ConfigurationError
         The obstacle has no normal at a node.
     """
-    d = 3
+    d = partition.dimension
     vertices, nodes = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     weights, points = [np.zeros(0)], [np.zeros((0, 3))]
     for s, rows in zip(partition.subdomains, chosen, strict=True):
@@ -66,7 +66,7 @@ def averaged_rows(
         facets, x = s.reference.facets[rows], s.points()
         integrals = moments(x[facets], d)
         shape = integrals.shape
-        vertices.append(np.broadcast_to(s.nodes[facets[:, :3, None]], shape).ravel())
+        vertices.append(np.broadcast_to(s.nodes[facets[:, : shape[1], None]], shape).ravel())
         nodes.append(np.broadcast_to(s.nodes[facets[:, None]], shape).ravel())
         weights.append(integrals.ravel())
         points.append(np.broadcast_to(x[facets[:, None]], (*shape, 3)).reshape(-1, 3))
@@ -93,7 +93,7 @@ def averaged_rows(
         points=located,
         sources=np.full(count, source),
         gaps=means[0].astype(np.float64),
-        normals=np.stack(means[1:], axis=1),
+        normals=np.stack(means[1 : 1 + d], axis=1),
         areas=area,
         spread=np.ones(count),
         entries=ContactEntries(
@@ -104,18 +104,3 @@ def averaged_rows(
             value=-(mean[:, None] * normal)[entry, component],
         ),
     )
-
-
-MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
-    3: ((0, 1),),
-    6: ((1, 2), (0, 2), (0, 1)),
-    9: ((0, 1), (0, 2), (1, 3), (2, 3), (0, 1, 2, 3)),
-}
-"""Vertices that each further node of a facet lies amid, in dolfinx's order, by its nodes."""
-
-
-def between_vertices(facets: NDArray[np.int32], values: NDArray[np.float64]) -> None:
-    """Continue values at the vertices of facets (facets, 3, 6 or 9) to the middles, in place."""
-    middles = MIDDLES[facets.shape[1]]
-    for place, amid in enumerate(middles, facets.shape[1] - len(middles)):
-        values[facets[:, place]] = values[facets[:, list(amid)]].mean(axis=1)

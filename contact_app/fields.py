@@ -14,9 +14,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.assembly import cell_moduli, stress, von_mises
-from contact_app.averaged import between_vertices, has_averaged_rows
-from contact_app.model import Model, boundary_facets, facets_of
-from contact_app.scene import BodyContact
+from contact_app.model import Model
+from contact_app.pressure import SurfaceNodes, contact_forces, node_gaps
 from contact_app.solution import Solution
 
 
@@ -29,9 +28,7 @@ class NodeFields:
     points : (nodes, 3)
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
-        Normal contact force over the node's share of the contact boundary; between bodies the
-        value of the multiplier field at the nodes of `on`, and on faces of second-order
-        tetrahedra; 0 elsewhere.
+        Of the contact boundaries, as `pressure` evaluates it; 0 elsewhere.
     gap : (nodes,)
         Distance left to the nearest obstacle along its normal, between bodies its mean about a
         node of `on`; NaN where there is no contact row.
@@ -55,8 +52,7 @@ class NodeFields:
 
 def node_fields(model: Model, solution: Solution) -> NodeFields:
     """Average copies and evaluate contact at the owned nodes."""
-    problem, d = model.problem, model.scene.dimension
-    exchange = model.node_exchange
+    d, exchange = model.scene.dimension, model.node_exchange
     copies = [solution.displacements[cls][:, column].reshape(-1, d) for cls, column in model.place]
     displacement = exchange.to_owners(np.concatenate(copies))
     points = exchange.to_owners(np.concatenate([s.points() for s in model.partition.subdomains]))
@@ -69,26 +65,12 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     located = np.zeros((size, 3))
     located[place] = points
 
-    contact = problem.contact
-    rows = problem.inequality
-    force = solution.multiplier[rows] * contact.spread
-    at = contact.nodes - exchange.first
-    area = _contact_areas(model)
-    share = contact.areas.copy()
-    for source in range(len(area)):
-        mine = (contact.sources == source) & np.isnan(contact.areas)
-        share[mine] = area[source, at[mine]]
-    loaded = (force > 0.0) & (share > 0.0)
+    surface = SurfaceNodes.of(model)
+    forces = contact_forces(model, solution, surface)
     pressure = np.zeros(size)
-    np.add.at(pressure, at[loaded], force[loaded] / share[loaded])
-    _fill_faces(model, pressure)
-    penetration = problem.residual(problem.on_interface(solution.displacements))
-    gap = np.full(size, np.inf)
-    np.minimum.at(gap, at, -penetration[rows] / contact.spread)
-    gap[np.isinf(gap)] = np.nan
-    _fill_faces(model, gap)
-    resultants = np.zeros((len(model.scene.touching), 3))
-    np.add.at(resultants[:, :d], contact.sources, force[:, None] * contact.normals)
+    pressure[forces.nodes - exchange.first] = forces.pressure
+    gap = np.full(size, np.nan)
+    gap[forces.nodes - exchange.first] = node_gaps(model, solution, surface)
     obstacles = len(model.scene.contacts)
     return NodeFields(
         first=exchange.first,
@@ -96,55 +78,10 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         displacement=mean,
         contact_pressure=pressure,
         gap=gap,
-        contact_force=resultants[:obstacles].sum(axis=0),
-        pair_forces=resultants[obstacles:],
-        without_area=int(((force > 0.0) & (share <= 0.0)).sum()),
+        contact_force=forces.resultants[:obstacles].sum(axis=0),
+        pair_forces=forces.resultants[obstacles:],
+        without_area=forces.without_area,
     )
-
-
-def _fill_faces(model: Model, values: NDArray[np.float64]) -> None:
-    """Continue what is known at the vertices of second-order faces to their middles, in place."""
-    scene, partition, exchange = model.scene, model.partition, model.node_exchange
-    averaged = [
-        c
-        for c in scene.touching
-        if scene.bodies[c.body].degree == 2
-        and (isinstance(c, BodyContact) or has_averaged_rows(scene.bodies[c.body]))
-    ]
-    if not averaged:
-        return
-    copies = exchange.from_owners(values[exchange.nodes - exchange.first])
-    starts = np.cumsum([0, *(len(s.nodes) for s in partition.subdomains)])
-    for contact in averaged:
-        chosen = facets_of(scene, partition, contact.body, contact.boundary)
-        for start, s, rows in zip(starts, partition.subdomains, chosen, strict=False):
-            if len(rows):
-                between_vertices(s.reference.facets[rows], copies[start : start + len(s.nodes)])
-    np.fmax.at(values, exchange.nodes - exchange.first, exchange.to_owners(copies))
-
-
-def _contact_areas(model: Model) -> NDArray[np.float64]:
-    """Area of each contact boundary that falls to each owned node, (contacts, nodes)."""
-    scene, exchange = model.scene, model.node_exchange
-    subdomains = model.partition.subdomains
-    starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
-    area = np.zeros((len(scene.contacts), exchange.last - exchange.first))
-    place = exchange.nodes - exchange.first
-    cache: dict[tuple, NDArray[np.float64]] = {}
-    for i, contact in enumerate(scene.contacts):
-        share = np.zeros(starts[-1])
-        for local, s in enumerate(subdomains):
-            if s.body != contact.body:
-                continue
-            rows = boundary_facets(s, scene.bodies[s.body], contact.boundary)
-            if len(rows) == 0:
-                continue
-            key = (id(s.reference), rows.tobytes())
-            if key not in cache:
-                cache[key] = model.elements[model.place[local, 0]].tributary_area(rows)
-            share[starts[local] : starts[local + 1]] = cache[key]
-        area[i] = np.bincount(place, exchange.to_owners(share), minlength=area.shape[1])
-    return area
 
 
 @dataclass(frozen=True, eq=False)

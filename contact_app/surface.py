@@ -17,18 +17,23 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.model import Model, boundary_facets
+from contact_app.model import Model
+from contact_app.pressure import SurfaceNodes, contact_forces
 from contact_app.solution import Solution
-from meshes.subdomains import VTK_ORDER
+from meshes.subdomains import vtk_order
 from solver.tfeti.exchange import NodeExchange
 
 FACETS = {
-    "hexahedron": ("quad", "quadrilateral"),
-    "tetrahedron": ("triangle", "triangle"),
-    "quadrilateral": ("line", None),
-    "triangle": ("line", None),
+    ("hexahedron", 1): ("quad", "quadrilateral"),
+    ("hexahedron", 2): ("quad9", "quadrilateral"),
+    ("tetrahedron", 1): ("triangle", "triangle"),
+    ("tetrahedron", 2): ("triangle6", "triangle"),
+    ("quadrilateral", 1): ("line", None),
+    ("quadrilateral", 2): ("line3", None),
+    ("triangle", 1): ("line", None),
+    ("triangle", 2): ("line3", None),
 }
-"""Facet of each cell as meshio names it, and as dolfinx does where its vertices are reordered."""
+"""Facet of each cell by degree: as meshio names it, and as dolfinx does whose nodes are ordered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +47,7 @@ class SurfaceFields:
         Local numbers of the points of each facet, by meshio's name of the facet.
     displacement : (n, dimension)
     contact_pressure : (n,)
-        Normal contact force of obstacles over the node's share of the contact boundary.
+        Of the contact boundaries, as `pressure` evaluates it.
     largest_displacement, mean_displacement
         Over all nodes of the scene, inner ones included.
     contact_force : (3,)
@@ -61,34 +66,34 @@ class SurfaceFields:
 def surface_fields(model: Model, solution: Solution) -> SurfaceFields:
     """Evaluate an answer on the surface (collective)."""
     comm, d = model.comm, model.scene.dimension
-    pieces: list[NDArray[np.int64]] = []  # local nodes of each subdomain on the body's surface
+    surface = SurfaceNodes.of(model)
     facets: dict[str, list[NDArray[np.int64]]] = {}
     start = 0
-    for s in model.partition.subdomains:
+    for s, nodes in zip(model.partition.subdomains, surface.local, strict=True):
+        name, kind = FACETS[s.reference.cell, s.reference.degree]
         on_surface = s.reference.facets[s.exterior]
-        nodes = np.unique(on_surface).astype(np.int64)
-        pieces.append(nodes)
-        name, kind = FACETS[s.reference.cell]
-        order = list(VTK_ORDER[kind]) if kind else [0, 1]
-        facets.setdefault(name, []).append(start + np.searchsorted(nodes, on_surface[:, order]))
+        if kind:
+            on_surface = on_surface[:, list(vtk_order(kind, s.reference.degree))]
+        facets.setdefault(name, []).append(start + np.searchsorted(nodes, on_surface))
         start += len(nodes)
     subdomains = model.partition.subdomains
     u = [
         solution.displacements[cls][:, column].reshape(-1, d)[nodes]
-        for (cls, column), nodes in zip(model.place, pieces, strict=True)
+        for (cls, column), nodes in zip(model.place, surface.local, strict=True)
     ]
     largest, mean = _magnitudes(model, solution)
-    pressure, force = _pressure(model, solution, pieces)
+    forces = contact_forces(model, solution, surface)
+    obstacles = len(model.scene.contacts)
     return SurfaceFields(
         points=np.concatenate(
-            [s.points()[nodes] for s, nodes in zip(subdomains, pieces, strict=True)]
+            [s.points()[nodes] for s, nodes in zip(subdomains, surface.local, strict=True)]
         ),
         facets={name: np.concatenate(parts) for name, parts in facets.items()},
         displacement=np.concatenate(u),
-        contact_pressure=pressure,
+        contact_pressure=surface.copies(forces.pressure),
         largest_displacement=largest,
         mean_displacement=mean,
-        contact_force=comm.allreduce(force),
+        contact_force=comm.allreduce(forces.resultants[:obstacles].sum(axis=0)),
     )
 
 
@@ -108,41 +113,6 @@ def _magnitudes(model: Model, solution: Solution) -> tuple[float, float]:
         start += len(at)
     largest = comm.allreduce(largest, op=MPI.MAX)
     return largest, comm.allreduce(total) / model.partition.nodes
-
-
-def _pressure(
-    model: Model, solution: Solution, pieces: list[NDArray[np.int64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Contact pressure at the copies of surface nodes, and this rank's share of the resultant."""
-    scene, problem = model.scene, model.problem
-    subdomains, contact = model.partition.subdomains, problem.contact
-    numbers = [s.nodes[nodes] for s, nodes in zip(subdomains, pieces, strict=True)]
-    exchange = NodeExchange(model.comm, np.concatenate(numbers), model.partition.nodes)
-    owned, place = np.unique(exchange.nodes, return_inverse=True)
-    place = place.reshape(-1)
-    force = solution.multiplier[problem.inequality] * contact.spread
-    pressure, resultant = np.zeros(len(owned)), np.zeros(3)
-    for i, source in enumerate(scene.contacts):
-        share = []
-        cache: dict[tuple, NDArray[np.float64]] = {}
-        for local, (s, nodes) in enumerate(zip(subdomains, pieces, strict=True)):
-            rows = s.exterior[:0]
-            if s.body == source.body:
-                rows = boundary_facets(s, scene.bodies[s.body], source.boundary)
-            key = (id(s.reference), rows.tobytes())
-            if key not in cache:
-                element = model.elements[model.place[local, 0]]
-                cache[key] = (
-                    element.tributary_area(rows) if len(rows) else np.zeros(len(s.reference.points))
-                )
-            share.append(cache[key][nodes])
-        area = np.bincount(place, exchange.to_owners(np.concatenate(share)), len(owned))
-        mine = contact.sources == i
-        at, pushed = np.searchsorted(owned, contact.nodes[mine]), force[mine]
-        loaded = (pushed > 0.0) & (area[at] > 0.0)
-        np.add.at(pressure, at[loaded], pushed[loaded] / area[at[loaded]])
-        resultant[: scene.dimension] += pushed @ contact.normals[mine]
-    return exchange.from_owners(pressure[place]), resultant
 
 
 def write_surface(fields: SurfaceFields, path: Path, comm: MPI.Intracomm) -> None:

@@ -135,6 +135,25 @@ def second_order(
     )
 
 
+def on_circle(mesh: meshio.Mesh, centre: tuple[float, float], radius: float) -> meshio.Mesh:
+    """A plane mesh of first order with nodes amid edges, those of edges of a circle on it."""
+    cell = next(c for c, name in MESHIO.items() if name == mesh.cells[-1].type)
+    order = [len(mesh.cells) - 1, *range(len(mesh.cells) - 1)]
+    blocks = [mesh.cells[i] for i in order]
+    data = {key: [values[i] for i in order] for key, values in mesh.cell_data.items()}
+    first = meshio.Mesh(mesh.points, blocks, cell_data=data, field_data=mesh.field_data)
+    made = second_order(first, cell, SECOND[cell][-1], np.array)
+    away = made.points[:, :2] - centre
+    cells = made.cells[0].data
+    corners = np.hypot(*away[cells[:, : len(FACETS[cell])]].T).T
+    on = np.abs(corners - radius) < 1e-6 * radius
+    for k, (a, b) in enumerate(FACETS[cell]):
+        moved = cells[on[:, a] & on[:, b], len(FACETS[cell]) + k]
+        scale = radius / np.hypot(*away[moved].T)
+        made.points[moved, :2] = centre + away[moved] * scale[:, None]
+    return made
+
+
 def write(
     mesh: meshio.Mesh, path: Path, file_format: str | None = "gmsh22", **options: object
 ) -> Path:

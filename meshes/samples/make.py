@@ -1,5 +1,7 @@
 """Make the sample meshes with Gmsh: ``python meshes/samples/make.py [NAME …] [--size FACTOR]``.
 
+``--order 2`` gives cells with nodes amid their edges, which follow the round boundaries.
+
 Needs Gmsh's Python module (Debian: python3-gmsh; elsewhere: pip install gmsh), which nothing else
 in this project does. Lengths are in millimetres.
 """
@@ -192,6 +194,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(SAMPLES)}; all unless given")
     parser.add_argument("--size", type=float, help="factor of all cell sizes")
+    parser.add_argument("--order", type=int, default=1, choices=(1, 2), help="of the cells")
     parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
     given = parser.parse_args()
     for name in given.names or SAMPLES:
@@ -201,6 +204,7 @@ def main() -> None:
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         gmsh.model.add(name)
         make(given.size or size)
+        gmsh.model.mesh.setOrder(given.order)
         gmsh.write(str(given.to / f"{name}.msh"))
         gmsh.finalize()
 

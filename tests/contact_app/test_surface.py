@@ -39,8 +39,15 @@ def cube() -> tuple[SolvedScene, SurfaceFields]:
         ("cube", "bodies.0.mesh.box.cells=[6,6,6]", "decomposition.subdomains=[2,3,2]"),
         ("cube", "bodies.0.mesh.box.cells=[4,4,4]", "bodies.0.mesh.box.cell=tetrahedron"),
         ("block_2d", "decomposition.subdomains=[2,2]"),
+        ("block_2d", "decomposition.subdomains=[2,2]", "bodies.0.degree=2"),
+        (
+            "sphere",
+            "bodies.0.mesh.box.cells=[6,6,3]",
+            "bodies.0.degree=2",
+            "decomposition.subdomains=[2,1,1]",
+        ),
     ],
-    ids=["hexahedra", "tetrahedra", "plane"],
+    ids=["hexahedra", "tetrahedra", "plane", "plane of degree 2", "hexahedra of degree 2"],
 )
 def test_it_agrees_with_the_fields_at_all_nodes(overrides: tuple[str, ...]) -> None:
     solved, surface = solved_scene(*overrides)
@@ -71,6 +78,23 @@ def test_surface_file(cube: tuple[SolvedScene, SurfaceFields], tmp_path: Path) -
     assert area.sum() / 2 == pytest.approx(6.0)  # vertices in order, or quads would fold
     np.testing.assert_array_equal(read.point_data["displacement"], surface.displacement)
     assert read.point_data["contact_pressure"].max() > 0
+
+
+@pytest.mark.parametrize(("cell", "name"), [("hexahedron", "quad9"), ("tetrahedron", "triangle6")])
+def test_surface_file_of_degree_2(cell: str, name: str, tmp_path: Path) -> None:
+    """All nodes belong to facets, in VTK's order: middles amid their corners."""
+    _, surface = solved_scene(
+        "cube", "bodies.0.mesh.box.cells=[2,2,2]", f"bodies.0.mesh.box.cell={cell}",
+        "bodies.0.degree=2",
+    )  # fmt: skip
+    write_surface(surface, tmp_path / "surface.xdmf", MPI.COMM_SELF)
+    read = meshio.read(tmp_path / "surface.xdmf")
+    (block,) = read.cells
+    assert block.type == name
+    assert len(np.unique(block.data)) == len(read.points)
+    x, v = read.points[block.data], 4 if name == "quad9" else 3
+    edges = 0.5 * (x[:, :v] + np.roll(x[:, :v], -1, axis=1))
+    np.testing.assert_allclose(x[:, v : 2 * v], edges, atol=1e-12)
 
 
 def test_lattice_file_holds_all_displacements_and_no_mesh(
