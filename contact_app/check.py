@@ -20,6 +20,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from rich.console import Console
 
+from contact_app.distant import distant
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.model import Outline, boundary_facets, boundary_nodes, outline
 from contact_app.scene import (
@@ -156,6 +157,8 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         if body.materials[0].mean_dilatation:
             element = ", change of volume as its mean over cells"
         lines.append(f"body {body.name}: {body.mesh.describe()}{element}, {materials}")
+        ends = (_vector(corner) for corner in (body.mesh.lower, body.mesh.upper))
+        lines.append("  from {} to {}".format(*ends))
         lines += [f"  {note}" for note in body.mesh.notes]
         lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
     for condition in scene.displacements:
@@ -189,6 +192,10 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
             f"({_candidates(known, i)})"
         )
+    rows = known.contact
+    lines += [
+        f"warning: {hint}" for hint in distant(scene, rows.gaps, rows.sources, known.partition.comm)
+    ]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(

@@ -20,6 +20,7 @@ from scipy.linalg import block_diag
 
 from contact_app.assembly import Element
 from contact_app.averaged import averaged_rows, has_averaged_rows
+from contact_app.distant import distant
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.memory import give_back
 from contact_app.mortar import SurfacesApartError, mean_gaps
@@ -503,9 +504,11 @@ def _balances(
             float(scale[group].sum()),
         )  # fmt: skip
         if found.escape is not None:
+            hints = distant(scene, contact.gaps, contact.sources, comm)
             raise NoEquilibriumError(
                 f"{scene.source}: the scene has no equilibrium: nothing stops "
                 f"{_leaving(scene, group, found.escape)} under its loads"
+                + "".join(f"\n  {hint}" for hint in hints)
             )
         shares = by_body(found.free_motions, MOTIONS[d])
         for b, rows, free in zip(group, held_rows, shares, strict=True):

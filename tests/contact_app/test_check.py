@@ -70,6 +70,20 @@ def test_a_scene_without_equilibrium_is_found_out() -> None:
         report(scenes.build(made), MPI.COMM_SELF)
 
 
+def test_an_obstacle_in_other_units_is_found_out() -> None:
+    """A wall in millimetres beside a block in metres: told by `check`, and where it holds none."""
+    made = scenes.wall("hexahedron", 2)
+    assert "unit of length" not in lines_of(made)
+    made["contacts"][0]["obstacle"]["plane"]["point"] = [1000, 0, 0]
+    assert "which is 1.73 long in all: are both in the same unit of length?" in lines_of(made)
+    assert "from (0, 0, 0) to (1, 1, 1)" in lines_of(made)
+    held = scenes.floating_in_corner("hexahedron", 2)
+    held["contacts"][0]["obstacle"]["plane"]["point"] = [-1000, -1000, -1000]
+    held["contacts"] = held["contacts"][:1]
+    with pytest.raises(NoEquilibriumError, match=r"contacts\[0\]: the obstacle is .* away from"):
+        report(scenes.build(held), MPI.COMM_SELF)
+
+
 @pytest.mark.parametrize("subdomains", [None, 1, [2, 2, 2], 4])
 def test_the_report_is_printed(subdomains: Any, capsys: pytest.CaptureFixture[str]) -> None:
     report(scenes.build(scenes.wall("tetrahedron", 3), subdomains), MPI.COMM_SELF)
