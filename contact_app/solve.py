@@ -10,7 +10,7 @@ it stands.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from contact_app.certificate import certify
 from contact_app.checkpoint import Checkpoint
+from contact_app.faces import Face, Outcome, State, decide, follow
 from contact_app.scene import SolverOptions
 from contact_app.solution import Solution
 from contact_app.target import Assess, Target, aim
 from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.operators import estimate_norm
 from solver.result import Monitor
-from solver.smalbe import Restart
+from solver.smalbe import Restart, Save
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
@@ -38,25 +39,12 @@ INNER = 0.1
 NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
 
-LOOKS = (1e-1, 1e-2, 1e-3)
-"""Relative residuals at which a solve without contact looks whether a gap is violated."""
-
 PATIENCE = 16
-"""Outer iterations after which a slow SMALBE hands its active set to `_active_sets`."""
-
-FACES = 15
-"""Active sets tried before SMALBE goes on."""
-
-OUTSIDE = 10.0
-"""Residual that conjugate gradients leave, over the part of the right-hand side that rounding
-puts outside the range of P, which no step can remove."""
+"""Outer iterations after which a slow SMALBE hands its active set over once more."""
 
 MEMORY = 10
 """Pairs that MPRGP remembers on the contact rows of whole bodies: they are short beside a product,
 and slender bodies, whose F is ill-conditioned, do not end without."""
-
-TIGHTENINGS = 12
-"""How often a solve without contact is continued with a smaller residual."""
 
 
 def reason_text(solution: Solution) -> str:
@@ -103,182 +91,68 @@ def solve(
     return _solve_smalbe(problem, target, inner, monitor, checkpoint)
 
 
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """A multiplier in equilibrium, and the force of the multiplier of Gλ = e that goes with it.
-
-    Attributes
-    ----------
-    x, equality_force : (dual,)
-        Homogenised multiplier and t = Cᵀ μ, to start SMALBE from or to recover an answer.
-    displacements
-        u on the interface.
-    residual : (dual,)
-        B u - c: the penetration on contact rows.
-    """
-
-    x: NDArray[np.float64]
-    equality_force: NDArray[np.float64]
-    displacements: NDArray[np.float64]
-    residual: NDArray[np.float64]
-
-
-class _Face:
-    """Conjugate gradients with some contact rows closed and the others open."""
-
-    def __init__(self, problem: DualProblem, touching: NDArray[np.bool_]) -> None:
-        self.problem = problem
-        self.glued = problem.face(touching)
-        self.qp = BoxQP(self.glued.projected, self.glued.rhs)
-        # no penalty here: steps that leave the range of P would meet no curvature
-        self.preconditioner = FacePreconditioner(self.glued, math.inf)
-        self.x: NDArray[np.float64] | None = None
-        self.counts = Counts()
-        assert self.glued.coarse is not None
-        outside = np.empty(problem.size)
-        self.glued.coarse.apply(self.glued.rhs, outside)
-        square = problem.comm.allreduce(float(outside @ outside))
-        self.unreachable = OUTSIDE * math.sqrt(square)
-
-    def start_from(self, multiplier: NDArray[np.float64]) -> None:
-        """Begin at the nearest multiplier in equilibrium."""
-        assert self.glued.coarse is not None
-        self.x = multiplier - self.glued.offset
-        self.glued.coarse.project(self.x, self.x)
-
-    def solve(self, inner: MPRGP, rtol: float, monitor: Monitor | None) -> Reason:
-        """Go on to a relative residual; `inner.max_iterations` limits the face, not the call."""
-        result = replace(
-            inner,
-            rtol=rtol,
-            atol=max(self.glued.round_off, self.unreachable),
-            preconditioner=self.preconditioner,
-            max_iterations=inner.max_iterations - self.counts.inner,
-        ).solve(self.qp, x0=self.x, monitor=monitor)
-        self.x = result.x
-        self.counts = _sum(self.counts, result.counts)
-        return result.reason
-
-    def state(self) -> _Start:
-        """What the face's solution means for the whole problem."""
-        problem, glued = self.problem, self.glued
-        assert problem.coarse is not None
-        assert self.x is not None
-        multiplier = glued.offset + self.x
-        alpha = kernel_coefficients(glued, multiplier, None)
-        u = interface_displacements(glued, multiplier, alpha)
-        # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
-        force, kernel_part = np.empty(problem.size), np.empty(problem.size)
-        problem.F.apply(multiplier, force)
-        force -= problem.d
-        problem.coarse.apply(force, force)
-        problem.coarse.extend(alpha, kernel_part)
-        force -= kernel_part
-        residual = problem.residual(u)
-        return _Start(multiplier - problem.offset, force, u, residual)
-
-
 def _without_contact(
     problem: DualProblem,
     target: Target,
     inner: MPRGP,
     monitor: Monitor | None,
-) -> tuple[_Start | None, Solution | None, Counts]:
+) -> tuple[Outcome, Solution | None]:
     """Conjugate gradients on gluing and held rows alone, as far as contact stays undecided.
 
     Where the displacements cross an obstacle by more than their error the solve stops and serves
     as a start; where they cross none it goes on to the tolerance and is the answer, as it is where
     the solve was stopped. Nothing where a body is kept by contact alone.
     """
+    answer: Solution | None = None
+
+    def accept(state: State) -> bool:
+        nonlocal answer
+        answer = target.judge(_answer_of(problem, target, state))
+        return answer.converged
+
+    nowhere = np.zeros(problem.size, bool)
     if not problem.held_without_contact:
-        return None, None, Counts()
-    face = _Face(problem, np.zeros(problem.size, bool))
-    for look in range(len(LOOKS) + TIGHTENINGS):
-        tolerance = target.tolerance
-        rtol = max(LOOKS[look] if look < len(LOOKS) else 0.0, INNER * tolerance)
-        reason = face.solve(inner, rtol, monitor)
-        start = face.state()
-        if reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
-            solution = _answer(problem, target, start.x, start.equality_force)
-            return start, replace(solution, reason=reason), face.counts
-        penetration = np.where(problem.inequality, start.residual, 0.0).max(initial=0.0)
-        penetration = problem.comm.allreduce(float(penetration), op=MPI.MAX)
-        if penetration > rtol * largest_magnitude(problem.comm, start.displacements):
-            return start, None, face.counts
-        if rtol <= INNER * tolerance:
-            solution = _answer(problem, target, start.x, start.equality_force)
-            solution = target.judge(solution)
-            if solution.converged:
-                return start, solution, face.counts
-            if target.tolerance == tolerance:
-                break
-    return start, None, face.counts
-
-
-def _active_sets(
-    problem: DualProblem,
-    target: Target,
-    inner: MPRGP,
-    x: NDArray[np.float64],
-    monitor: Monitor | None,
-) -> tuple[Solution | None, Counts]:
-    """Primal-dual active sets from the contact rows that touch now; None if they do not settle.
-
-    Each face is solved with its own coarse problem, so that nothing is left to augmented
-    Lagrangians; then rows that pull open and rows that are crossed close (Hintermüller, Ito,
-    Kunisch, *The primal-dual active set strategy as a semismooth Newton method*, 2002).
-    """
-    assert problem.lower is not None
-    counts = Counts()
-    touching = problem.inequality & (x > problem.lower)
-    multiplier = problem.offset + x
-    face = None
-    for _ in range(FACES):
-        if face is None:
-            face = _Face(problem, touching)
-            face.start_from(np.where(problem.inequality & ~touching, 0.0, multiplier))
-        tolerance, before = target.tolerance, face.counts
-        left = replace(inner, max_iterations=inner.max_iterations - counts.inner + before.inner)
-        reason = face.solve(left, 0.1 * INNER * tolerance, monitor)
-        counts = _sum(counts, face.counts, before)
-        if reason in (Reason.STOPPED, Reason.MAX_ITERATIONS):
-            break
-        state = face.state()
-        multiplier = problem.offset + state.x
-        largest = largest_magnitude(problem.comm, state.displacements)
-        crossed = state.residual > 1e-2 * tolerance * largest
-        following = problem.inequality & np.where(touching, multiplier > 0.0, crossed)
-        if not problem.comm.allreduce(int((following != touching).sum())):
-            solution = target.judge(
-                _answer(problem, target, state.x, state.equality_force, touching)
-            )
-            if solution.converged:
-                return solution, counts
-            if target.tolerance == tolerance:
-                break
-        else:
-            touching, face = following, None
-    return None, counts
+        return Outcome(None, None, nowhere, Counts()), None
+    found = decide(Face(problem, nowhere), inner, lambda: target.tolerance, accept, monitor)
+    if found.reason is None or found.reason is Reason.ROUND_OFF:
+        return found, None
+    if answer is None:  # stopped before it came so far
+        assert found.state is not None
+        answer = _answer_of(problem, target, found.state)
+    return found, replace(answer, reason=found.reason)
 
 
 class _OuterJudge:
     """Decides after each outer iteration of SMALBE whether its answer will do.
 
-    An answer is certified where its jumps and its penetration are small enough for a certificate
-    to have a chance; where SMALBE is slow its active set is tried by `_active_sets`.
+    The first one's active set is handed over to `follow`, which ends most solves; where it does
+    not, SMALBE goes on, and hands over again where it is slow. An answer of SMALBE's own is
+    certified where its jumps and its penetration are small enough for a certificate to have a
+    chance.
 
     Attributes
     ----------
     answer
         The last answer that was certified, or None.
+    stopped
+        Why the active sets were left without an answer that SMALBE could improve on.
     spent
         Work of the active sets that were tried.
     """
 
-    def __init__(self, problem: DualProblem, target: Target, inner: MPRGP) -> None:
+    def __init__(
+        self,
+        problem: DualProblem,
+        target: Target,
+        inner: MPRGP,
+        monitor: Monitor | None,
+        save: Save,
+    ) -> None:
         self.answer: Solution | None = None
+        self.stopped: Reason | None = None
         self.spent = Counts()
         self._problem, self._target, self._inner = problem, target, inner
+        self._monitor, self._save = monitor, save
         self._largest = 0.0
         self._residuals: list[float] = []
         self._next_certificate = self._failures = 0
@@ -290,26 +164,54 @@ class _OuterJudge:
         self.answer = self._target.judge(answer)
         return self.answer
 
-    def accepts(self, state: OuterState, monitor: Monitor | None) -> bool:
-        """Whether `answer` meets the tolerance (collective)."""
+    def accepts(self, state: OuterState) -> bool:
+        """Whether `answer` meets the tolerance, or the solve was stopped (collective)."""
         self._residuals.append(state.residual_norm)
         outer = len(self._residuals)
-        if self._is_near(state) and state.products >= self._next_certificate:
+        if self._is_near(state) and state.counts.hessian >= self._next_certificate:
             tolerance = self._target.tolerance
             if self.certify(state.x, state.transposed_multiplier).converged:
                 return True
             if self._target.tolerance == tolerance:
                 wait = min(self._failures, self._target.patience)
-                self._next_certificate = state.products + wait
+                self._next_certificate = state.counts.hessian + wait
                 self._failures += 1
-        due = outer % PATIENCE == 0 and self._problem.held_without_contact
-        if due and self._residuals[-1] > 0.1 * self._residuals[-PATIENCE // 2]:
-            found, counts = _active_sets(self._problem, self._target, self._inner, state.x, monitor)
-            self.spent = _sum(self.spent, counts)
-            if found is not None:
-                self.answer = found
-                return True
-        return False
+        slow = outer % PATIENCE == 0 and self._residuals[-1] > 0.1 * self._residuals[-PATIENCE // 2]
+        return self._hand_over(state) if outer == 1 or slow else False
+
+    def _hand_over(self, state: OuterState) -> bool:
+        """Whether active sets from those of an outer iteration end the solve."""
+        problem, target = self._problem, self._target
+        assert problem.lower is not None
+
+        def accept(state: State) -> bool:
+            self.answer = target.judge(_answer_of(problem, target, state))
+            return self.answer.converged
+
+        def keep(found: State, spent: Counts) -> None:
+            self._save(
+                Restart(
+                    state.iteration, found.x, found.equality_force, state.rho, state.M,
+                    state.target, -math.inf, (), state.counts + spent,
+                )
+            )  # fmt: skip
+
+        found = follow(
+            problem,
+            self._inner,
+            problem.offset + state.x,
+            problem.inequality & (state.x > problem.lower),
+            lambda: target.tolerance,
+            accept,
+            self._monitor,
+            keep,
+        )
+        self.spent = self.spent + found.counts
+        if found.reason is Reason.STOPPED:
+            assert found.state is not None
+            self.stopped = found.reason
+            self.answer = target.judge(_answer_of(problem, target, found.state))
+        return found.reason in (Reason.ACCEPTED, Reason.STOPPED)
 
     def _is_near(self, state: OuterState) -> bool:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
@@ -337,33 +239,34 @@ def _solve_smalbe(
     restart = checkpoint.load(problem) if checkpoint else None
     start, answer, counts = None, None, Counts()
     if restart is None:
-        start, answer, counts = _without_contact(problem, target, inner, monitor)
+        found, answer = _without_contact(problem, target, inner, monitor)
+        start, counts = found.state, found.counts
     counts.norm_estimation += products
     if answer is not None:
         return replace(answer, counts=counts)
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     inner = replace(inner, max_iterations=inner.max_iterations - counts.inner)
-    judge = _OuterJudge(problem, target, inner)
 
     def save(state: Restart) -> None:
         if checkpoint is not None:
-            checkpoint(replace(state, counts=_sum(_sum(counts, judge.spent), state.counts)))
+            checkpoint(replace(state, counts=counts + state.counts))
 
+    judge = _OuterJudge(problem, target, inner, monitor, save)
     result = SMALBE(inner).solve(
         qp,
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
         x0=start.x if start else None,
         multiplier0=start.equality_force if start else None,
         monitor=monitor,
-        accept=lambda state: judge.accepts(state, monitor),
-        save=save,
+        accept=judge.accepts,
+        save=lambda state: save(replace(state, counts=judge.spent + state.counts)),
         restart=restart,
     )
     answer = judge.answer
     if answer is None or result.reason is not Reason.ACCEPTED:
         answer = judge.certify(result.x, result.multiplier)
-    counts = _sum(_sum(counts, judge.spent), result.counts)
-    return replace(answer, counts=counts, reason=result.reason)
+    counts = counts + judge.spent + result.counts
+    return replace(answer, counts=counts, reason=judge.stopped or result.reason)
 
 
 def _solve_mprgp(
@@ -384,6 +287,11 @@ def _solve_mprgp(
     if answer is None or not answer.converged:
         answer = certify(result.x)
     return replace(answer, counts=result.counts, reason=result.reason)
+
+
+def _answer_of(problem: DualProblem, target: Target, state: State) -> Solution:
+    """The answer that a face's solution stands for."""
+    return _answer(problem, target, state.x, state.equality_force, state.touching)
 
 
 def _answer(
@@ -437,11 +345,3 @@ def _largest_displacement(problem: DualProblem, state: OuterState) -> float:
     multiplier = problem.offset + state.x
     alpha = kernel_coefficients(problem, multiplier, state.transposed_multiplier)
     return largest_magnitude(problem.comm, interface_displacements(problem, multiplier, alpha))
-
-
-def _sum(a: Counts, b: Counts, less: Counts | None = None) -> Counts:
-    """Work of two solves, less what was counted before."""
-    known = less or Counts()
-    return Counts(
-        **{n: value + getattr(b, n) - getattr(known, n) for n, value in a.__dict__.items()}
-    )

@@ -64,6 +64,10 @@ class Counts:
         """Inner iterations: CG, expansion and proportioning steps together."""
         return self.cg + self.expansion + self.proportioning
 
+    def __add__(self, other: Counts) -> Counts:
+        """Work of two solves."""
+        return Counts(**{name: value + getattr(other, name) for name, value in vars(self).items()})
+
 
 class Step(NamedTuple):
     """One inner iteration as the monitor sees it."""

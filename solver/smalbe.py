@@ -88,8 +88,9 @@ class OuterState:
     transposed_multiplier : ndarray (local part)
         Cᵀ next_multiplier.
     projected_gradient_norm, residual_norm : float
-    products : int
-        Products with the Hessian so far.
+    rho, M, target : float
+        Penalty, balance and inner tolerance that led here.
+    counts : Counts
     """
 
     iteration: int
@@ -101,7 +102,10 @@ class OuterState:
     transposed_multiplier: Vector
     projected_gradient_norm: float
     residual_norm: float
-    products: int
+    rho: float
+    M: float
+    target: float
+    counts: Counts
 
 
 #: The caller's own test; must answer the same on all ranks.
@@ -341,7 +345,10 @@ class SMALBE:
                     transposed,
                     it.projected_gradient_norm,
                     size,
-                    it.counts.hessian,
+                    rho,
+                    M,
+                    target,
+                    replace(it.counts),
                 )  # fmt: skip
             ):
                 reason = Reason.ACCEPTED

@@ -48,17 +48,23 @@ def interface_displacements(
     result = np.empty_like(problem.free_displacements)
     problem.F.solve_interface(problem.constraint_forces(multiplier), result)
     np.subtract(problem.free_displacements, result, out=result)
-    for cls, part, lift, kernel in zip(
-        problem.classes,
-        interface_slices(problem.classes),
-        problem.lifting,
-        problem.kernel_slices(),
-        strict=True,
+    for cls, part, lift in zip(
+        problem.classes, interface_slices(problem.classes), problem.lifting, strict=True
     ):
-        mine = result[part].reshape(cls.members, -1)
-        mine += alpha[kernel].reshape(cls.members, -1) @ cls.kernel[cls.interface].T
-        mine += lift[cls.interface].T
+        result[part].reshape(cls.members, -1)[:] += lift[cls.interface].T
+    add_motions(problem, alpha, result)
     return result
+
+
+def add_motions(
+    problem: DualProblem, alpha: NDArray[np.float64], displacements: NDArray[np.float64]
+) -> None:
+    """Add R α to displacements on the interface."""
+    for cls, part, kernel in zip(
+        problem.classes, interface_slices(problem.classes), problem.kernel_slices(), strict=True
+    ):
+        mine = displacements[part].reshape(cls.members, -1)
+        mine += alpha[kernel].reshape(cls.members, -1) @ cls.kernel[cls.interface].T
 
 
 def displacements(

@@ -1,0 +1,308 @@
+"""Faces of the dual problem: contact rows taken as equalities or left out, the rest solved by CG.
+
+On a face nothing is left to bounds or augmented Lagrangians: rows that touch join the coarse
+problem, open ones leave it, and conjugate gradients run without a restart. The solution of the
+right face is the solution. `follow` looks for it by primal-dual active sets, solved no further than
+a decision needs: rows that pull by more than the face's error open, rows that are crossed by more
+than it close (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as a semismooth
+Newton method*, 2002), and only a face that asks for no change is solved to the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver import MPRGP, BoxQP, Counts, Reason
+from solver.iterate import Iterate
+from solver.result import Monitor
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.feasible import largest_magnitude
+from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.recovery import add_motions, interface_displacements
+
+FIRST_LOOK, NEXT_LOOK = 0.4, 0.1
+"""Reduction of the residual before the first look at a face and between later ones: a look costs a
+product, a face that is left late costs more."""
+
+LOOKS = 3
+"""Looks at a face before it is solved to the end."""
+
+SIGNIFICANT = 0.1
+"""Forces and distances that change a face, relatively, over its relative residual."""
+
+MARGIN, TIGHTEN = 0.7, 0.3
+"""Share of the largest jump allowed at which an answer is shown; factor on the residual where it
+was not accepted."""
+
+FACES = 60
+"""Faces tried: where contact peels off row by row each is a handful of products."""
+
+OUTSIDE = 10.0
+"""Residual that conjugate gradients leave, over the part of the right-hand side that rounding
+puts outside the range of P, which no step can remove."""
+
+IDEMPOTENT = 1e-8
+"""Relative difference of QQ and Q above which a coarse problem counts as singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A multiplier in equilibrium, and the force of the multiplier of Gλ = e that goes with it.
+
+    Attributes
+    ----------
+    x, equality_force : (dual,)
+        Homogenised multiplier and t = Cᵀ μ, to start SMALBE from or to recover an answer.
+    touching : (dual,)
+        Contact rows of the face.
+    distance : (dual,)
+        Jumps, and the penetration of contact rows; over the largest displacement.
+    """
+
+    x: NDArray[np.float64]
+    equality_force: NDArray[np.float64]
+    touching: NDArray[np.bool_]
+    distance: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How faces ended.
+
+    Attributes
+    ----------
+    reason
+        `ACCEPTED`, why the solver ended, or None where another face is asked for.
+    state
+        The last one looked at.
+    following : (dual,)
+        The contact rows that touch from there on.
+    """
+
+    reason: Reason | None
+    state: State | None
+    following: NDArray[np.bool_]
+    counts: Counts
+
+
+Accept = Callable[[State], bool]
+"""The caller's own test of a face's solution; the same on all ranks."""
+
+Keep = Callable[[State, Counts], None]
+"""Told of each state, and of the work up to it."""
+
+
+class Face:
+    """Conjugate gradients with some contact rows closed and the others open.
+
+    Parameters
+    ----------
+    touching : (dual,)
+        Contact rows that hold with equality.
+    multiplier : (dual,)
+        Where to begin: the nearest multiplier in equilibrium; at the smallest one unless given.
+
+    Raises
+    ------
+    ArithmeticError
+        The touching rows do not keep every body in place.
+    """
+
+    def __init__(
+        self,
+        problem: DualProblem,
+        touching: NDArray[np.bool_],
+        multiplier: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.problem, self.touching = problem, touching
+        self.glued = problem.face(touching)
+        assert self.glued.coarse is not None
+        outside = np.empty(problem.size)
+        self.glued.coarse.apply(self.glued.rhs, outside)
+        if not problem.held_without_contact:
+            self._check_coarse_problem()
+        # no penalty here: steps that leave the range of P would meet no curvature
+        preconditioner = FacePreconditioner(self.glued, math.inf)
+        x0 = None
+        if multiplier is not None:
+            x0 = np.where(problem.inequality & ~touching, 0.0, multiplier) - self.glued.offset
+            self.glued.coarse.project(x0, x0)
+        qp = BoxQP(self.glued.projected, self.glued.rhs)
+        self._iterate = it = Iterate(qp, x0, preconditioner=preconditioner)
+        it.measure_b()
+        it.evaluate()
+        self._floor = max(self.glued.round_off, OUTSIDE * it.reduction.norm(outside))
+        self._before = it.reduction.collectives
+
+    def _check_coarse_problem(self) -> None:
+        """Q is a projection unless G Gᵀ of the face is singular, which a factor need not see."""
+        problem, coarse = self.problem, self.glued.coarse
+        assert coarse is not None
+        once, twice = np.empty(problem.size), np.empty(problem.size)
+        coarse.apply(np.where(self.problem.inequality & ~self.touching, 0.0, problem.d), once)
+        coarse.apply(once, twice)
+        size = largest_magnitude(problem.comm, once)
+        if not largest_magnitude(problem.comm, twice - once) <= IDEMPOTENT * size:
+            raise ArithmeticError("the coarse problem of a face is singular")
+
+    @property
+    def residual(self) -> float:
+        """Of conjugate gradients, relative to the right-hand side."""
+        it = self._iterate
+        return it.projected_gradient_norm / (it.b_norm or 1.0)
+
+    @property
+    def at_round_off(self) -> bool:
+        """Whether no step can make the residual smaller."""
+        it = self._iterate
+        return it.at_round_off() or it.projected_gradient_norm <= self._floor
+
+    @property
+    def counts(self) -> Counts:
+        """Work so far."""
+        it = self._iterate
+        return replace(it.counts, collectives=it.reduction.collectives - self._before)
+
+    def solve(self, inner: MPRGP, aim: float, monitor: Monitor | None) -> Reason:
+        """Go on to a relative residual, directions kept; `inner` limits all iterations of it."""
+
+        def stop(it: Iterate) -> Reason | None:
+            tolerance = max(aim * it.b_norm, self._floor)
+            if it.projected_gradient_norm > tolerance:
+                return None
+            if it.drift > 0.5 * tolerance:  # recurrences lost what the tolerance asks for
+                it.evaluate()
+                return stop(it)
+            return Reason.CONVERGED
+
+        return inner.minimise(self._iterate, stop, monitor)
+
+    def look(self) -> tuple[State, NDArray[np.bool_]]:
+        """What the iterate means for the whole problem, and the contact rows that touch next.
+
+        Takes one product, which counts.
+        """
+        problem, it = self.problem, self._iterate
+        coarse, own = problem.coarse, self.glued.coarse
+        assert coarse is not None
+        assert own is not None
+        multiplier = self.glued.offset + it.x
+        u = interface_displacements(problem, multiplier, np.zeros(len(problem.e)))
+        it.counts.hessian += 1
+        residual = problem.residual(u)  # d - F λ
+        alpha = -own.coefficients(residual)
+        # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
+        force, kernel_part = np.empty(problem.size), np.empty(problem.size)
+        coarse.extend(alpha, kernel_part)
+        coarse.apply(-residual, force)
+        force -= kernel_part
+        add_motions(problem, alpha, u)
+        distance = (residual + kernel_part) / problem.spread
+        distance /= largest_magnitude(problem.comm, u) or 1.0
+        error = SIGNIFICANT * self.residual
+        strongest = largest_magnitude(problem.comm, multiplier[self.touching])
+        stays = multiplier > -error * strongest
+        following = problem.inequality & np.where(self.touching, stays, distance > error)
+        return State(multiplier - problem.offset, force, self.touching, distance), following
+
+    def worst(self, state: State) -> float:
+        """Largest jump or penetration, over the largest displacement."""
+        open_rows = self.problem.inequality & ~self.touching
+        return largest_magnitude(
+            self.problem.comm, np.where(open_rows, np.maximum(state.distance, 0.0), state.distance)
+        )
+
+
+def decide(
+    face: Face,
+    inner: MPRGP,
+    tolerance: Callable[[], float],
+    accept: Accept,
+    monitor: Monitor | None,
+    keep: Keep | None = None,
+) -> Outcome:
+    """Solve a face until it asks for another, or its answer is accepted.
+
+    Parameters
+    ----------
+    tolerance
+        Largest jump that an answer may leave, over the largest displacement; asked again after
+        each answer that is not accepted.
+    """
+    aim, looks = FIRST_LOOK * face.residual, 0
+    while True:
+        reason = face.solve(inner, aim, monitor)
+        state, following = face.look()
+        if not (reason.converged or reason is Reason.ROUND_OFF):
+            return Outcome(reason, state, following, face.counts)
+        if keep is not None:
+            keep(state, face.counts)
+        if face.problem.comm.allreduce(int((following != face.touching).sum())):
+            return Outcome(None, state, following, face.counts)
+        worst, allowed = face.worst(state), tolerance()
+        needed = MARGIN * face.residual * min(1.0, allowed / worst if worst else 1.0)
+        if worst <= allowed or face.at_round_off:
+            if accept(state):
+                return Outcome(Reason.ACCEPTED, state, following, face.counts)
+            if face.at_round_off:
+                return Outcome(Reason.ROUND_OFF, state, following, face.counts)
+            if tolerance() == allowed:
+                needed = TIGHTEN * face.residual
+        looks += 1
+        aim = needed if looks >= LOOKS else max(needed, NEXT_LOOK * face.residual)
+
+
+def follow(
+    problem: DualProblem,
+    inner: MPRGP,
+    multiplier: NDArray[np.float64],
+    touching: NDArray[np.bool_],
+    tolerance: Callable[[], float],
+    accept: Accept,
+    monitor: Monitor | None,
+    keep: Keep | None = None,
+) -> Outcome:
+    """Active sets from the contact rows that touch, until an answer is accepted.
+
+    Parameters
+    ----------
+    multiplier : (dual,)
+        Where the first face begins.
+    tolerance
+        As in `decide`.
+
+    Returns
+    -------
+    The last outcome, with the work of all faces; its reason is None where they did not settle.
+    """
+    counts = Counts()
+    seen: set[int] = set()
+    found = Outcome(None, None, touching, counts)
+    for _ in range(FACES):
+        fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
+        if fingerprint in seen:
+            break
+        seen.add(fingerprint)
+        try:
+            face = Face(problem, touching, multiplier)
+        except ArithmeticError:  # a body is kept by rows that have opened
+            break
+        left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
+        found = decide(
+            face, left, tolerance, accept, monitor, keep and partial(_kept, keep, counts)
+        )
+        counts = counts + found.counts
+        if found.reason is not None or found.state is None:
+            break
+        multiplier, touching = problem.offset + found.state.x, found.following
+    return replace(found, counts=counts)
+
+
+def _kept(keep: Keep, before: Counts, state: State, spent: Counts) -> None:
+    keep(state, before + spent)
