@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,11 @@ def stopped_after(outer: int) -> Any:
     return lambda event: isinstance(event, Step) and event.outer > outer
 
 
+def stopped_after_steps(steps: int) -> Any:
+    taken = itertools.count(1)
+    return lambda event: next(taken) > steps
+
+
 def go(problem: DualProblem, scene: Any, directory: Path, stop: Any, resume: bool) -> Solution:
     checkpoint = Checkpoint(directory, MPI.COMM_SELF, resume, every=0.0)
     solution = solve(problem, scene.solver, stop, checkpoint)
@@ -45,6 +51,30 @@ def go(problem: DualProblem, scene: Any, directory: Path, stop: Any, resume: boo
     return solution
 
 
+@pytest.fixture
+def smalbe_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No active sets but those of SMALBE."""
+    monkeypatch.setattr("contact_app.faces.FACES", 0)
+
+
+def test_a_solve_stopped_on_a_face_goes_on_from_there(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    straight = solve(problem, scene.solver, None)
+    assert straight.counts.outer == 1
+    stopped = go(problem, scene, tmp_path, stopped_after_steps(36), resume=False)
+    assert not stopped.converged
+    gap = stopped.certificate.duality_gap
+    assert gap < 1e-2  # what it had reached on the face, not where SMALBE handed over
+    spent = json.loads((tmp_path / "checkpoint.json").read_text())["state"]["counts"]["hessian"]
+    assert 0 < spent <= stopped.counts.hessian
+    resumed = go(problem, scene, tmp_path, None, resume=True)
+    assert resumed.converged
+    assert resumed.counts.hessian <= straight.counts.hessian + 15
+    assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
+
+
+@pytest.mark.usefixtures("smalbe_alone")
 def test_a_resumed_solve_ends_with_the_same_answer(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
@@ -63,6 +93,7 @@ def test_a_resumed_solve_ends_with_the_same_answer(
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * largest)
 
 
+@pytest.mark.usefixtures("smalbe_alone")
 def test_one_checkpoint_is_left_and_it_can_be_removed(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
@@ -72,6 +103,7 @@ def test_one_checkpoint_is_left_and_it_can_be_removed(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("smalbe_alone")
 def test_a_checkpoint_of_another_problem_is_refused(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
@@ -84,6 +116,7 @@ def test_a_checkpoint_of_another_problem_is_refused(
         go(build_model(other, MPI.COMM_SELF).problem, scene, tmp_path, None, resume=True)
 
 
+@pytest.mark.usefixtures("smalbe_alone")
 def test_a_damaged_checkpoint_is_refused(problem: DualProblem, scene: Any, tmp_path: Path) -> None:
     go(problem, scene, tmp_path, stopped_after(3), resume=False)
     (tmp_path / "checkpoint-3.petsc").write_bytes(b"")
