@@ -40,6 +40,9 @@ MARGIN, TIGHTEN = 0.7, 0.3
 """Share of the largest jump allowed at which an answer is shown; factor on the residual where it
 was not accepted."""
 
+DEEPER = 0.1
+"""Factor on the first look's residual each time the active sets come back to one they had."""
+
 FACES = 60
 """Faces tried: where contact peels off row by row each is a handful of products."""
 
@@ -226,6 +229,7 @@ def decide(
     accept: Accept,
     monitor: Monitor | None,
     keep: Keep | None = None,
+    first_look: float = FIRST_LOOK,
 ) -> Outcome:
     """Solve a face until it asks for another, or its answer is accepted.
 
@@ -234,8 +238,10 @@ def decide(
     tolerance
         Largest jump that an answer may leave, over the largest displacement; asked again after
         each answer that is not accepted.
+    first_look
+        Reduction of the residual before the first look.
     """
-    aim, looks = FIRST_LOOK * face.residual, 0
+    aim, looks = first_look * face.residual, 0
     while True:
         reason = face.solve(inner, aim, monitor)
         state, following = face.look()
@@ -284,10 +290,12 @@ def follow(
     counts = Counts()
     seen: set[int] = set()
     found = Outcome(None, None, touching, counts)
+    first_look = FIRST_LOOK
     for _ in range(FACES):
         fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
-        if fingerprint in seen:
-            break
+        if fingerprint in seen:  # decided too early, or the sets do not settle
+            first_look *= DEEPER
+            seen.clear()
         seen.add(fingerprint)
         try:
             face = Face(problem, touching, multiplier)
@@ -295,8 +303,9 @@ def follow(
             break
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
         found = decide(
-            face, left, tolerance, accept, monitor, keep and partial(_kept, keep, counts)
-        )
+            face, left, tolerance, accept, monitor,
+            keep and partial(_kept, keep, counts), first_look,
+        )  # fmt: skip
         counts = counts + found.counts
         if found.reason is not None or found.state is None:
             break

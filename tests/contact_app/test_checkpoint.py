@@ -62,10 +62,10 @@ def test_a_solve_stopped_on_a_face_goes_on_from_there(
 ) -> None:
     straight = solve(problem, scene.solver, None)
     assert straight.counts.outer == 1
-    stopped = go(problem, scene, tmp_path, stopped_after_steps(36), resume=False)
+    stopped = go(problem, scene, tmp_path, stopped_after_steps(16), resume=False)
     assert not stopped.converged
     gap = stopped.certificate.duality_gap
-    assert gap < 1e-2  # what it had reached on the face, not where SMALBE handed over
+    assert gap < 0.1  # what it had reached on the face, not where SMALBE handed over
     spent = json.loads((tmp_path / "checkpoint.json").read_text())["state"]["counts"]["hessian"]
     assert 0 < spent <= stopped.counts.hessian
     resumed = go(problem, scene, tmp_path, None, resume=True)
