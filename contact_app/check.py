@@ -22,7 +22,7 @@ from rich.console import Console
 
 from contact_app.distant import distant
 from contact_app.memory import available_bytes, needed_bytes
-from contact_app.model import Outline, boundary_facets, boundary_nodes, outline
+from contact_app.model import Outline, boundary_facets, boundary_nodes, left_out_notes, outline
 from contact_app.scene import (
     BodyContact,
     Contact,
@@ -91,7 +91,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     halving = halved(scene)
     if scene.symmetry:
         scene = halving.scene
-    known = outline(scene, comm)
+    known = outline(scene, comm, reachable=True)
     lines = describe(scene, known)
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]
@@ -192,10 +192,8 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
             f"({_candidates(known, i)})"
         )
-    rows = known.contact
-    lines += [
-        f"warning: {hint}" for hint in distant(scene, rows.gaps, rows.sources, known.partition.comm)
-    ]
+    gaps, sources = known.candidates
+    lines += [f"warning: {hint}" for hint in distant(scene, gaps, sources, partition.comm)]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
@@ -234,7 +232,8 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
 
 
 def _left_out(scene: Scene, known: Outline) -> list[str]:
-    lines = ["left out:", *(f"  {sentence}" for sentence in LEFT_OUT)]
+    lines = ["left out:", *(f"  {note}" for note in left_out_notes(scene, known))]
+    lines += [f"  {sentence}" for sentence in LEFT_OUT]
     if scene.plane:
         lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")
     if any(contact.obstacle.curvature_radius for contact in scene.contacts):
@@ -325,11 +324,13 @@ def _count_facets(scene: Scene, known: Outline, load: Traction | Pressure) -> in
 def _candidates(known: Outline, contact: int) -> str:
     """How many nodes may touch, and how near they are."""
     comm = known.partition.comm
-    gaps = known.contact.gaps[known.contact.sources == contact]
-    count = comm.allreduce(len(gaps))
-    if count == 0:
+    gaps, sources = known.candidates
+    smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
+    if np.isinf(smallest):
         return "no candidate nodes left: other conditions decide on all of them"
-    smallest = comm.allreduce(float(gaps.min(initial=np.inf)), op=MPI.MIN)
+    count = comm.allreduce(int((known.contact.sources == contact).sum()))
+    if count == 0:
+        return f"none of its nodes can come that far, smallest gap {smallest:.4g}"
     return f"{count:,} candidate nodes, smallest gap {smallest:.4g}"
 
 

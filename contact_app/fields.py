@@ -14,6 +14,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.assembly import cell_moduli, stress, von_mises
+from contact_app.candidates import slack_of
 from contact_app.model import Model
 from contact_app.pressure import SurfaceNodes, contact_forces, node_gaps
 from contact_app.solution import Solution
@@ -38,6 +39,9 @@ class NodeFields:
         Force of the `against` body of each pair on the other, of this rank's nodes.
     without_area
         Touching nodes that carry force but no facet of the contact boundary.
+    deepest
+        How far any node without a contact row, for being too far away, crosses what it may touch;
+        zero or less where none does.
     """
 
     first: int
@@ -48,6 +52,7 @@ class NodeFields:
     contact_force: NDArray[np.float64]
     pair_forces: NDArray[np.float64]
     without_area: int
+    deepest: float
 
 
 def node_fields(model: Model, solution: Solution) -> NodeFields:
@@ -70,7 +75,8 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     pressure = np.zeros(size)
     pressure[forces.nodes - exchange.first] = forces.pressure
     gap = np.full(size, np.nan)
-    gap[forces.nodes - exchange.first] = node_gaps(model, solution, surface)
+    far = slack_of(model.left_out, exchange, mean)
+    gap[forces.nodes - exchange.first] = node_gaps(model, solution, surface, far)
     obstacles = len(model.scene.contacts)
     return NodeFields(
         first=exchange.first,
@@ -81,6 +87,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         contact_force=forces.resultants[:obstacles].sum(axis=0),
         pair_forces=forces.resultants[obstacles:],
         without_area=forces.without_area,
+        deepest=float(-far.min(initial=np.inf)),
     )
 
 

@@ -20,6 +20,7 @@ from scipy.linalg import block_diag
 
 from contact_app.assembly import Element
 from contact_app.averaged import averaged_rows, has_averaged_rows
+from contact_app.candidates import reaches
 from contact_app.distant import distant
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.memory import give_back
@@ -76,6 +77,8 @@ class Model:
         Materials of each class, by the tags of its cells.
     exchange
         Where the copies of surface nodes meet; `copies` gives their subdomain and local node.
+    left_out
+        Contact rows of nodes that are too far away to touch; the answer is held against them.
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -86,6 +89,7 @@ class Model:
     place: NDArray[np.int64]
     elements: tuple[Element, ...]
     materials: tuple[tuple[Material, ...], ...]
+    left_out: ContactRows
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -128,6 +132,9 @@ class Outline:
     ----------
     held, contact
         Held nodes and contact rows this rank owns.
+    left_out, reach
+        Contact rows of nodes that are farther away than they can move, and how far that is for
+        each contact, (contacts,).
     elements
         Finite-element forms by the identity of their reference.
     loads
@@ -141,9 +148,20 @@ class Outline:
     exchange: NodeExchange
     held: HeldRows
     contact: ContactRows
+    left_out: ContactRows
+    reach: NDArray[np.float64]
     elements: dict[int, Element]
     loads: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
+
+    @property
+    def candidates(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Gaps and contacts of all candidate rows of this rank, within reach and not."""
+        parts = (self.contact, self.left_out)
+        gaps, sources = (
+            np.concatenate([getattr(p, n) for p in parts]) for n in ("gaps", "sources")
+        )
+        return gaps, sources
 
     @property
     def eliminated(self) -> NDArray[np.bool_]:
@@ -152,13 +170,18 @@ class Outline:
         return whole & np.array([b.held for b in self.balances])
 
 
-def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Outline:
+def outline(
+    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, reachable: bool = False
+) -> Outline:
     """Cut into subdomains, find conditions, loads and what balances them (collective).
 
     Parameters
     ----------
     timings
         Where the time of each stage is added.
+    reachable
+        Keep contact rows only where a bound on the displacement lets a node touch; whoever solves
+        has to look whether the answer keeps to it.
 
     Raises
     ------
@@ -201,19 +224,28 @@ def outline(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -
     with timings.measure("assembly"):
         loads = _loads(scene, partition, elements)
     balances = _balances(scene, partition, held, contact, loads)
-    return Outline(partition, surface, exchange, held, contact, elements, loads, balances)
+    reach = np.full(len(scene.touching), np.inf)
+    if reachable:
+        reach = _reach(scene, partition, contact, loads, balances)
+    near = contact.gaps <= reach[contact.sources]
+    return Outline(
+        partition, surface, exchange, held, contact.of(near), contact.of(~near), reach, elements,
+        loads, balances,
+    )  # fmt: skip
 
 
-def build_model(scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None) -> Model:
+def build_model(
+    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, reachable: bool = False
+) -> Model:
     """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`."""
     timings = timings or Timings()
     with timings.measure("setup"):
-        return _built(scene, comm, timings)
+        return _built(scene, comm, timings, reachable)
 
 
-def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings) -> Model:
+def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, reachable: bool) -> Model:
     """The model; all but assembly and factorization is set-up."""
-    known = outline(scene, comm, timings)
+    known = outline(scene, comm, timings, reachable)
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, contact, elements, loads = known.held, known.contact, known.elements, known.loads
     balances, eliminated = known.balances, known.eliminated
@@ -241,6 +273,7 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings) -> Model:
         )
     else:
         notes.append("every body is one held subdomain: no gluing, no coarse problem")
+    notes += left_out_notes(scene, known)
     if not comm.allreduce(int((problem.kinds == RowKind.CONTACT).sum())):
         notes.append("no contact rows: plain conjugate gradients")
     give_back()
@@ -251,6 +284,7 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings) -> Model:
         place=place,
         elements=tuple(elements[key[0]] for key in keys),
         materials=tuple(key[1] for key in keys),
+        left_out=known.left_out,
         notes=tuple(notes),
     )
 
@@ -514,6 +548,39 @@ def _balances(
         for b, rows, free in zip(group, held_rows, shares, strict=True):
             balances[b] = BodyBalance(free, None, held=holds(comm, rows))
     return [b for b in balances if b is not None]
+
+
+def _reach(
+    scene: Scene,
+    partition: Partition,
+    contact: ContactRows,
+    loads: Iterable[NDArray[np.float64] | None],
+    balances: list[BodyBalance],
+) -> NDArray[np.float64]:
+    """How far the nodes of each contact may come nearer, (contacts,) (collective)."""
+    forces, overlaps = np.zeros(len(scene.bodies)), np.zeros(len(scene.touching))
+    for s, load in zip(partition.subdomains, loads, strict=True):
+        if load is not None:
+            forces[s.body] += np.abs(load).sum()
+    np.maximum.at(overlaps, contact.sources, -contact.gaps)
+    forces = partition.comm.allreduce(forces)
+    overlaps = np.max(partition.comm.allgather(overlaps), axis=0)
+    held = np.array([b.held for b in balances])
+    return reaches(scene, _groups_in_contact(scene), forces, held, overlaps)
+
+
+def left_out_notes(scene: Scene, known: Outline) -> list[str]:
+    """What is left out of the contacts, a sentence each (collective)."""
+    comm, count = known.partition.comm, len(scene.touching)
+    out = comm.allreduce(np.bincount(known.left_out.sources, minlength=count))
+    near = comm.allreduce(np.bincount(known.contact.sources, minlength=count))
+    return [
+        f"{item.source}: {out[i]:,} of {out[i] + near[i]:,} candidate nodes are farther away than "
+        f"they can move ({known.reach[i]:.3g} at most, by an estimate) and have no row; the answer "
+        "is held against them, and all have rows if it comes that far"
+        for i, item in enumerate(scene.touching)
+        if out[i]
+    ]
 
 
 def _groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:

@@ -129,22 +129,31 @@ def contact_forces(model: Model, solution: Solution, surface: SurfaceNodes) -> C
     return ContactForces(surface.owned, pressure, resultants, lost)
 
 
-def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes) -> Array:
+def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Array) -> Array:
     """Distance left at the owned surface nodes, (owned,); NaN where no row is (collective).
 
     Known about vertices only, it is continued to the middles between them.
+
+    Parameters
+    ----------
+    far : (rows,)
+        Distance along the rows that were left out.
     """
+    left_out = model.left_out
     scene, problem, contact = model.scene, model.problem, model.problem.contact
     rows = problem.inequality
     distance = -problem.residual(problem.on_interface(solution.displacements))[rows]
     distance /= contact.spread
-    at = np.searchsorted(surface.owned, contact.nodes)
+    distance = np.concatenate([distance, far])
+    sources = np.concatenate([contact.sources, left_out.sources])
+    areas = np.concatenate([contact.areas, left_out.areas])
+    at = np.searchsorted(surface.owned, np.concatenate([contact.nodes, left_out.nodes]))
     gap = np.full(len(surface.owned), np.nan)
     for i, touching in enumerate(scene.touching):
-        mine = contact.sources == i
+        mine = sources == i
         part = np.full(len(gap), np.nan)
         np.fmin.at(part, at[mine], distance[mine])
-        at_nodes = model.comm.allreduce(int(np.isnan(contact.areas[mine]).sum()))
+        at_nodes = model.comm.allreduce(int(np.isnan(areas[mine]).sum()))
         if scene.bodies[touching.body].degree == 2 and not at_nodes:
             boundary = _Boundary(model, surface, touching.body, touching.boundary)
             part = boundary.at_all_nodes(part)

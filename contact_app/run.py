@@ -173,10 +173,33 @@ def solve_scene(
     ConfigurationError, NoEquilibriumError
         The scene cannot be modelled, or has no equilibrium.
     """
-    timings = Timings()
+    solved = _solve_once(scene, comm, monitor, checkpoint, reachable=True)
+    deepest = comm.allreduce(solved.nodes.deepest, op=MPI.MAX)
+    allowed = solved.solution.tolerance * solved.solution.measures.displacement
+    if solved.solution.converged and deepest > allowed:
+        # the checkpoint stays that of the first solve, which a resumed run begins with, too
+        log.info(
+            "the displacements come farther than was estimated, %.3g beyond a node that was left "
+            "out: solving again with all candidate nodes",
+            deepest,
+        )
+        solved = _solve_once(scene, comm, monitor, None, reachable=False, timings=solved.timings)
+    return solved
+
+
+def _solve_once(
+    scene: Scene,
+    comm: MPI.Intracomm,
+    monitor: Monitor | None,
+    checkpoint: Checkpoint | None,
+    reachable: bool,
+    timings: Timings | None = None,
+) -> SolvedScene:
+    """Solve with contact rows at all candidate nodes or at those within reach (collective)."""
+    timings = timings or Timings()
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
         PETSc.garbage_cleanup(whose)
-    model = build_model(scene, comm, timings)
+    model = build_model(scene, comm, timings, reachable)
     communication = Communication(comm)
     try:
         with timings.measure("solve"):

@@ -1,0 +1,97 @@
+"""Which nodes may touch: contact rows only where a bound on the displacement lets them.
+
+A node farther from what it may touch than it can move needs no row. How far a body that its
+conditions hold can move is bounded as a bar, a beam and a half space would be under the sum F of
+the magnitudes of all loads on it and on what it touches, with Young's modulus E of its softest
+material, length L, mean cross-section A, thickness t and cells of size h:
+
+    F L / (E A) (1 + 4 (L/t)²) + F / (E h)    (in the plane 4 F / E),
+
+on top of the largest displacement that is prescribed and the deepest overlap; twice that is taken.
+No theorem makes it a bound of the answer, so the answer is held against the rows that were left
+out: if it crosses one of them, the scene is solved again with all (`run.solve_scene`). Bodies that
+only contact keeps may move as far as the gaps let them, and keep all rows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.scene import BodyContact, Scene
+from solver.tfeti.constraints import ContactRows
+from solver.tfeti.exchange import NodeExchange
+
+SAFETY = 2.0
+"""Factor of the bound."""
+
+
+def reaches(
+    scene: Scene,
+    groups: list[NDArray[np.int64]],
+    forces: NDArray[np.float64],
+    held: NDArray[np.bool_],
+    overlaps: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """How far each contact's nodes may come nearer, (contacts,), infinite where nothing bounds it.
+
+    Parameters
+    ----------
+    groups
+        Bodies that may touch each other.
+    forces : (bodies,)
+        Sum of the magnitudes of the nodal loads on each body.
+    held : (bodies,)
+        Whether the conditions stop every rigid motion of a body.
+    overlaps : (contacts,)
+        Deepest initial overlap of each contact, zero or more.
+    """
+    bound = np.full(len(scene.bodies), np.inf)
+    for group in groups:
+        moved = [
+            float(np.linalg.norm([v or 0.0 for v in condition.values]))
+            for condition in scene.displacements
+            if condition.body in group
+        ]
+        depth = [overlaps[i] for i, c in enumerate(scene.touching) if c.body in group]
+        pushed = max(moved, default=0.0) + max(depth, default=0.0)
+        force = float(forces[group].sum())
+        for b in group:
+            if held[group].all():
+                bound[b] = SAFETY * (pushed + force * _softness(scene, int(b)))
+    return np.array(
+        [
+            bound[c.body] + (bound[c.other] if isinstance(c, BodyContact) else 0.0)
+            for c in scene.touching
+        ]
+    )
+
+
+def _softness(scene: Scene, number: int) -> float:
+    """Displacement of a body by a force of one, estimated from its size."""
+    body, d = scene.bodies[number], scene.dimension
+    sides = np.subtract(body.mesh.upper, body.mesh.lower)
+    length, thickness, volume = float(sides.max()), float(sides.min()), float(sides.prod())
+    young = min(m.young for m in body.materials)
+    beam = length / (young * volume / length) * (1.0 + 4.0 * (length / thickness) ** 2)
+    cell = (volume / body.mesh.total_cells) ** (1.0 / d) / body.degree
+    return beam + (4.0 / young if d == 2 else 1.0 / (young * cell))
+
+
+def slack_of(
+    rows: ContactRows, exchange: NodeExchange, displacement: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Distance left along each row, (rows,) (collective).
+
+    Parameters
+    ----------
+    exchange
+        Of all nodes with their owners.
+    displacement : (nodes, dimension)
+        At the nodes this rank owns.
+    """
+    entries = rows.entries
+    query = NodeExchange(exchange.comm, entries.node, exchange.total)
+    u = query.from_owners(displacement[query.nodes - query.first])
+    moved = entries.value * u[np.arange(len(entries.node)), entries.component]
+    return rows.gaps - np.bincount(entries.row, moved, minlength=len(rows.nodes))
