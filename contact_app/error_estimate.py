@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from contact_app.model import Model
 from contact_app.solution import Accuracy, Solution
-from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
-from meshes import versions
+from contact_app.stress_recovery import StressRecovery, apply, at_cells
 from solver.tfeti.dual import interface_slices
 
 Array = NDArray[np.float64]
@@ -42,7 +41,6 @@ class ErrorEstimator:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.available = all(body.plain for body in model.scene.bodies)
 
     @cached_property
     def recovery(self) -> StressRecovery:
@@ -50,20 +48,8 @@ class ErrorEstimator:
         return StressRecovery(self.model)
 
     def accuracy(self, solution: Solution) -> Accuracy:
-        """The errors of an answer; of the mesh where every body has plain first-order cells."""
-        if self.available:
-            return accuracy_of(self.squares(solution), solution)
-        norm = self.energy_norm(solution)
-        gap = 2.0 * max(solution.measures.gap, 0.0)
-        return Accuracy(np.nan, float(np.sqrt(gap / norm)) if norm else 0.0, np.nan)
-
-    def energy_norm(self, solution: Solution) -> float:
-        """a(u_h, u_h); zero where nothing is strained (collective)."""
-        sums = np.zeros(2)
-        for cls, u in zip(self.model.problem.classes, solution.displacements, strict=True):
-            sums += np.vdot(u, cls.stiffness @ u), np.sum(cls.stiffness.diagonal() @ u**2)
-        norm, scale = self.model.comm.allreduce(sums)
-        return float(norm) if norm > STRAINLESS * scale else 0.0
+        """The errors of an answer."""
+        return accuracy_of(self.squares(solution), solution)
 
     def squares(self, solution: Solution) -> tuple[float, float]:
         """η² and a(u_h, u_h); zeros where nothing is strained."""
@@ -96,17 +82,18 @@ class ErrorEstimator:
 
         Yields rows, members, and two arrays (members, cells, points · components).
         """
-        cells = self.recovery.cells[number]
-        weights, values, slopes = versions.tabulated(cells.element.mesh, 2)
-        field = u.reshape(len(cells.points), cells.dimension, -1).swapaxes(1, 2)
-        for rows, shape, part in cells.batches(u.shape[1]):
-            D = self.recovery.D[number][cells.tags[rows[0]]]
-            root = np.linalg.cholesky(np.linalg.inv(D))  # e : C⁻¹ : e = |rootᵀ e|²
-            # vertex by vertex the same: from root's components of σ* to those at the points
-            nodal = np.einsum("qv,st->vsqt", values, root).reshape(values.shape[1] * len(D), -1)
-            gradients, volume = cells.gradients(shape, slopes)
-            weight = np.repeat(np.sqrt(weights * volume), len(D), axis=1)
-            operator = stress_operator(gradients, root.T @ D @ self.recovery.V)
+        recovery, cells = self.recovery, self.recovery.cells[number]
+        table = cells.table(2 * cells.degree)
+        field = u.reshape(len(cells.places), cells.dimension, -1).swapaxes(1, 2)
+        for rows, shape, part in cells.batches(u.shape[1], len(table.weights)):
+            D = np.array(recovery.moduli[number][cells.tags[rows[0]]])
+            root = np.linalg.cholesky(np.linalg.inv(D.sum(axis=0)))  # e : C⁻¹ : e = |rootᵀ e|²
+            # node by node the same: from root's components of σ* to those at the points
+            nodal = np.einsum("qv,st->vsqt", table.values, root)
+            nodal = nodal.reshape(table.values.shape[1] * len(root), -1)
+            volume = cells.gradients(shape, table)[1]
+            weight = np.repeat(np.sqrt(table.weights * volume), len(root), axis=1)
+            operator = recovery.stress_at(number, shape, table, root.T @ D @ recovery.V)
             nodes = cells.nodes[rows]
             stress = apply(operator, at_cells(field[:, part], nodes)) * weight
             error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress

@@ -279,8 +279,6 @@ def needs_multiples(scene: Scene) -> bool:
 
 def _level(solved: SolvedScene) -> Level:
     mesh, accuracy = solved.summary["mesh"], solved.accuracy
-    if math.isnan(accuracy.discretisation):
-        raise ValueError("there is no estimate to refine by: a body has degree 2 or B-bar")
     return Level(
         cells=mesh["cells"],
         dofs=mesh["dofs"],

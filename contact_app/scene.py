@@ -185,7 +185,7 @@ class Body:
 
     @property
     def plain(self) -> bool:
-        """Whether its cells are of first order and fully integrated: the error is estimated."""
+        """Whether its cells are of first order and fully integrated: they lock."""
         return self.degree == 1 and not any(m.mean_dilatation for m in self.materials)
 
 
@@ -401,16 +401,6 @@ class _Builder:
         options = SolverOptions(**given.model_dump())
         if accuracy is not None and "tolerance" not in given.model_fields_set:
             options = replace(options, tolerance="auto")
-        if not all(b.plain for b in self.bodies):
-            wanted = {("accuracy",): accuracy, ("solver", "tolerance"): options.tolerance == "auto"}
-            for path, asked in wanted.items():
-                if asked:
-                    self._fail(
-                        path,
-                        "takes the error of the mesh for its measure, which is estimated for "
-                        "bodies of degree 1 without mean_dilatation only: give solver.tolerance a "
-                        "number",
-                    )
         if accuracy is None:
             return options
         return replace(options, tightest=min(options.tightest, 0.1 * accuracy))

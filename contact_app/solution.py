@@ -18,20 +18,20 @@ class Accuracy:
     Attributes
     ----------
     discretisation
-        Estimated error of the mesh; NaN where there is no estimate (degree 2, B-bar).
+        Estimated error of the mesh.
     algebraic
         Bound on the error of the solver, √(2 gap).
     total
-        Root of the sum of their squares; NaN where one is unknown.
+        Root of the sum of their squares.
     """
 
     discretisation: float
     algebraic: float
     total: float
 
-    def as_dict(self) -> dict[str, float | None]:
-        """As `summary.json` holds it, with null for what is unknown."""
-        return {name: None if np.isnan(value) else value for name, value in asdict(self).items()}
+    def as_dict(self) -> dict[str, float]:
+        """As `summary.json` holds it."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)

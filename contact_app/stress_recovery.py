@@ -1,18 +1,24 @@
 """A continuous stress fitted to the stresses of a finite-element answer.
 
-At each node a linear polynomial is fitted to the stresses at the centres of the cells around it,
-where those of first-order cells converge faster than elsewhere; its value at the node is the
-recovered stress σ* (Zienkiewicz & Zhu, *The superconvergent patch recovery and a posteriori error
-estimates*, IJNME 33, 1992). Where a node has too few cells for that, on the surface, the
-polynomials of its neighbours are continued to it. On the surface σ* n is known as well: it is the
-traction where one is given, zero where nothing is, and has no part along the surface where the
-body touches without friction. The smallest change of σ* at the node that meets these (in the
-least squares where they contradict each other, as at the edge of a load) is made.
+Around each vertex a polynomial of the degree of the displacement is fitted to the stresses where
+those converge faster than elsewhere, at the centres of first-order cells and at the points of a
+rule of degree 2 in second-order ones (Zienkiewicz & Zhu, *The superconvergent patch recovery and a
+posteriori error estimates*, IJNME 33, 1992). Its value at the vertex is the recovered stress σ*;
+at the other nodes of second-order cells σ* is the mean of the polynomials of the vertices they lie
+amid. Where a vertex has too few cells for a fit, on the surface, linear polynomials of its
+neighbours are continued to it, and quadratic ones, which run away when continued, are fitted to the
+cells of its neighbours, too. On the surface σ* n is known as well: it is the traction where one is
+given, zero where nothing is, and has no part along the surface where the body touches without
+friction. The smallest change of σ* at the node that meets these (in the least squares where they
+contradict each other, as at the edge of a load) is made.
 
-Sums over cells are made subdomain by subdomain and meet at the owner of each node, so that σ*
+Sums over cells are made subdomain by subdomain and meet at the owner of each vertex, so that σ*
 depends neither on the decomposition nor on the number of ranks. Bodies share no nodes: stresses
 are not averaged across them. Inside a body they are, also where its material changes: there the
 true stress jumps, the recovered one does not, and the estimate that uses it is too large.
+
+With mean dilatation (B-bar) the answer's own stress, which the fit takes and the estimate compares
+with, has λ times the mean of div u over each cell.
 
 Stress and strain have the components xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space;
 shear strains are engineering ones.
@@ -20,18 +26,19 @@ shear strains are engineering ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact_app.assembly import Element, lame
+from contact_app.assembly import lame
 from contact_app.model import Model, boundary_facets
+from contact_app.patches import Cells, Table, monomial_count, translations
 from contact_app.scene import Material
-from meshes import Subdomain, versions
+from meshes import Subdomain
 from solver.tfeti.exchange import NodeExchange
 
 Array = NDArray[np.float64]
@@ -39,23 +46,27 @@ Array = NDArray[np.float64]
 SHEARS = ((0, 1), (1, 2), (0, 2))
 
 FLAT = 1e-4
-"""Determinant of a patch's moments, scaled to a unit diagonal, above which they determine a linear
-polynomial: 1 for a symmetric patch, 0 for one whose cell centres lie in a plane."""
+"""Determinant of a patch's linear moments, scaled to a unit diagonal, above which they determine a
+linear polynomial: 1 for a symmetric patch, 0 for one whose cell centres lie in a plane."""
 
-SYMMETRIC = 1e-9
-"""Scaled moments below it vanish: the cells around the node balance each other."""
+THIN = 1e-3
+"""Smallest eigenvalue of quadratic moments, so scaled, above which they determine a quadratic
+polynomial: 0.1 to 0.2 for a symmetric patch."""
 
 WEAK = 1e-2
 """Directions of a fit below this share of the strongest are left out."""
 
+AT_ONCE = 20_000_000
+"""Numbers of polynomials kept at once; components of the stress are taken a few at a time."""
 
-def elasticity(material: Material, plane: str | None, dimension: int) -> Array:
-    """D of σ = D ε, (components, components)."""
+
+def moduli(material: Material, plane: str | None, dimension: int) -> tuple[Array, Array]:
+    """D of σ = D ε in two parts, of the shape and of the volume, (components, components) each."""
     lam, mu = lame(material, plane)
     size = dimension * (dimension + 1) // 2
-    D = np.diag(np.where(np.arange(size) < dimension, 2.0 * mu, mu))
-    D[:dimension, :dimension] += lam
-    return D
+    volume = np.zeros((size, size))
+    volume[:dimension, :dimension] = lam
+    return np.diag(np.where(np.arange(size) < dimension, 2.0 * mu, mu)), volume
 
 
 def strain_of_gradient(dimension: int) -> Array:
@@ -67,136 +78,6 @@ def strain_of_gradient(dimension: int) -> Array:
     for row, (i, j) in enumerate(shears, dimension):
         V[row, i * dimension + j] = V[row, j * dimension + i] = 1.0
     return V
-
-
-class Cells:
-    """Cells of a reference: who surrounds whom, and first-order shape functions.
-
-    Attributes
-    ----------
-    nodes : (cells, vertices)
-        In dolfinx's vertex order.
-    points : (nodes, dimension)
-    around : (nodes, cells)
-        1 where a node is a vertex of a cell.
-    tags : (cells,)
-        Number of each cell's material.
-    shapes : list of (cells,)
-        Rows of cells that are translates of one another; empty where nearly none is.
-    """
-
-    MOST_SHAPES = 32
-
-    def __init__(self, element: Element) -> None:
-        self.element = element
-        self.dimension = d = element.dimension
-        self.nodes = versions.cell_nodes(element.mesh)
-        self.points = element.reference.points[:, :d]
-        self.tags = element.reference.tags
-        count, vertices = self.nodes.shape
-        entries = (self.nodes.ravel(), np.repeat(np.arange(count), vertices))
-        self.around = sparse.csr_matrix(
-            (np.ones(count * vertices), entries), shape=(len(self.points), count)
-        )
-        offsets = self.points[self.nodes[:, 1:]] - self.points[self.nodes[:, :1]]
-        offsets = np.rint(offsets.reshape(count, -1) / (1e-9 * np.abs(offsets).max()))
-        offsets = np.column_stack([offsets, self.tags])
-        first = np.flatnonzero(np.any(offsets != offsets[0], axis=1))
-        if len(first) == 0:
-            self.shapes = [np.arange(count)]
-        else:
-            _, shape = np.unique(offsets, axis=0, return_inverse=True)
-            shape = shape.reshape(-1)
-            many = shape.max() >= self.MOST_SHAPES
-            self.shapes = (
-                [] if many else [np.flatnonzero(shape == s) for s in range(shape.max() + 1)]
-            )
-
-    @cached_property
-    def first_moments(self) -> list[sparse.csr_matrix]:
-        """Operators that sum over the cells of a node: 1 and the offset of the centre by axis."""
-        centres = self.points[self.nodes].mean(axis=1)
-        pattern = self.around
-        node = np.repeat(np.arange(len(self.points)), np.diff(pattern.indptr))
-        offsets = (centres[pattern.indices] - self.points[node]).T  # zeros stay entries
-        return [
-            pattern,
-            *(
-                sparse.csr_matrix((x, pattern.indices, pattern.indptr), shape=pattern.shape)
-                for x in offsets
-            ),
-        ]
-
-    @cached_property
-    def second_moments(self) -> Array:
-        """Σ p pᵀ with p = (1, centre - node) over the cells of a node, (nodes, upper triangle)."""
-        size = self.dimension + 1
-        offsets = [m.data for m in self.first_moments]
-        pattern = self.around
-        sums = []
-        for i, j in zip(*np.triu_indices(size), strict=True):
-            product = sparse.csr_matrix(
-                (offsets[i] * offsets[j], pattern.indices, pattern.indptr), shape=pattern.shape
-            )
-            sums.append(np.asarray(product.sum(axis=1)).ravel())
-        return np.stack(sums, axis=1)
-
-    @cached_property
-    def neighbours(self) -> sparse.csr_matrix:
-        """How many cells two nodes share, (nodes, nodes)."""
-        return (self.around @ self.around.T).tocsr()
-
-    @cached_property
-    def normals(self) -> Array:
-        """Outward unit normals of the reference's facets, (facets, dimension)."""
-        mesh, d, reference = self.element.mesh, self.dimension, self.element.reference
-        mesh.topology.create_connectivity(d - 1, d)
-        links, offsets = versions.adjacency(mesh.topology.connectivity(d - 1, d))
-        cell = links[offsets[reference.facet_entities]]
-        corner = self.points[reference.facets]
-        edge = corner[:, 1] - corner[:, 0]
-        if d == 2:
-            normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
-        else:
-            normal = np.cross(edge, corner[:, 2] - corner[:, 0])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        inward = self.points[self.nodes[cell]].mean(axis=1) - corner.mean(axis=1)
-        return normal * -np.sign(np.einsum("fi,fi->f", normal, inward))[:, None]
-
-    def gradients(self, rows: NDArray[np.int64], slopes: Array) -> tuple[Array, Array]:
-        """Shape function gradients and Jacobian determinants at points of cells.
-
-        Parameters
-        ----------
-        slopes : (points, dimension, vertices)
-            On the reference cell.
-
-        Returns
-        -------
-        (cells, points, dimension, vertices) and (cells, points).
-        """
-        corners = self.points[self.nodes[rows]]
-        jacobian = np.einsum("qrv,cvi->cqir", slopes, corners)
-        inverse = np.linalg.inv(jacobian)
-        return np.einsum("cqri,qrv->cqiv", inverse, slopes), np.abs(np.linalg.det(jacobian))
-
-    def batches(self, members: int) -> list[tuple[NDArray[np.int64], NDArray[np.int64], slice]]:
-        """Cells of one material to work on at once: (rows, rows that give shapes, members)."""
-        result = []
-        groups = [(rows, rows[:1]) for rows in self.shapes]
-        if not groups:
-            for tag in np.unique(self.tags):
-                rows = np.flatnonzero(self.tags == tag)
-                parts = [rows[i : i + BATCH] for i in range(0, len(rows), BATCH)]
-                groups += [(part, part) for part in parts]
-        for rows, shape in groups:
-            step = max(1, BATCH // len(rows))
-            result += [(rows, shape, slice(m, m + step)) for m in range(0, members, step)]
-        return result
-
-
-BATCH = 100_000
-"""Cells worked on at once."""
 
 
 def at_cells(values: Array, nodes: NDArray[np.int32]) -> Array:
@@ -213,60 +94,131 @@ def apply(operator: Array, values: Array) -> Array:
 
 
 def stress_operator(gradients: Array, DV: Array) -> Array:
-    """From displacements at vertices to stresses at points.
+    """From displacements at nodes to stresses at points.
 
     Parameters
     ----------
-    gradients : (cells, points, dimension, vertices)
+    gradients : (cells, points, dimension, nodes)
     DV : (components, dimension²)
 
     Returns
     -------
-    (cells, vertices · dimension, points · components)
+    (cells, nodes · dimension, points · components)
     """
-    count, points, d, vertices = gradients.shape
+    count, points, d, nodes = gradients.shape
     tensor = DV.reshape(-1, d, d)
     result = np.einsum("sij,cqjv->cviqs", tensor, gradients, optimize=True)
-    return result.reshape(count, vertices * d, points * len(DV))
+    return result.reshape(count, nodes * d, points * len(DV))
 
 
 @dataclass(frozen=True, eq=False)
 class _Continuation:
-    """Owned nodes that take their polynomial from neighbours that have one already."""
+    """Owned vertices that take their polynomial from neighbours that have one already."""
 
     sources: NDArray[np.bool_]
     targets: NDArray[np.bool_]
     weight: Array
 
 
-class Copies:
-    """Copies of all nodes of this rank's subdomains, by class, and their owners."""
+class _Enlarged:
+    """Moments over the cells around a vertex and around its neighbours, where its own are few.
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
-        self.exchange = model.node_exchange
-        self.starts = np.cumsum([0, *(len(s.nodes) for s in model.partition.subdomains)])
-        self.owned = self.exchange.last - self.exchange.first
-        self.place = self.exchange.nodes - self.exchange.first
-        arrived = len(self.place)
-        self._gather = sparse.csr_matrix(
-            (np.ones(arrived), (self.place, np.arange(arrived))), shape=(self.owned, arrived)
+    A neighbour counts as often as it shares cells with the vertex.
+
+    Attributes
+    ----------
+    few : (owned,)
+        Vertices with too few cells.
+    """
+
+    def __init__(
+        self, cells: Sequence[Cells], copies: Copies, model: Model, few: NDArray[np.bool_]
+    ) -> None:
+        self.few, self._copies, self._cells = few, copies, cells
+        marked = copies.spread(few[:, None] * 1.0)
+        self._pairs = []
+        for cls, column in model.place:
+            graph = cells[cls].neighbours.tocoo()
+            mine = marked[cls][graph.row, column, 0] > 0.0
+            self._pairs.append((graph.row[mine], graph.col[mine], graph.data[mine]))
+
+    def second(self, A: Array) -> Array:
+        """Σ m mᵀ of the few, (few, monomials, monomials), from those of all owned vertices."""
+        size = A.shape[1]
+        known = self._copies.spread(A.reshape(len(A), -1))
+        return self._summed(
+            known, lambda T, M: np.swapaxes(T, 1, 2) @ M.reshape(-1, size, size) @ T, size
         )
 
-    def sum(self, by_class: Sequence[Array], width: int) -> Array:
-        """Sum (nodes, members, width) of each class over the copies of a node: (owned, width)."""
+    def first(self, moments: Array) -> Array:
+        """Σ m σ of the few, (few, monomials, k), from those of all owned vertices."""
+        size = moments.shape[1]
+        known = self._copies.spread(moments.reshape(len(moments), -1))
+        return self._summed(
+            known, lambda T, b: np.swapaxes(T, 1, 2) @ b.reshape(len(b), size, -1), size
+        )
+
+    def _summed(
+        self, known: Sequence[Array], moved: Callable[[Array, Array], Array], size: int
+    ) -> Array:
+        by_class = [np.zeros(k.shape) for k in known]
+        for (cls, column), (row, source, weight) in zip(
+            self._copies.place, self._pairs, strict=True
+        ):
+            if len(row):
+                points = self._cells[cls].points
+                T = translations(points[source] - points[row], size)
+                parts = moved(T, known[cls][source, column]).reshape(len(row), -1)
+                incidence = sparse.csr_matrix(
+                    (weight, (row, np.arange(len(row)))), shape=(len(points), len(row))
+                )
+                by_class[cls][:, column] += incidence @ parts
+        sums = self._copies.sum(by_class)[self.few]
+        return sums.reshape(len(sums), size, -1)
+
+
+class Copies:
+    """Copies of the vertices of this rank's subdomains, by class, and their owners."""
+
+    def __init__(self, model: Model, cells: Sequence[Cells]) -> None:
+        self.place = model.place
+        self.count = len(cells)
+        sizes = [len(cells[cls].vertices) for cls, _ in model.place]
+        self.starts = np.cumsum([0, *sizes])
+        numbers = [
+            s.nodes[cells[cls].vertices]
+            for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True)
+        ]
+        self.exchange = NodeExchange(
+            model.comm, np.concatenate([np.zeros(0, np.int64), *numbers]), model.partition.nodes
+        )
+        self.numbers, at = np.unique(self.exchange.nodes, return_inverse=True)
+        self._at = at.reshape(-1)
+        arrived = len(self._at)
+        self._gather = sparse.csr_matrix(
+            (np.ones(arrived), (self._at, np.arange(arrived))), shape=(self.owned, arrived)
+        )
+
+    @property
+    def owned(self) -> int:
+        """Vertices this rank owns."""
+        return len(self.numbers)
+
+    def sum(self, by_class: Sequence[Array]) -> Array:
+        """Sum (vertices, members, width) of each class over the copies of a vertex."""
+        width = by_class[0].shape[2] if by_class else 0
         copies = np.empty((self.starts[-1], width))
-        for local, (cls, column) in enumerate(self.model.place):
+        for local, (cls, column) in enumerate(self.place):
             copies[self.starts[local] : self.starts[local + 1]] = by_class[cls][:, column]
         return self._gather @ self.exchange.to_owners(copies)
 
     def spread(self, values: Array) -> list[Array]:
-        """Bring (owned, width) to (nodes, members, width) of each class."""
-        copies = self.exchange.from_owners(values[self.place])
+        """Bring (owned, width) to (vertices, members, width) of each class."""
+        copies = self.exchange.from_owners(values[self._at])
         result = []
-        for cls in range(len(self.model.elements)):
-            mine = np.flatnonzero(self.model.place[:, 0] == cls)
-            mine = mine[np.argsort(self.model.place[mine, 1])]
+        for cls in range(self.count):
+            mine = np.flatnonzero(self.place[:, 0] == cls)
+            mine = mine[np.argsort(self.place[mine, 1])]
             parts = [copies[self.starts[i] : self.starts[i + 1]] for i in mine]
             result.append(np.stack(parts, axis=1))
         return result
@@ -283,66 +235,120 @@ class StressRecovery:
             if id(element) not in made:
                 made[id(element)] = Cells(element)
         self.cells = [made[id(element)] for element in model.elements]
-        self.D = [
-            [elasticity(material, model.scene.plane, self.dimension) for material in materials]
+        self.moduli = [
+            [moduli(material, model.scene.plane, self.dimension) for material in materials]
             for materials in model.materials
         ]
+        self.averaged = [materials[0].mean_dilatation for materials in model.materials]
         self.V = strain_of_gradient(self.dimension)
-        self._copies = Copies(model)
-        self._fit, self._continuations = self._plan()
+        self.size = monomial_count(self.dimension, max(body.degree for body in model.scene.bodies))
+        self._copies = Copies(model, self.cells)
+        self._continuations: list[_Continuation] = []
+        self._enlarged: _Enlarged | None = None
+        self._fit = self._plan()
 
-    def _plan(self) -> tuple[Array, list[_Continuation]]:
-        """Operators from moments to polynomials at owned nodes, and who continues whose."""
-        size, copies = self.dimension + 1, self._copies
+    def _plan(self) -> Array:
+        """Operators from moments to polynomials at owned vertices; finds who helps whom."""
+        size, copies = self.size, self._copies
         members = np.bincount(self.model.place[:, 0], minlength=len(self.cells))
+        upper = np.triu_indices(size)
+        found: dict[int, Array] = {}
+        for c in self.cells:
+            if id(c) not in found:
+                found[id(c)] = c.second_moments(size)[:, None]
         shared = [
-            np.broadcast_to(c.second_moments[:, None], (len(c.points), m, size * (size + 1) // 2))
+            np.broadcast_to(found[id(c)], (len(c.points), m, len(upper[0])))
             for c, m in zip(self.cells, members, strict=True)
         ]
-        upper = np.triu_indices(size)
-        A = np.empty((copies.owned, size, size))
-        A[:, upper[0], upper[1]] = copies.sum(shared, size * (size + 1) // 2)
-        A[:, upper[1], upper[0]] = A[:, upper[0], upper[1]]
-        root = np.sqrt(np.einsum("nii->ni", A))
+        sums = copies.sum(shared)
+        diagonal = sums[:, upper[0] == upper[1]]
+        root = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        sums = sums / (root[:, upper[0]] * root[:, upper[1]])
+        sums[:, upper[0] == upper[1]] = 1.0
+        # many vertices have the same moments: those of equal cells
+        key = np.round(sums, 9) @ np.sqrt(np.arange(2.0, len(upper[0]) + 2.0))
+        _, first, kind = np.unique(np.round(key, 8), return_index=True, return_inverse=True)
+        kind = kind.reshape(-1)
+        A = np.empty((len(first), size, size))
+        A[:, upper[0], upper[1]] = A[:, upper[1], upper[0]] = sums[first]
+        done = self._determined(A)
+        fit = np.zeros(A.shape)
+        fit[done] = np.linalg.inv(A[done])
         scale = root[:, :, None] * root[:, None, :]
-        A /= scale
-        fit = np.broadcast_to(np.eye(size), A.shape).copy()
-        done = np.ones(len(A), bool)
-        skew = np.flatnonzero(np.abs(A - fit).max(axis=(1, 2)) > SYMMETRIC)
-        done[skew] = np.linalg.det(A[skew]) > FLAT
-        skew = skew[done[skew]]
-        fit[skew] = np.linalg.inv(A[skew])
-        continuations = []
+        done_at = done[kind]
+        if size > 1 + self.dimension:
+            few = ~done_at
+            fit = fit[kind] / scale
+            if self.model.comm.allreduce(int(few.sum())):
+                self._enlarged = _Enlarged(self.cells, copies, self.model, few)
+                fit[few] = self._pseudo_inverse(self._enlarged.second(A[kind] * scale))
+            return fit
         while True:
             counts = [
                 (c.neighbours @ known[..., 0])[..., None]
-                for c, known in zip(self.cells, copies.spread(done[:, None] * 1.0), strict=True)
+                for c, known in zip(self.cells, copies.spread(done_at[:, None] * 1.0), strict=True)
             ]
-            weight = copies.sum(counts, 1)
-            targets = ~done & (weight[:, 0] > 0.0)
+            weight = copies.sum(counts)
+            targets = ~done_at & (weight[:, 0] > 0.0)
             if not self.model.comm.allreduce(int(targets.sum())):
                 break
-            continuations.append(_Continuation(done, targets, weight[targets]))
-            done = done | targets
-        values, vectors = np.linalg.eigh(A[~done])  # nothing to continue: a body one cell thick
-        kept = values > WEAK
-        inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
-        fit[~done] = np.einsum("nij,nj,nkj->nik", vectors, inverse, vectors)
-        return fit / scale, continuations
+            self._continuations.append(_Continuation(done_at, targets, weight[targets]))
+            done_at = done_at | targets
+        left = np.unique(kind[~done_at])  # nothing to continue: a body one cell thick
+        fit[left] = self._pseudo_inverse(A[left])
+        return fit[kind] / scale
 
-    def centre_stresses(self, displacements: Sequence[Array]) -> list[Array]:
-        """Stress at cell centres, (cells, members, components) of each class."""
+    def _pseudo_inverse(self, A: Array) -> Array:
+        """Of moments (n, monomials, monomials), without the directions they hardly determine."""
+        diagonal = np.einsum("nii->ni", A)
+        root = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        scale = root[:, :, None] * root[:, None, :]
+        values, vectors = np.linalg.eigh(A / scale)
+        kept = values > (WEAK if self.size == 1 + self.dimension else THIN)
+        inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+        return np.einsum("nij,nj,nkj->nik", vectors, inverse, vectors) / scale
+
+    def _determined(self, A: Array) -> NDArray[np.bool_]:
+        """Which scaled moments (n, monomials, monomials) determine a polynomial."""
+        linear = 1 + self.dimension
+        if self.size == linear:
+            return np.asarray(np.linalg.det(A) > FLAT)
+        # first-order cells leave the quadratic part alone, which is then the unit matrix
+        flat = np.linalg.det(A[:, :linear, :linear]) <= FLAT
+        quadratic = np.abs(A[:, :linear, linear:]).max(axis=(1, 2)) > 0.0
+        return ~np.where(quadratic, np.linalg.eigvalsh(A)[:, 0] <= THIN, flat)
+
+    def stress_at(self, number: int, rows: NDArray[np.int64], table: Table, DV: Array) -> Array:
+        """Operators of a class from displacements of cells to D V of their gradients at points.
+
+        Parameters
+        ----------
+        DV : (2, components, dimension²)
+            For the shape and the volume, which mean dilatation takes from the means over cells.
+        """
+        cells = self.cells[number]
+        gradients, _ = cells.gradients(rows, table)
+        if not self.averaged[number]:
+            return stress_operator(gradients, DV.sum(axis=0))
+        means = np.broadcast_to(cells.mean_gradients(rows), gradients.shape)
+        return stress_operator(gradients, DV[0]) + stress_operator(means, DV[1])
+
+    def samples(self, displacements: Sequence[Array]) -> list[Array]:
+        """Stresses for the fit, (cells · points, members, components) of each class."""
         result = []
-        for cells, D, u in zip(self.cells, self.D, displacements, strict=True):
-            slopes = versions.centre_slopes(cells.element.mesh)
-            field = u.reshape(len(cells.points), self.dimension, -1).swapaxes(1, 2)
-            stress = np.empty((len(cells.nodes), u.shape[1], len(self.V)))
-            for rows, shape, part in cells.batches(u.shape[1]):
-                gradients, _ = cells.gradients(shape, slopes)
-                operator = stress_operator(gradients, D[cells.tags[rows[0]]] @ self.V)
+        for number, u in enumerate(displacements):
+            cells = self.cells[number]
+            table = cells.samples
+            q, s = len(table.weights), len(self.V)
+            field = u.reshape(len(cells.places), self.dimension, -1).swapaxes(1, 2)
+            stress = np.empty((len(cells.nodes), q, u.shape[1], s))
+            for rows, shape, part in cells.batches(u.shape[1], q):
+                D = np.array(self.moduli[number][cells.tags[rows[0]]])
+                operator = self.stress_at(number, shape, table, D @ self.V)
                 found = apply(operator, at_cells(field[:, part], cells.nodes[rows]))
-                stress[rows, part] = np.swapaxes(found, 0, 1)
-            result.append(stress)
+                found = found.reshape(*found.shape[:2], q, s)
+                stress[rows, :, part] = np.moveaxis(found, 0, 2)
+            result.append(stress.reshape(-1, u.shape[1], s))
         return result
 
     def __call__(
@@ -356,75 +362,106 @@ class StressRecovery:
         touching : one (nodes, members) array a class
             Nodes that an obstacle or another body pushes.
         """
-        copies, size = self._copies, self.dimension + 1
-        stresses = self.centre_stresses(displacements)
-        recovered = np.empty((copies.owned, len(self.V)))
-        for component in range(len(self.V)):
-            moments = copies.sum(
-                [
-                    np.stack([moment @ s[..., component] for moment in c.first_moments], axis=-1)
-                    for c, s in zip(self.cells, stresses, strict=True)
-                ],
-                size,
-            )
-            linear = np.einsum("nij,nj->ni", self._fit, moments)
-            for step in self._continuations:
-                known = copies.spread(np.where(step.sources[:, None], linear, 0.0))
-                parts = [_continued(c, k) for c, k in zip(self.cells, known, strict=True)]
-                linear[step.targets] = copies.sum(parts, size)[step.targets] / step.weight
-            recovered[:, component] = linear[:, 0]
+        stresses, s = self.samples(displacements), len(self.V)
+        owned = self.model.comm.allreduce(self._copies.owned, op=MPI.MAX)
+        step = max(1, AT_ONCE // (owned * self.size + 1))
+        parts = [
+            self._polynomials([stress[..., k : k + step] for stress in stresses])
+            for k in range(0, s, step)
+        ]
+        linear = np.concatenate(parts, axis=2)
+        kept = self.size if self.size > 1 + self.dimension else 1
+        spread = self._copies.spread(linear[:, :kept].reshape(len(linear), -1))
+        recovered = [
+            c.at_nodes(found.reshape(*found.shape[:2], kept, s))
+            for c, found in zip(self.cells, spread, strict=True)
+        ]
         self._meet_tractions(recovered, touching)
-        return copies.spread(recovered)
+        return recovered
 
-    def _meet_tractions(self, recovered: Array, touching: Sequence[NDArray[np.bool_]]) -> None:
-        """Change σ* at surface nodes as little as their tractions ask for."""
-        s, exchange = len(self.V), self._copies.exchange
-        nodes, known = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
-        for local, subdomain in enumerate(self.model.partition.subdomains):
-            if len(subdomain.exterior):
-                cls, column = self.model.place[local]
-                touch = touching[cls][:, column]
-                facets, equations = self._equations(subdomain, self.cells[cls], touch)
-                at_node, place = np.unique(facets, return_inverse=True)
-                place = place.reshape(facets.shape)
-                incidence = sparse.csr_matrix(
-                    (
-                        np.ones(place.size),
-                        (place.ravel(), np.repeat(np.arange(len(facets)), facets.shape[1])),
-                    )
-                )
-                nodes.append(subdomain.nodes[at_node])
-                known.append(incidence @ equations)
-        surface = NodeExchange(self.model.comm, np.concatenate(nodes), exchange.total)
-        arrived = surface.to_owners(np.concatenate(known))
-        number, place = np.unique(surface.nodes - surface.first, return_inverse=True)
-        sums = (
-            sparse.csr_matrix(
-                (np.ones(len(place)), (place, np.arange(len(place)))),
-                shape=(len(number), len(place)),
+    def _polynomials(self, stresses: Sequence[Array]) -> Array:
+        """Coefficients at owned vertices, (owned, monomials, components) of some components."""
+        copies, size = self._copies, self.size
+        k = stresses[0].shape[2] if stresses else 0
+        moments = []
+        for c, stress in zip(self.cells, stresses, strict=True):
+            count, members = len(c.points), stress.shape[1]
+            found = (c.first_moments @ stress.reshape(len(stress), -1)).reshape(
+                count, -1, members, k
             )
-            @ arrived
+            padded = np.zeros((count, members, size, k))
+            padded[:, :, : found.shape[1]] = np.swapaxes(found, 1, 2)
+            moments.append(padded.reshape(count, members, -1))
+        summed = copies.sum(moments).reshape(-1, size, k)
+        if self._enlarged is not None:
+            summed[self._enlarged.few] = self._enlarged.first(summed)
+        linear = self._fit @ summed
+        for step in self._continuations:
+            known = np.where(step.sources[:, None, None], linear, 0.0)
+            parts = [
+                _continued(c, found.reshape(*found.shape[:2], size, k))
+                for c, found in zip(
+                    self.cells, copies.spread(known.reshape(len(known), -1)), strict=True
+                )
+            ]
+            sums = copies.sum(parts)[step.targets] / step.weight
+            linear[step.targets] = sums.reshape(-1, size, k)
+        return linear
+
+    def _meet_tractions(
+        self, recovered: Sequence[Array], touching: Sequence[NDArray[np.bool_]]
+    ) -> None:
+        """Change σ* at surface nodes as little as their tractions ask for, in place."""
+        s = len(self.V)
+        nodes, known, place = [], [np.zeros((0, s * s + s))], self.model.place
+        for local, subdomain in enumerate(self.model.partition.subdomains):
+            cls, column = place[local]
+            facets = subdomain.reference.facets
+            nodes.append(np.unique(facets))
+            sums = np.zeros((len(nodes[-1]), s * s + s))
+            if len(subdomain.exterior):
+                equations = self._equations(subdomain, self.cells[cls], touching[cls][:, column])
+                at = np.searchsorted(nodes[-1], facets[subdomain.exterior].ravel())
+                incidence = sparse.csr_matrix(
+                    (np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(sums), len(at))
+                )
+                sums = incidence @ equations
+            known.append(sums)
+        numbers = [
+            s.nodes[own] for s, own in zip(self.model.partition.subdomains, nodes, strict=True)
+        ]
+        surface = NodeExchange(self.model.comm, np.concatenate(numbers), self.model.partition.nodes)
+        arrived = surface.to_owners(np.concatenate(known))
+        number, at = np.unique(surface.nodes, return_inverse=True)
+        at = at.reshape(-1)
+        gather = sparse.csr_matrix(
+            (np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(number), len(at))
         )
+        sums = surface.from_owners((gather @ arrived)[at])
         P, q = sums[:, : s * s], sums[:, s * s :]
         # many nodes have the same P: a face or an edge of a box
         key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)
         _, first, kind = np.unique(key, return_index=True, return_inverse=True)
         inverse = np.linalg.pinv(P[first].reshape(-1, s, s), rcond=WEAK, hermitian=True)
-        missing = q - np.einsum("nij,nj->ni", P.reshape(-1, s, s), recovered[number])
-        recovered[number] += np.einsum("nij,nj->ni", inverse[kind.reshape(-1)], missing)
+        inverse, P = inverse[kind.reshape(-1)], P.reshape(-1, s, s)
+        start = 0
+        for (cls, column), own in zip(place, nodes, strict=True):
+            part = slice(start, start + len(own))
+            values = recovered[cls][own, column]
+            missing = q[part] - np.einsum("nij,nj->ni", P[part], values)
+            recovered[cls][own, column] = values + np.einsum("nij,nj->ni", inverse[part], missing)
+            start += len(own)
 
-    def _equations(
-        self, subdomain: Subdomain, cells: Cells, touch: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.int32], Array]:
-        """Nodes of surface facets and the normal equations of their known tractions.
+    def _equations(self, subdomain: Subdomain, cells: Cells, touch: NDArray[np.bool_]) -> Array:
+        """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).
 
         Row by row CᵀC and Cᵀt of C σ = t, which is σ n = t in the components that are not held,
         and along the surface alone where a node of the facet is pushed by an obstacle.
         """
         scene, d, s = self.model.scene, self.dimension, len(self.V)
         body, normal = scene.bodies[subdomain.body], cells.normals
-        load = np.zeros((len(normal), d))
-        known = np.broadcast_to(np.eye(d), (len(normal), d, d)).copy()
+        load = np.zeros(normal.shape)
+        known = np.broadcast_to(np.eye(d), (*normal.shape, d)).copy()
         for traction in scene.tractions:
             if traction.body == subdomain.body:
                 load[boundary_facets(subdomain, body, traction.boundary)] += traction.vector
@@ -439,30 +476,29 @@ class StressRecovery:
             if number == subdomain.body:
                 rows = boundary_facets(subdomain, body, boundary)
                 n = normal[rows[pushed[rows]]]
-                known[rows[pushed[rows]]] = np.eye(d) - n[:, :, None] * n[:, None, :]
+                known[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
         for condition in scene.displacements:
             if condition.body == subdomain.body:
                 rows = boundary_facets(subdomain, body, condition.boundary)
                 free = np.array([value is None for value in condition.values], float)
                 known[rows] = free[:, None] * known[rows]
-        C = np.zeros((len(normal), d, s))
+        known, normal, load = (a[subdomain.exterior] for a in (known, normal, load))
+        C = np.zeros((*normal.shape, s))
         for i in range(d):
-            C[:, i, i] = normal[:, i]
+            C[..., i, i] = normal[..., i]
         for row, (i, j) in enumerate(SHEARS[: s - d], d):
-            C[:, i, row], C[:, j, row] = normal[:, j], normal[:, i]
-        C = (known @ C)[subdomain.exterior]
-        t = np.einsum("fij,fj->fi", known, load)[subdomain.exterior]
-        squares = np.einsum("fki,fkj->fij", C, C).reshape(len(C), -1)
-        return (
-            subdomain.reference.facets[subdomain.exterior],
-            np.concatenate([squares, np.einsum("fki,fk->fi", C, t)], axis=1),
-        )
+            C[..., i, row], C[..., j, row] = normal[..., j], normal[..., i]
+        C = known @ C
+        t = np.einsum("fvij,fvj->fvi", known, load)
+        squares = np.einsum("fvki,fvkj->fvij", C, C).reshape(-1, s * s)
+        right = np.einsum("fvki,fvk->fvi", C, t).reshape(-1, s)
+        return np.concatenate([squares, right], axis=1)
 
 
-def _continued(cells: Cells, linear: Array) -> Array:
-    """Sum over neighbours of their polynomials (value, gradient), about the node itself."""
-    x = cells.points
-    at_origin = linear[..., 0] - np.einsum("nmi,ni->nm", linear[..., 1:], x)
-    slopes = np.stack([cells.neighbours @ linear[..., 1 + i] for i in range(x.shape[1])], axis=-1)
-    value = cells.neighbours @ at_origin + np.einsum("nmi,ni->nm", slopes, x)
-    return np.concatenate([value[..., None], slopes], axis=-1)
+def _continued(cells: Cells, known: Array) -> Array:
+    """Sum over neighbours of their polynomials (vertices, members, monomials, k), about itself."""
+    vertices, members, size, k = known.shape
+    at_origin = np.einsum("vab,vmbk->vmak", translations(-cells.points, size), known)
+    sums = (cells.neighbours @ at_origin.reshape(vertices, -1)).reshape(known.shape)
+    about = np.einsum("vab,vmbk->vmak", translations(cells.points, size), sums)
+    return about.reshape(vertices, members, size * k)

@@ -14,6 +14,8 @@ which contains the others,
 
 the last term being what makes the errors of the two finest meshes differ by the rate of the two
 before. Triangles and tetrahedra of a box refine into themselves as quadrilaterals and hexahedra do.
+With mean dilatation the energy is not that of u_h; there it is the distance of the stresses,
+∫ (σ_f - σ_h) : C⁻¹ : (σ_f - σ_h) dx.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from contact_app.configuration import load
 from contact_app.refinement import needs_multiples, refined, solve_to_accuracy
 from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import Box, Scene, build_scene
+from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
 
 Array = NDArray[np.float64]
 
@@ -45,7 +48,8 @@ TOLERANCE = 1e-9
 class Case:
     """A sweep: a packaged scene, its cell, cells along an edge, and what is asked of it.
 
-    `conforming` says how its error is found, `targets` which accuracies are asked for.
+    `conforming` says how its error is found, `targets` which accuracies are asked for. With mean
+    dilatation the material is nearly incompressible.
     """
 
     scene: str
@@ -53,6 +57,17 @@ class Case:
     meshes: tuple[int, ...]
     conforming: bool
     targets: tuple[float, ...] = ()
+    degree: int = 1
+    mean_dilatation: bool = False
+
+    @property
+    def element(self) -> str:
+        """The cell and what is done in it, in words."""
+        return (
+            self.cell
+            + (" of degree 2" if self.degree == 2 else "")
+            + (", B-bar, ν = 0.4999" if self.mean_dilatation else "")
+        )
 
     def scene_of(self, cells: int, *overrides: str) -> Scene:
         """The scene with that many cells along every edge."""
@@ -63,6 +78,14 @@ class Case:
                 f"bodies.0.mesh.box.cell={self.cell}",
                 "decomposition=auto",
             ]
+            if self.degree == 2:
+                made.append("bodies.0.degree=2")
+            if self.mean_dilatation:
+                made += [
+                    "bodies.0.mean_dilatation=true",
+                    "bodies.0.material.poisson=0.4999",
+                    "decomposition.subdomains=1",
+                ]
             return build_scene(load(path, [*made, *overrides]))
 
 
@@ -73,6 +96,14 @@ CASES = (
     Case("flat_punch", "triangle", (8, 16, 32, 64, 128), True),
     Case("hertz", "quadrilateral", (8, 16, 32, 64, 128), False, (0.1, 0.05, 0.02, 0.01)),
     Case("hertz", "triangle", (8, 16, 32, 64, 128), False),
+    Case("paper_cube", "hexahedron", (3, 6, 12, 24), True, degree=2),
+    Case("paper_cube", "tetrahedron", (2, 4, 8, 16), True, degree=2),
+    Case("flat_punch", "quadrilateral", (8, 16, 32, 64), True, degree=2),
+    Case("flat_punch", "triangle", (8, 16, 32, 64), True, degree=2),
+    Case("hertz", "quadrilateral", (8, 16, 32, 64), False, degree=2),
+    Case("paper_cube", "hexahedron", (4, 8, 16, 32), False, mean_dilatation=True),
+    Case("flat_punch", "quadrilateral", (8, 16, 32, 64, 128), False, mean_dilatation=True),
+    Case("hertz", "quadrilateral", (8, 16, 32, 64, 128), False, mean_dilatation=True),
 )
 
 
@@ -81,7 +112,7 @@ class Row:
     """A mesh of a sweep; errors relative to the energy norm of its answer."""
 
     scene: str
-    cell: str
+    element: str
     cells: int
     dofs: int
     error: float
@@ -115,8 +146,15 @@ class _Answer:
         found = self.solved.displacement_at_nodes()
         assert found is not None
         dimension = found[1].shape[1]
-        lattice = found[1].reshape(*[self.cells + 1] * dimension, dimension)
+        lattice = found[1].reshape(*[self.case.degree * self.cells + 1] * dimension, dimension)
         return np.transpose(lattice, (*reversed(range(dimension)), dimension))
+
+    @property
+    def norm(self) -> float:
+        """Energy norm of the answer; with mean dilatation of its stress."""
+        if self.case.mean_dilatation:
+            return float(np.linalg.norm(self.stresses(self.displacement, self.cells)))
+        return float(self.square**0.5)
 
     def product(self, field: Array) -> float:
         """a(v, v) of a nodal field on this mesh."""
@@ -131,13 +169,52 @@ class _Answer:
     def on(self, cells: int) -> Array:
         """The same displacements on a mesh refined by halving."""
         field = self.displacement
-        while field.shape[0] < cells + 1:
-            field = halved(field, self.case.cell in ("triangle", "tetrahedron"))
+        while field.shape[0] < self.case.degree * cells + 1:
+            if self.case.degree == 2:
+                field = halved_quadratic(field)
+            else:
+                field = halved(field, self.case.cell in ("triangle", "tetrahedron"))
         return field
 
     def error_to(self, fine: _Answer) -> float:
-        """‖u_f - u_h‖."""
+        """‖u_f - u_h‖; with mean dilatation the distance of the stresses, over C⁻¹."""
+        if self.case.mean_dilatation:
+            difference = fine.stresses(fine.displacement, fine.cells)
+            difference -= fine.stresses(self.on(fine.cells), self.cells)
+            return float(np.linalg.norm(difference))
         return fine.product(fine.displacement - self.on(fine.cells)) ** 0.5
+
+    def stresses(self, field: Array, cells: int) -> Array:
+        """Stresses on this mesh of a field of one with that many cells along an edge.
+
+        B-bar: div u is averaged over the cells of that mesh. Squares add up to ∫ σ : C⁻¹ : σ.
+
+        Returns
+        -------
+        (cells, points, components)
+        """
+        model = self.solved.model
+        (subdomain,), d = model.partition.subdomains, model.scene.dimension
+        recovery = StressRecovery(model)
+        patches, every = recovery.cells[0], np.zeros(1, np.int64)
+        table = patches.table(2)
+        shape, volume = recovery.moduli[0][0]
+        root = np.linalg.cholesky(np.linalg.inv(shape + volume))
+        nodal = np.transpose(field, (*reversed(range(d)), d)).reshape(-1, d)[subdomain.nodes]
+        local = at_cells(nodal[:, None], patches.nodes)
+        gradients, jacobian = patches.gradients(every, table)
+        stress = apply(stress_operator(gradients, root.T @ shape @ recovery.V), local)[0]
+        trace = np.eye(d).reshape(1, -1)
+        divergence = apply(stress_operator(patches.mean_gradients(every), trace), local)[0, :, 0]
+        box = model.scene.bodies[0].mesh
+        lower, upper = np.array(box.lower), np.array(box.upper)
+        centres = subdomain.points()[subdomain.reference.cells].mean(axis=1)[:, :d]
+        place = np.floor((centres - lower) / (upper - lower) * cells).astype(int)
+        block = place @ cells ** np.arange(d)
+        mean = (np.bincount(block, divergence) / np.bincount(block))[block]
+        stress = stress.reshape(len(mean), len(table.weights), -1)
+        stress += mean[:, None, None] * (root.T @ volume[0])
+        return np.asarray(stress * np.sqrt(table.weights * jacobian)[..., None])
 
 
 def halved(field: Array, simplices: bool) -> Array:
@@ -156,6 +233,23 @@ def halved(field: Array, simplices: bool) -> Array:
         twice = np.empty((2 * len(moved) - 1, *moved.shape[1:]))
         twice[::2], twice[1::2] = moved, 0.5 * (moved[1:] + moved[:-1])
         field = np.moveaxis(twice, 0, axis)
+    return field
+
+
+QUARTERS = np.array(
+    [[1, 0, 0], [3 / 8, 3 / 4, -1 / 8], [0, 1, 0], [-1 / 8, 3 / 4, 3 / 8], [0, 0, 1]]
+)
+"""A quadratic polynomial at the quarters of an interval, from its ends and middle."""
+
+
+def halved_quadratic(field: Array) -> Array:
+    """Nodal values of quadrilaterals and hexahedra of degree 2 on the mesh refined by halving."""
+    for axis in range(field.ndim - 1):
+        moved = np.moveaxis(field, axis, 0)
+        parts = np.stack([moved[:-2:2], moved[1::2], moved[2::2]], axis=1)
+        fine = np.einsum("ab,nb...->na...", QUARTERS, parts)
+        joined = fine[:, :4].reshape(-1, *moved.shape[1:])
+        field = np.moveaxis(np.concatenate([joined, moved[-1:]]), 0, axis)
     return field
 
 
@@ -200,12 +294,12 @@ def sweep(case: Case) -> Sweep:
     rows = []
     for answer, error, doubt in zip(answers, errors, uncertain, strict=False):
         timings = answer.solved.summary["timings"]
-        relative = error / answer.square**0.5
+        relative = error / answer.norm
         estimate = answer.solved.accuracy.discretisation
-        assert estimate is not None
+        dofs = answer.solved.model.dofs
         rows.append(
             Row(
-                case.scene, case.cell, answer.cells, answer.solved.model.dofs, relative, estimate,
+                case.scene, case.element, answer.cells, dofs, relative, estimate,
                 estimate / relative, doubt, timings["total"], timings["estimate"],
             )
         )  # fmt: skip
@@ -311,7 +405,7 @@ def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[st
         rows += sweeps[-1].rows
         for r in sweeps[-1].rows:
             yield (
-                f"| {r.scene} | {r.cell} | {r.cells} | {r.dofs:,} | {100 * r.error:.2f} % | "
+                f"| {r.scene} | {r.element} | {r.cells} | {r.dofs:,} | {100 * r.error:.2f} % | "
                 f"{100 * r.estimate:.2f} % | {r.effectivity:.2f} | "
                 f"{100 * r.reference_accuracy:.1g} % |"
             )

@@ -42,10 +42,12 @@ def test_extrapolations_find_their_limits() -> None:
     assert finest == pytest.approx(errors[-1], rel=1e-6)
 
 
-@pytest.mark.parametrize("case", study.CASES, ids=lambda c: f"{c.scene}-{c.cell}")
+@pytest.mark.parametrize("case", study.CASES, ids=lambda c: f"{c.scene}-{c.element}")
 def test_effectivity_is_in_range(case: study.Case) -> None:
     """On coarser sweeps than the published ones, which the slow test below has."""
     meshes = (2, 4, 8, 16) if case.scene == "paper_cube" else (8, 16, 32, 64)
+    if case.degree == 2:
+        meshes = tuple(n // 2 for n in meshes)
     known = study.sweep(replace(case, meshes=meshes))
     for row in known.rows:
         assert 0.8 < row.effectivity < 2.0, row

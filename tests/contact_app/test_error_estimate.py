@@ -48,6 +48,29 @@ def test_zero_where_the_mesh_is_exact(cell: str) -> None:
     assert solved.accuracy.algebraic < 1e-6
 
 
+@pytest.mark.parametrize("cell", CELLS)
+def test_zero_where_degree_2_is_exact(cell: str) -> None:
+    """A stress linear in height: a column under its own weight, on one and many subdomains."""
+    made = column(cell, 2)
+    made["bodies"][0]["degree"] = 2
+    made["conditions"].append({"in": "block", "force": scenes.vector(cell, 0, 0, -20.0)})
+    for parts in (1, [2] * scenes.dimension(cell)):
+        solved = solve(made, parts, tolerance=1e-12)
+        assert solved.summary["solution"]["max_contact_pressure"] > 10.0
+        assert solved.accuracy.discretisation < 1e-8
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_zero_where_the_mesh_is_exact_with_mean_dilatation(cell: str) -> None:
+    made = column(cell, 3)
+    made["bodies"][0]["mean_dilatation"] = True
+    made["bodies"][0]["material"]["poisson"] = 0.49
+    load = scenes.vector(cell, 0, 0, -30.0)
+    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    solved = solve(made, [2] * scenes.dimension(cell), tolerance=1e-12)
+    assert solved.accuracy.discretisation < 1e-9
+
+
 def test_zero_where_two_bodies_share_a_constant_stress() -> None:
     solved = solve(stack("hexahedron", "tetrahedron", (2, 3)), [2, 1, 2], tolerance=1e-12)
     assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(10.0)
@@ -69,6 +92,18 @@ def test_independent_of_the_decomposition(name: str, cell: str) -> None:
     whole = solve(made, 1, tolerance=1e-11).accuracy.discretisation
     assert 0.02 < whole < 1.0
     for parts in ([2, 1, 2][: scenes.dimension(cell)], [3] * scenes.dimension(cell), 5):
+        assert solve(made, parts, tolerance=1e-11).accuracy.discretisation == pytest.approx(
+            whole, rel=1e-6
+        )
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_independent_of_the_decomposition_with_degree_2(cell: str) -> None:
+    made = scenes.ALL["wall"](cell, 3)
+    made["bodies"][0]["degree"] = 2
+    whole = solve(made, 1, tolerance=1e-11).accuracy.discretisation
+    assert 0.02 < whole < 1.0
+    for parts in ([2, 1, 2][: scenes.dimension(cell)], 4):
         assert solve(made, parts, tolerance=1e-11).accuracy.discretisation == pytest.approx(
             whole, rel=1e-6
         )

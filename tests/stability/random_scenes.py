@@ -75,10 +75,9 @@ class _Draw:
         return made, self.subdomains(made)
 
     def solver(self, made: Config) -> None:
-        """Mostly the defaults; `auto` where the error of the mesh is known."""
-        plain = all(b.get("degree", 1) == 1 and "mean_dilatation" not in b for b in made["bodies"])
+        """Mostly the defaults."""
         if self.chance(0.15):
-            made["solver"]["tolerance"] = "auto" if plain else 1e-4
+            made["solver"]["tolerance"] = "auto"
         if self.chance(0.15):
             made["solver"]["expansion"] = self.choice(("projcg", "fixed", "gfgr-opt"))
 
