@@ -10,6 +10,10 @@ the answer beside those of the theory. How each is measured:
   the punch, |x| ≤ a/2, as the root mean square of p √(a² - x²) π/P - 1. P is the force found. The
   block is 16 half-widths wide and high instead of infinite; what that costs is part of the error.
 * Press fit: mean pressure over the nodes of the rim that touch.
+* Thick ring: the errors in L2 of displacement and stress, relative to the exact fields, and the
+  mean and largest pressure over the nodes of the outer side.
+* Hertz with degree 2: beside the fit the largest error of the pressure within 0.8 a of the middle,
+  relative to the peak: 1 + that error.
 * Confined column: resultant of the wall that is squeezed against.
 
 Meshes finer or coarser than those shipped are made by Gmsh (``meshes/samples/make.py``).
@@ -35,6 +39,7 @@ from contact_app.configuration import load
 from contact_app.errors import ConfigurationError, ContactError
 from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import build_scene
+from contact_app.studies.exact_fields import lame_ring, relative_errors
 from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
 
 ROOT = Path(__file__).parents[2]
@@ -48,11 +53,12 @@ class VerificationError(ContactError):
 
 @dataclass(frozen=True)
 class Level:
-    """One mesh of a study: what is set in the scene, or the size of Gmsh's cells."""
+    """One mesh of a study: what is set in the scene, or the size and order of Gmsh's cells."""
 
     label: str
     overrides: tuple[str, ...] = ()
     size: float | None = None
+    order: int = 1
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,7 @@ class Case:
     Attributes
     ----------
     name
-        Of the scene in ``configs/``.
+        Of the scene in ``configs/``, unless `scene` is.
     title, note
         For the document.
     measure
@@ -80,6 +86,12 @@ class Case:
     levels: tuple[Level, ...]
     sample: str | None = None
     bodies: tuple[int, ...] = (0,)
+    scene: str | None = None
+
+    @property
+    def config(self) -> str:
+        """Name of the scene."""
+        return self.scene or self.name
 
 
 @dataclass(frozen=True)
@@ -155,8 +167,35 @@ def _column(solved: SolvedScene) -> list[Quantity]:
     ]
 
 
-def _sizes(*sizes: float) -> tuple[Level, ...]:
-    return tuple(Level(f"size {size:g}", size=size) for size in sizes)
+def _ring(solved: SolvedScene) -> list[Quantity]:
+    """Lamé's ring: radii 10 and 20, 100 inside, 0.01 inwards outside."""
+    (material,) = solved.model.scene.bodies[0].materials
+    u, sigma, outside = lame_ring(material.young, material.poisson, (10.0, 20.0), 100.0, 0.01)
+    errors = relative_errors(solved, u, sigma)
+    pressure = solved.nodes.contact_pressure
+    touching = pressure[pressure > 0.0]
+    return [
+        Quantity("1 + error of displacement", 1.0 + errors[0], 1.0),
+        Quantity("1 + error of stress", 1.0 + errors[1], 1.0),
+        Quantity("mean pressure", float(touching.mean()), outside),
+        Quantity("largest nodal pressure", float(touching.max()), outside),
+    ]
+
+
+def _hertz_profile(solved: SolvedScene) -> list[Quantity]:
+    """Hertz's quantities, and the profile within the contact."""
+    found = hertz_quantities(solved)
+    half_width, peak = found[0].theory, found[1].theory
+    nodes, d = solved.nodes, solved.model.scene.dimension
+    r2 = (nodes.points[:, : d - 1] ** 2).sum(axis=1)
+    inner = (nodes.contact_pressure > 0.0) & (r2 < (0.8 * half_width) ** 2)
+    exact = peak * np.sqrt(1.0 - r2[inner] / half_width**2)
+    off = float(np.abs(nodes.contact_pressure[inner] - exact).max() / peak)
+    return [*found[:3], Quantity("1 + error of the profile", 1.0 + off, 1.0), *found[3:]]
+
+
+def _sizes(*sizes: float, order: int = 1, overrides: tuple[str, ...] = ()) -> tuple[Level, ...]:
+    return tuple(Level(f"size {size:g}", overrides, size, order) for size in sizes)
 
 
 def _boxes(*counts: Sequence[int]) -> tuple[Level, ...]:
@@ -202,6 +241,40 @@ CASES = (
         _press_fit, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
     ),
     Case(
+        "thick_ring", "A thick ring in a rigid bore: degree 2 with round edges",
+        "Lamé: radii 10 and 20, E = 2.1e5, ν = 0.3, a pressure of 100 inside, 0.01 too large for "
+        "the bore; second-order meshes. Errors in L2 fall as degree 2 promises: by the third order "
+        "in displacement, by the second in stress.",
+        _ring, _sizes(1.0, 0.5, 0.25, 0.125, order=2), "ring_quarter",
+    ),
+    Case(
+        "thick_ring_straight", "The same ring of degree 2 with straight edges",
+        "First-order meshes of the same cells: the polygon is what is solved for, and its error "
+        "hides that of the cells.",
+        _ring, _sizes(1.0, 0.5, 0.25, 0.125), "ring_quarter", scene="thick_ring",
+    ),
+    Case(
+        "hertz_disc_degree_2", "Hertz: a cylinder on a plane, degree 2 with round edges",
+        "As above with `degree: 2` on second-order meshes. Pressures stand at corners, with their "
+        "mean at the middles.",
+        _hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, order=2, overrides=("bodies.0.degree=2",)),
+        "disc_quarter", scene="hertz_disc",
+    ),
+    Case(
+        "hertz_disc_degree_2_straight",
+        "Hertz: a cylinder on a plane, degree 2 with straight edges",
+        "The same on first-order meshes: middles of the polygon's edges lie farther from the plane "
+        "than corners, nodal forces alternate, the pressures told by their means do not.",
+        _hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, overrides=("bodies.0.degree=2",)),
+        "disc_quarter", scene="hertz_disc",
+    ),
+    Case(
+        "hertz_sphere_degree_2", "Hertz: a ball on a plane, degree 2 with round edges",
+        "As above with `degree: 2` on second-order tetrahedra, pressures linear on each face.",
+        _hertz_profile, _sizes(3.0, 2.0, 1.4, order=2, overrides=("bodies.0.degree=2",)),
+        "sphere_eighth", scene="hertz_sphere",
+    ),
+    Case(
         "confined_column", "A laterally confined, nearly incompressible column",
         "E = 1, ν = 0.4999: M = 1667.1. The strain is uniform: exact on every mesh.",
         _column, _boxes((1, 1, 2), (2, 2, 4), (4, 4, 8)),
@@ -236,9 +309,9 @@ def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
         for level in case.levels if levels is None else levels:
             overrides = list(level.overrides)
             if level.size is not None and case.sample:
-                mesh = make_mesh(case.sample, level.size, Path(scratch))
+                mesh = make_mesh(case.sample, level.size, Path(scratch), level.order)
                 overrides += [f"bodies.{body}.mesh.file={mesh}" for body in case.bodies]
-            scene = build_scene(load(ROOT / "configs" / f"{case.name}.yaml", overrides))
+            scene = build_scene(load(ROOT / "configs" / f"{case.config}.yaml", overrides))
             solved = solve_scene(scene, MPI.COMM_SELF)
             summary: dict[str, Any] = solved.summary
             yield Row(
@@ -253,11 +326,21 @@ def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
             )
 
 
-def make_mesh(sample: str, size: float, directory: Path) -> Path:
-    """Have Gmsh make a sample with another size of cells."""
+def make_mesh(sample: str, size: float, directory: Path, order: int = 1) -> Path:
+    """Have Gmsh make a sample with another size of cells, and of an order."""
     script = ROOT / "meshes" / "samples" / "make.py"
     made = subprocess.run(
-        [sys.executable, str(script), sample, "--size", str(size), "--to", str(directory)],
+        [
+            sys.executable,
+            str(script),
+            sample,
+            "--size",
+            str(size),
+            "--order",
+            str(order),
+            "--to",
+            str(directory),
+        ],
         capture_output=True,
         text=True,
     )

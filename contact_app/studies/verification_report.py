@@ -45,7 +45,7 @@ def _section(case: Case, rows: Sequence[Row]) -> str:
     names = [q.name for q in rows[0].quantities]
     lines = [
         f"\n## {case.title}\n",
-        f"`configs/{case.name}.yaml`. {case.note}\n",
+        f"`configs/{case.config}.yaml`. {case.note}\n",
         "| mesh | dofs | " + " | ".join(names) + " | equilibrium | certified |",
         "|---|---:" + "|---:" * len(names) + "|---:|---|",
     ]

@@ -179,14 +179,34 @@ def roller_on_block(size: float) -> None:
     gmsh.model.mesh.generate(2)
 
 
-SAMPLES: dict[str, tuple[Callable[[float], None], float]] = {
-    "bushing": (bushing, 1.0),
-    "bracket": (bracket, 1.0),
-    "disc_quarter": (disc_quarter, 1.0),
-    "roller_on_block": (roller_on_block, 1.0),
-    "sphere_eighth": (sphere_eighth, 2.0),
+def ring_quarter(size: float) -> None:
+    """A quarter of a ring of radii 10 and 20 about the origin: quadrilaterals in rows, 2D."""
+    geo = gmsh.model.geo
+    centre, *ends = (geo.addPoint(*p, 0) for p in ((0, 0), (10, 0), (20, 0), (0, 20), (0, 10)))
+    lines = [geo.addLine(ends[0], ends[1]), geo.addCircleArc(ends[1], centre, ends[2]),
+             geo.addLine(ends[2], ends[3]), geo.addCircleArc(ends[3], centre, ends[0])]  # fmt: skip
+    ring = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+    across = max(1, round(2 / size))
+    for k, line in enumerate(lines):
+        geo.mesh.setTransfiniteCurve(line, (across if k % 2 == 0 else 2 * across) + 1)
+    geo.mesh.setTransfiniteSurface(ring)
+    geo.mesh.setRecombine(2, ring)
+    geo.synchronize()
+    gmsh.model.addPhysicalGroup(2, [ring], name="ring")
+    for name, line in zip(("y-", "outer", "x-", "inner"), lines, strict=True):
+        gmsh.model.addPhysicalGroup(1, [line], name=name)
+    gmsh.model.mesh.generate(2)
+
+
+SAMPLES: dict[str, tuple[Callable[[float], None], float, int]] = {
+    "bushing": (bushing, 1.0, 1),
+    "bracket": (bracket, 1.0, 1),
+    "disc_quarter": (disc_quarter, 1.0, 1),
+    "ring_quarter": (ring_quarter, 0.5, 2),
+    "roller_on_block": (roller_on_block, 1.0, 1),
+    "sphere_eighth": (sphere_eighth, 2.0, 1),
 }
-"""What makes each sample, and the size of the one beside this file."""
+"""What makes each sample, and size and order of the one beside this file."""
 
 
 def main() -> None:
@@ -194,17 +214,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(SAMPLES)}; all unless given")
     parser.add_argument("--size", type=float, help="factor of all cell sizes")
-    parser.add_argument("--order", type=int, default=1, choices=(1, 2), help="of the cells")
+    parser.add_argument("--order", type=int, choices=(1, 2), help="of the cells")
     parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
     given = parser.parse_args()
     for name in given.names or SAMPLES:
-        make, size = SAMPLES[name]
+        make, size, order = SAMPLES[name]
         gmsh.initialize()
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         gmsh.model.add(name)
         make(given.size or size)
-        gmsh.model.mesh.setOrder(given.order)
+        gmsh.model.mesh.setOrder(given.order or order)
         gmsh.write(str(given.to / f"{name}.msh"))
         gmsh.finalize()
 

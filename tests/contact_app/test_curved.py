@@ -1,4 +1,4 @@
-"""Second-order meshes at degree 2: patch tests, the undecomposed answer, rates against Lamé."""
+"""Second-order meshes at degree 2: patch tests, the undecomposed answer, rates beside Lamé's."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from contact_app.run import solve_scene
+from contact_app.studies.exact_fields import lame_ring, relative_errors
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
 from tests.contact_app.test_meshes_from_files import patch, two_materials
@@ -80,3 +81,61 @@ def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path
     u = in_order_of(known, solved)
     np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
     assert solved.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
+
+
+def quarter(x: np.ndarray) -> np.ndarray:
+    """Bend the unit block into a quarter of a ring of radii 10 and 20, two high."""
+    radius, angle = 10.0 + 10.0 * x[:, 0], 0.5 * np.pi * x[:, 1]
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 2.0 * x[:, 2]])
+
+
+def ring_errors(cell: str, name: str | None, n: int, directory: Path) -> tuple[float, ...]:
+    """Lamé's ring in a rigid bore: errors of displacement, stress and largest pressure."""
+    d = meshfiles.dimension(cell)
+    mesh = meshfiles.block(cell, n, 0.0)
+    if name:
+        mesh = meshfiles.second_order(mesh, cell, name, quarter)
+    else:
+        mesh.points = quarter(mesh.points)
+    file = meshfiles.write(mesh, directory / "ring.msh")
+    flat = [("y-", 1), ("y+", 0), *([("z-", 2), ("z+", 2)] if d == 3 else [])]
+    made = scenes.config(
+        cell,
+        [{"name": "ring", "degree": 2, "mesh": {"file": str(file)},
+          "material": {"young": 2.1e5, "poisson": 0.3}}],
+        [*({"on": f"ring.{side}", "displacement": [0 if i == k else None for i in range(d)]}
+           for side, k in flat), {"on": "ring.x-", "pressure": 100.0}],
+        [{"on": "ring.x+", "obstacle": bore(d)}],
+    )  # fmt: skip
+    made["solver"]["tolerance"] = 1e-9
+    solved = solve_scene(scenes.build(made, 1))
+    assert solved.summary["certificate"]["passed"]
+    u, sigma, outside = lame_ring(2.1e5, 0.3, (10.0, 20.0), 100.0, 0.01)
+
+    def displacement(x: np.ndarray) -> np.ndarray:
+        return np.pad(u(x[:, :2]), ((0, 0), (0, d - 2)))
+
+    errors = relative_errors(solved, displacement, lambda x: sigma(x[:, :2]))
+    pressure = solved.summary["solution"]["max_contact_pressure"]
+    return (*errors, abs(pressure / outside - 1.0))
+
+
+def bore(d: int) -> dict[str, object]:
+    if d == 2:
+        return {"sphere": {"center": [0, 0], "radius": 19.99, "hollow": True}}
+    return {"cylinder": {"point": [0, 0, 0], "axis": [0, 0, 1], "radius": 19.99, "hollow": True}}
+
+
+@pytest.mark.parametrize(("cell", "name"), NAMES)
+def test_curved_edges_reach_the_rate_of_degree_2(cell: str, name: str, tmp_path: Path) -> None:
+    """Against Lamé: third order in displacement, second in stress; straight edges are far off."""
+    meshes = (2, 4) if meshfiles.dimension(cell) == 3 else (4, 8)
+    coarse, fine = (ring_errors(cell, name, n, tmp_path) for n in meshes)
+    straight = ring_errors(cell, None, meshes[1], tmp_path)
+    assert np.log2(coarse[0] / fine[0]) > 2.5
+    assert np.log2(coarse[1] / fine[1]) > 1.6
+    assert fine[0] < 2e-3
+    assert fine[1] < 3e-2
+    assert fine[2] < 2e-2
+    assert straight[0] > 20 * fine[0]
+    assert straight[1] > 5 * fine[1]

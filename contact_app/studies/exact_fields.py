@@ -1,0 +1,97 @@
+"""How far an answer is from exact fields: L2 errors of displacement and stress over the bodies.
+
+Integrated cell by cell with the cells as they are, curved edges included; where a mesh leaves the
+true body the exact fields are those their formulas continue to. For meshes of any cell and degree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.assembly import cell_moduli, stress
+from contact_app.run import SolvedScene
+from meshes import versions
+from meshes.subdomains import vtk_order
+
+Array = NDArray[np.float64]
+Field = Callable[[Array], Array]
+
+
+def relative_errors(
+    solved: SolvedScene, displacement: Field, stresses: Field
+) -> tuple[float, float]:
+    """‖u - u_h‖/‖u‖ and ‖σ - σ_h‖/‖σ‖ in L2, of this process's subdomains.
+
+    Parameters
+    ----------
+    displacement, stresses
+        The exact fields at points (n, d): (n, d), and (n, 6) in the order of `STRESS_COMPONENTS`.
+    """
+    model, d = solved.model, solved.model.scene.dimension
+    sums = np.zeros(4)
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        reference, degree = s.reference, s.reference.degree
+        order = list(vtk_order(reference.cell, degree))
+        points, weights = versions.quadrature(reference.cell, 2 * degree + 4)
+        values = versions.lagrange_values(reference.cell, degree, points)[:, order]
+        slopes = versions.lagrange_slopes(reference.cell, degree, points)[..., order]
+        x = s.points()[reference.cells][..., :d]
+        u = solved.solution.displacements[cls][:, column].reshape(-1, d)[reference.cells]
+        jacobian = np.einsum("qrk,cki->cqri", slopes, x)
+        share = weights * np.abs(np.linalg.det(jacobian))
+        gradients = np.linalg.inv(jacobian) @ slopes
+        gradient = np.einsum("cki,cqjk->cqij", u, gradients)
+        at = np.einsum("qk,cki->cqi", values, x)
+        moduli = cell_moduli(reference.tags, model.materials[cls], model.scene.plane)
+        exact_u = displacement(at.reshape(-1, d)).reshape(at.shape)
+        exact = stresses(at.reshape(-1, d)).reshape(*at.shape[:2], 6)
+        ours = stress(np.swapaxes(gradient, 0, 1), moduli, model.scene.plane)
+        away = np.einsum("qk,cki->cqi", values, u) - exact_u
+        shears_twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+        off = np.swapaxes(ours, 0, 1) - exact
+        squares = [(f**2).sum(axis=2) for f in (away, exact_u)]
+        squares += [f**2 @ shears_twice for f in (off, exact)]
+        sums += [(share * square).sum() for square in squares]
+    return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2] / sums[3]))
+
+
+def lame_ring(
+    young: float, poisson: float, radii: tuple[float, float], pressure: float, inwards: float
+) -> tuple[Field, Field, float]:
+    """A thick ring about the origin in plane strain (G. Lamé, 1852): u = A r + B/r.
+
+    Parameters
+    ----------
+    radii
+        Inner and outer.
+    pressure
+        On the inner side.
+    inwards
+        Displacement of the outer side towards the axis.
+
+    Returns
+    -------
+    Displacement, stress and the pressure on the outer side.
+    """
+    mu = young / (2.0 * (1.0 + poisson))
+    lam = 2.0 * mu * poisson / (1.0 - 2.0 * poisson)
+    a, b = radii
+    equations = [[2.0 * (lam + mu), -2.0 * mu / a**2], [b, 1.0 / b]]
+    A, B = np.linalg.solve(equations, [-pressure, -inwards])
+
+    def displacement(x: Array) -> Array:
+        return np.asarray((A + B / (x**2).sum(axis=1))[:, None] * x)
+
+    def stresses(x: Array) -> Array:
+        square = (x**2).sum(axis=1)
+        mean, part = 2.0 * (lam + mu) * A, 2.0 * mu * B / square
+        cos, sin = (x[:, 0] ** 2 - x[:, 1] ** 2) / square, 2.0 * x[:, 0] * x[:, 1] / square
+        found = np.zeros((len(x), 6))
+        found[:, 0], found[:, 1] = mean - part * cos, mean + part * cos
+        found[:, 2], found[:, 3] = 2.0 * lam * A, -part * sin
+        return found
+
+    return displacement, stresses, float(2.0 * mu * B / b**2 - 2.0 * (lam + mu) * A)
