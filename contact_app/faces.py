@@ -97,6 +97,9 @@ class Outcome:
 Accept = Callable[[State], bool]
 """The caller's own test of a face's solution; the same on all ranks."""
 
+Early = Callable[[State, float], bool]
+"""The same of a face that asks for another, told the largest jump or penetration."""
+
 Keep = Callable[[State, Counts], None]
 """Told of each state, and of the work up to it."""
 
@@ -230,6 +233,7 @@ def decide(
     monitor: Monitor | None,
     keep: Keep | None = None,
     first_look: float = FIRST_LOOK,
+    early: Early | None = None,
 ) -> Outcome:
     """Solve a face until it asks for another, or its answer is accepted.
 
@@ -240,18 +244,22 @@ def decide(
         each answer that is not accepted.
     first_look
         Reduction of the residual before the first look.
+    early
+        Whether an answer will do although the face asks for another.
     """
     aim, looks = first_look * face.residual, 0
     while True:
-        reason = face.solve(inner, aim, monitor)
+        ended = face.solve(inner, aim, monitor)
         state, following = face.look()
-        if not (reason.converged or reason is Reason.ROUND_OFF):
-            return Outcome(reason, state, following, face.counts)
+        if not (ended.converged or ended is Reason.ROUND_OFF):
+            return Outcome(ended, state, following, face.counts)
         if keep is not None:
             keep(state, face.counts)
-        if face.problem.comm.allreduce(int((following != face.touching).sum())):
-            return Outcome(None, state, following, face.counts)
         worst, allowed = face.worst(state), tolerance()
+        if face.problem.comm.allreduce(int((following != face.touching).sum())):
+            done = early is not None and early(state, worst)
+            reason = Reason.ACCEPTED if done else None
+            return Outcome(reason, state, following, face.counts)
         needed = MARGIN * face.residual * min(1.0, allowed / worst if worst else 1.0)
         if worst <= allowed or face.at_round_off:
             if accept(state):
@@ -273,6 +281,7 @@ def follow(
     accept: Accept,
     monitor: Monitor | None,
     keep: Keep | None = None,
+    early: Early | None = None,
 ) -> Outcome:
     """Active sets from the contact rows that touch, until an answer is accepted.
 
@@ -280,7 +289,7 @@ def follow(
     ----------
     multiplier : (dual,)
         Where the first face begins.
-    tolerance
+    tolerance, early
         As in `decide`.
 
     Returns
@@ -304,7 +313,7 @@ def follow(
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
         found = decide(
             face, left, tolerance, accept, monitor,
-            keep and partial(_kept, keep, counts), first_look,
+            keep and partial(_kept, keep, counts), first_look, early,
         )  # fmt: skip
         counts = counts + found.counts
         if found.reason is not None or found.state is None:

@@ -188,6 +188,14 @@ class _OuterJudge:
             self.answer = target.judge(_answer_of(problem, target, state))
             return self.answer.converged
 
+        def early(state: State, worst: float) -> bool:
+            if not target.worth_trying(worst):
+                return False
+            tried = target.try_early(_answer_of(problem, target, state))
+            if tried.converged:
+                self.answer = tried
+            return tried.converged
+
         def keep(found: State, spent: Counts) -> None:
             self._save(
                 Restart(
@@ -205,6 +213,7 @@ class _OuterJudge:
             accept,
             self._monitor,
             keep,
+            early if target.eager else None,
         )
         self.spent = self.spent + found.counts
         if found.reason is Reason.STOPPED:

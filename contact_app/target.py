@@ -31,6 +31,9 @@ NEARLY = 1.2
 """Gap over that which a tenth of the mesh's last known error allows, above which no new estimate
 of that error is made."""
 
+GAIN = 4.0
+"""What the next set of touching rows takes off the error at best."""
+
 Assess = Callable[[Solution], Accuracy]
 
 
@@ -45,13 +48,24 @@ class Target:
         Products that may pass between a certificate that failed and the next.
     relaxations
         Steps that sharpen the duality gap of certificates.
+    eager
+        Whether answers are tried before it is settled what touches.
     """
 
     patience = 0
     relaxations = 0
+    eager = False
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
+
+    def worth_trying(self, worst: float) -> bool:
+        """Whether an answer with that largest jump has a chance before contact is settled."""
+        return self.eager and worst <= self.tolerance
+
+    def try_early(self, solution: Solution) -> Solution:
+        """As `judge`, without consequence where it fails."""
+        return self.judge(solution)
 
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate; may tighten the tolerance."""
@@ -72,11 +86,33 @@ class AutomaticTarget(Target):
 
     patience = 6
     relaxations = 3
+    eager = True
 
     def __init__(self, assess: Assess, tightest: float) -> None:
         super().__init__(LOOSEST)
         self._assess, self._tightest = assess, tightest
         self._enough: tuple[float, float] | None = None
+        self._left_out = 0
+
+    def worth_trying(self, worst: float) -> bool:
+        """Whether an answer has a chance; after one that failed badly some are passed over."""
+        chosen = self._enough[0] if self._enough else LOOSEST
+        if worst > chosen or self._left_out:
+            self._left_out = max(self._left_out - 1, 0)
+            return False
+        return True
+
+    def try_early(self, solution: Solution) -> Solution:
+        """As `judge`, without consequence where it fails but a wait."""
+        tolerance, enough = self.tolerance, self._enough
+        judged = self.judge(solution)
+        if not judged.converged:
+            self.tolerance = tolerance
+            known = self._enough or enough
+            allowed = known[1] if known else LOOSEST**2 * abs(solution.measures.energy)
+            excess = math.sqrt(max(solution.measures.gap / (allowed or 1.0), 1.0))
+            self._left_out = int(math.log(excess) / math.log(GAIN))
+        return judged
 
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate, which fails until enough is enough.

@@ -27,7 +27,7 @@ def shipped(name: str, *overrides: str) -> Scene:
     return build_scene(load(CONFIGS / f"{name}.yaml", overrides))
 
 
-@pytest.mark.parametrize("name", ["cube", "sphere", "three_bodies", "bushing", "tilted_plane"])
+@pytest.mark.parametrize("name", ["cube", "sphere", "stack", "bushing", "flat_punch"])
 def test_auto_saves_products_and_no_accuracy(name: str) -> None:
     converged = solve_scene(shipped(name)).summary
     auto = solve_scene(shipped(name, "solver.tolerance=auto")).summary
