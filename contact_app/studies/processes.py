@@ -24,13 +24,17 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def python(*arguments: str, limit: float | None = None, ranks: int = 1) -> dict[str, Any]:
+def python(
+    *arguments: str, limit: float | None = None, ranks: int = 1, threads: int | None = None
+) -> dict[str, Any]:
     """Run Python with arguments on some ranks; what it prints in its last line.
 
     Parameters
     ----------
     limit
         Seconds after which the run is ended.
+    threads
+        Of BLAS on each rank; several ranks share the cores unless given, one takes all.
 
     Raises
     ------
@@ -39,11 +43,12 @@ def python(*arguments: str, limit: float | None = None, ranks: int = 1) -> dict[
     """
     environment = dict(os.environ)
     command: list[str] = [sys.executable, *arguments]
+    if ranks > 1 and threads is None:
+        threads = max(1, cores() // ranks)
+    if threads is not None:
+        environment |= {"OMP_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": str(threads)}
     if ranks > 1:
-        threads = str(max(1, cores() // ranks))
         environment |= {
-            "OMP_NUM_THREADS": threads,
-            "OPENBLAS_NUM_THREADS": threads,
             "OMPI_ALLOW_RUN_AS_ROOT": "1",
             "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
         }

@@ -20,6 +20,10 @@ from petsc4py import PETSc
 
 from solver.tfeti.matrix import ConstraintMatrix, scale_rows
 
+SHARED = 20_000
+"""Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather of the
+right-hand side costs less than the messages of a triangular solve in parts."""
+
 
 class CoarseProblem:
     """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
@@ -66,9 +70,6 @@ class CoarseProblem:
         self._dual = np.empty(self.size)
         self._coarse = np.empty(self.kernels)
         self._solution = np.empty(self.kernels)
-        self._source, self._target = (
-            PETSc.Vec().createWithArray(np.empty(self.kernels), comm=self.comm) for _ in range(2)
-        )
         self._factor(self._gram)
 
     @property
@@ -103,20 +104,42 @@ class CoarseProblem:
         return result
 
     def _factor(self, gram: PETSc.Mat) -> None:
+        """Factor G Gᵀ: whole on every rank up to `SHARED`, else in parts."""
+        counts = self.comm.allgather(self.kernels)
+        total, first = sum(counts), sum(counts[: self.comm.rank])
+        self._mine = slice(first, first + self.kernels)
+        self._counts = counts
+        self._whole = np.empty(total) if 1 < self.comm.size and total <= SHARED else None
+        if self._whole is not None:
+            gram = _gathered(self.comm, gram)
+        comm = gram.getComm()
         gram.setOption(PETSc.Mat.Option.SPD, True)
-        self._pc = PETSc.PC().create(self.comm)
+        self._pc = PETSc.PC().create(comm)
         self._pc.setOperators(gram)
         self._pc.setType("cholesky")
-        self._pc.setFactorSolverType("cholmod" if self.comm.size == 1 else "mumps")
+        self._pc.setFactorSolverType("cholmod" if comm.getSize() == 1 else "mumps")
         try:
             self._pc.setUp()
         except PETSc.Error as error:
             raise ArithmeticError(
                 "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"
             ) from error
+        size = self.kernels if self._whole is None else total
+        self._source, self._target = (
+            PETSc.Vec().createWithArray(np.empty(size), comm=comm) for _ in range(2)
+        )
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
+        if self._whole is None:
+            self._solve(rhs, out)
+            return
+        self.comm.Allgatherv(rhs, (self._whole, self._counts))
+        solution = np.empty_like(self._whole)
+        self._solve(self._whole, solution)
+        out[:] = solution[self._mine]
+
+    def _solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         self._source.placeArray(rhs)
         self._target.placeArray(out)
         try:
@@ -201,6 +224,20 @@ def _kernel_matrix(
     )
     matrix.assemble()
     return matrix
+
+
+def _gathered(comm: MPI.Intracomm, matrix: PETSc.Mat) -> PETSc.Mat:
+    """A distributed matrix, whole on every rank."""
+    starts, columns, values = matrix.getValuesCSR()
+    widths, columns, values = (
+        np.concatenate(comm.allgather(part)) for part in (np.diff(starts), columns, values)
+    )
+    starts = np.concatenate([[0], np.cumsum(widths)]).astype(PETSc.IntType)
+    whole = PETSc.Mat().createAIJ(
+        (len(widths), len(widths)), csr=(starts, columns, values), comm=PETSc.COMM_SELF
+    )
+    whole.assemble()
+    return whole
 
 
 def _gram(Gt: PETSc.Mat) -> PETSc.Mat:
