@@ -39,7 +39,7 @@ INNER = 0.1
 NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
 
-RHO, FIRST_M, ETA = 1.5, 0.5, 0.03
+RHO, FIRST_M, ETA = 1.5, 0.5, 0.05
 """SMALBE's ρ, M and η where a preconditioner works in the face: a fifth fewer products than its
 defaults on cubes of 20³ to 45³ cells, an eighth on the shipped scenes. A larger ρ or a small η
 loses where bodies are slender or curved."""
