@@ -39,11 +39,6 @@ INNER = 0.1
 NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
 
-RHO, FIRST_M, ETA = 1.5, 0.5, 0.05
-"""SMALBE's ρ, M and η where a preconditioner works in the face: a fifth fewer products than its
-defaults on cubes of 20³ to 45³ cells, an eighth on the shipped scenes. A larger ρ or a small η
-loses where bodies are slender or curved."""
-
 PATIENCE = 16
 """Outer iterations after which a slow SMALBE hands its active set over once more."""
 
@@ -266,7 +261,7 @@ def _solve_smalbe(
             checkpoint(replace(state, counts=counts + state.counts))
 
     judge = _OuterJudge(problem, target, inner, monitor, save)
-    result = SMALBE(inner, rho=RHO, M=FIRST_M, eta=ETA).solve(
+    result = SMALBE(inner).solve(
         qp,
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
         x0=start.x if start else None,
