@@ -145,19 +145,3 @@ def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32
     listing = make(links.astype(np.int64), offsets.astype(np.int32))
     destinations = partition(MPI.COMM_SELF, parts, listing, False)
     return np.asarray(destinations.array, dtype=np.int32)
-
-
-def tabulated(mesh: Any, degree: int) -> tuple[NDArray, NDArray, NDArray]:
-    """Quadrature of a degree and first-order shape functions, vertices as in `cell_nodes`.
-
-    Returns weights (q,), values (q, vertices) and slopes (q, dimension, vertices).
-    """
-    kind = getattr(basix.CellType, mesh.ufl_cell().cellname())
-    points, weights = quadrature(mesh.ufl_cell().cellname(), degree)
-    table = basix.create_element(basix.ElementFamily.P, kind, 1).tabulate(1, points)[..., 0]
-    return weights, table[0], np.moveaxis(table[1:], 0, 1)
-
-
-def centre_slopes(mesh: Any) -> NDArray:
-    """Slopes of first-order shape functions at the centre, (1, dimension, vertices)."""
-    return tabulated(mesh, 1)[2]
