@@ -13,7 +13,7 @@ the work on the rows of B, and for each cell its share of mesh, error estimate a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -190,7 +190,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         obstacle = contact.obstacle.describe(scene.dimension)
         lines.append(
             f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
-            f"({_candidates(known, i)})"
+            f"({_candidates(known, i, _count_nodes(scene, known, contact))})"
         )
     gaps, sources = known.candidates
     lines += [f"warning: {hint}" for hint in distant(scene, gaps, sources, partition.comm)]
@@ -233,6 +233,7 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
 
 def _left_out(scene: Scene, known: Outline) -> list[str]:
     lines = ["left out:", *(f"  {note}" for note in left_out_notes(scene, known))]
+    lines += [f"  {sentence}" for sentence in (*_repeated(scene), *_unloaded(scene, known))]
     lines += [f"  {sentence}" for sentence in LEFT_OUT]
     if scene.plane:
         lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")
@@ -241,6 +242,38 @@ def _left_out(scene: Scene, known: Outline) -> list[str]:
             "  curvature of the obstacles under sliding nodes: the run warns where it matters"
         )
     return lines
+
+
+def _repeated(scene: Scene) -> list[str]:
+    """Contacts that add no rows because another says the same."""
+    contacts = scene.contacts
+    return [
+        f"{later.source}: repeats {earlier.source} and adds no rows"
+        for j, later in enumerate(contacts)
+        for earlier in contacts[:j]
+        if replace(later, source=earlier.source) == earlier
+    ]
+
+
+def _unloaded(scene: Scene, known: Outline) -> list[str]:
+    """Bodies that nothing loads, moves or overlaps."""
+    comm = known.partition.comm
+    acted = np.zeros(len(scene.bodies), bool)
+    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+        acted[s.body] |= load is not None and bool(load.any())
+    for condition in scene.displacements:
+        acted[condition.body] |= any(condition.values)
+    gaps, sources = known.candidates
+    touched = np.array([c.body for c in scene.touching], int)
+    acted[touched[sources[gaps < 0.0]]] = True
+    for pair in scene.pairs:  # what the one does the other feels
+        acted[[pair.body, pair.other]] = True
+    acted = comm.allreduce(acted.astype(int)) > 0
+    return [
+        f"{body.name}: nothing loads, moves or overlaps it; it stays as it is"
+        for body, some in zip(scene.bodies, acted, strict=True)
+        if not some
+    ]
 
 
 def _cost_lines(scene: Scene, known: Outline) -> list[str]:
@@ -301,7 +334,7 @@ def _unique(known: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]
     return here[:0] if parts is None else np.unique(np.concatenate(parts))
 
 
-def _count_nodes(scene: Scene, known: Outline, condition: DisplacementCondition) -> int:
+def _count_nodes(scene: Scene, known: Outline, condition: DisplacementCondition | Contact) -> int:
     body = scene.bodies[condition.body]
     nodes = [
         s.nodes[boundary_nodes(s, body, condition.boundary)]
@@ -321,8 +354,8 @@ def _count_facets(scene: Scene, known: Outline, load: Traction | Pressure) -> in
     return int(known.partition.comm.allreduce(here))
 
 
-def _candidates(known: Outline, contact: int) -> str:
-    """How many nodes may touch, and how near they are."""
+def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:
+    """How many nodes may touch of those on the boundary, and how near they are."""
     comm = known.partition.comm
     gaps, sources = known.candidates
     smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
@@ -331,7 +364,9 @@ def _candidates(known: Outline, contact: int) -> str:
     count = comm.allreduce(int((known.contact.sources == contact).sum()))
     if count == 0:
         return f"none of its nodes can come that far, smallest gap {smallest:.4g}"
-    return f"{count:,} candidate nodes, smallest gap {smallest:.4g}"
+    others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
+    decided = f" and {others:,} that are held or decided by other contacts" if others else ""
+    return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}"
 
 
 def _resultant(known: Outline, body: int, dimension: int) -> tuple[float, ...]:

@@ -148,6 +148,12 @@ class Material(Model):
 
     young: Positive = Field(description="Young's modulus (force per area), above 0.")
     poisson: Number = Field(description="Poisson's ratio, -1 < ν < 0.5.")
+    yield_stress: Positive | None = Field(
+        None,
+        alias="yield",
+        description="Yield stress (force per area): the certificate warns where the von Mises "
+        "stress exceeds it.",
+    )
 
 
 def _material_form(value: Any) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver import MPRGP, BoxQP, Counts, Reason
+from solver.errors import QPError
 from solver.iterate import Iterate
 from solver.result import Monitor
 from solver.tfeti.dual import DualProblem
@@ -311,10 +312,15 @@ def follow(
         except ArithmeticError:  # a body is kept by rows that have opened
             break
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
-        found = decide(
-            face, left, tolerance, accept, monitor,
-            keep and partial(_kept, keep, counts), first_look, early,
-        )  # fmt: skip
+        try:
+            found = decide(
+                face, left, tolerance, accept, monitor,
+                keep and partial(_kept, keep, counts), first_look, early,
+            )  # fmt: skip
+        except QPError:  # the rows that touch keep a body so badly that rounding lets it go
+            counts = counts + face.counts
+            found = Outcome(None, None, touching, counts)
+            break
         counts = counts + found.counts
         if found.reason is not None or found.state is None:
             break

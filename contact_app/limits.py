@@ -21,6 +21,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.certificate import EQUILIBRIUM_FLOOR
+from contact_app.contact_limits import FEWEST_FACETS, entered_beside, facets_across
 from contact_app.error_estimate import STRAINLESS
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
@@ -56,6 +57,7 @@ def model_warnings(
             f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
             "normals are those of the undeformed shape"
         )
+    warnings += _yielding(model, cells)
     for i, contact in enumerate(scene.contacts):
         radius = getattr(contact.obstacle, "curvature_radius", None)
         if radius:
@@ -67,6 +69,20 @@ def model_warnings(
                     f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
                     f"{sagitta:.2g}, which the linearised gap leaves out"
                 )
+        entered, depth = entered_beside(model, solution, i)
+        if entered:
+            warnings.append(
+                f"{contact.source}: {entered:,} surface nodes of {scene.bodies[contact.body].name} "
+                f"beside {contact.boundary} enter the obstacle, by up to {depth:.3g}: contact "
+                "leaves the boundary it is given on; give it a larger one"
+            )
+    for item, across in zip(scene.touching, facets_across(model, nodes), strict=True):
+        if across < FEWEST_FACETS:
+            warnings.append(
+                f"{item.source}: the pressure varies within single facets, as where about "
+                f"{max(across, 1.0):.0f} of them carry{'s' * (across < 1.5)} the contact: its "
+                "largest value is that of the mesh; use smaller cells there"
+            )
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         sliding, facet = _sliding_on_each_other(model, solution, nodes, i)
         if sliding > facet:
@@ -120,6 +136,30 @@ def model_warnings(
         if "can move freely" in note:
             warnings.append(note)
     return warnings
+
+
+def _yielding(model: Model, cells: CellFields) -> list[str]:
+    """Bodies whose stress exceeds a yield stress that was given (collective)."""
+    comm, scene = model.comm, model.scene
+    above, total, worst = (np.zeros(len(scene.bodies)) for _ in range(3))
+    start = 0
+    for s in model.partition.subdomains:
+        limits = np.array([m.yield_stress or np.inf for m in scene.bodies[s.body].materials])
+        tags = s.reference.tags
+        share = cells.von_mises[start : start + len(tags)] / limits[tags]
+        above[s.body] += (share > 1.0).sum()
+        total[s.body] += len(tags)
+        worst[s.body] = max(worst[s.body], float(share.max(initial=0.0)))
+        start += len(tags)
+    above, total = comm.allreduce(np.stack([above, total]))
+    worst = np.max(comm.allgather(worst), axis=0)
+    return [
+        f"{body.name}: von Mises stress reaches {worst[b]:.3g} times the yield stress, above it in "
+        f"{100.0 * above[b] / total[b]:.3g} % of its cells: the material would flow there, and the "
+        "model is elastic"
+        for b, body in enumerate(scene.bodies)
+        if worst[b] > 1.0
+    ]
 
 
 def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDArray[np.float64]:

@@ -43,11 +43,14 @@ class Material:
     ----------
     mean_dilatation
         Whether the change of volume is taken as its mean over each cell (B-bar).
+    yield_stress
+        Von Mises stress (force per area) above which the answer is warned of, if any.
     """
 
     young: float
     poisson: float
     mean_dilatation: bool = False
+    yield_stress: float | None = None
 
 
 class BodyMesh(Protocol):
@@ -511,7 +514,7 @@ class _Builder:
                 f"is within {NEAREST_HALF:g} of {0.5 if poisson > 0 else -1}, where round-off "
                 "would decide the answer; at most 0.4999 is recommended",
             )
-        return Material(material.young, poisson)
+        return Material(material.young, poisson, yield_stress=material.yield_stress)
 
     def _mesh(self, mesh: c.Mesh, degree: int, path: tuple[str | int, ...]) -> BodyMesh:
         if (mesh.box is None) == (mesh.file is None):

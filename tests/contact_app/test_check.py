@@ -17,7 +17,28 @@ from tests import scenes
 
 def lines_of(made: dict[str, Any], subdomains: int | list[int] | None = None) -> str:
     scene = scenes.build(made, subdomains)
-    return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF)))
+    return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF, reachable=True)))
+
+
+def test_says_which_nodes_are_out_of_reach() -> None:
+    made = scenes.far_obstacle("hexahedron", 2)
+    made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (1.9, 0, 0), (-1, 0, 0))
+    text = lines_of(made)
+    assert "none of its nodes can come that far, smallest gap 0.9" in text
+    assert "contacts[0]: 6 of 6 candidate nodes are farther away than they can move (0.7" in text
+
+
+def test_says_which_bodies_nothing_acts_on() -> None:
+    made = scenes.wall("hexahedron", 2)
+    made["bodies"].append(
+        scenes.block("hexahedron", 2, name="idle", lower=(3, 0, 0), upper=(4, 1, 1))
+    )
+    made["conditions"].append(scenes.clamp("hexahedron", "idle.z-"))
+    text = lines_of(made)
+    assert "idle: nothing loads, moves or overlaps it; it stays as it is" in text
+    assert "block: nothing loads" not in text
+    made["conditions"][-1]["displacement"] = [0, 0, 0.1]
+    assert "nothing loads" not in lines_of(made)
 
 
 def test_says_what_is_modelled() -> None:
@@ -36,6 +57,8 @@ def test_says_what_is_modelled() -> None:
 @pytest.mark.parametrize(
     ("name", "subdomains", "told"),
     [
+        ("duplicate_obstacles", 1, "contacts[1]: repeats contacts[0] and adds no rows"),
+        ("duplicate_obstacles", 1, "6 candidate nodes and 3 that are held or decided by other"),
         ("no_contacts", 1, "no contacts: plain conjugate gradients"),
         ("wall", 1, "one held subdomain: no gluing and no coarse problem"),
         ("wall", [2, 2, 2], "its subdomains float (Total FETI)"),
