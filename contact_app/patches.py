@@ -70,6 +70,19 @@ def translations(shift: Array, size: int) -> Array:
     return T
 
 
+def _inverse(J: Array) -> tuple[Array, Array]:
+    """Inverses and determinants of matrices (…, 2, 2) or (…, 3, 3), by cofactors."""
+    if J.shape[-1] == 2:
+        (a, b), (c, d) = np.moveaxis(J, (-2, -1), (0, 1))
+        determinant = a * d - b * c
+        adjugate = np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2)
+    else:
+        x, y, z = np.moveaxis(J, -2, 0)
+        adjugate = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], -1)
+        determinant = np.einsum("...i,...i->...", x, adjugate[..., 0])
+    return adjugate / determinant[..., None, None], determinant
+
+
 def _pairs(dimension: int) -> list[tuple[int, int]]:
     return list(combinations_with_replacement(range(dimension), 2))
 
@@ -168,9 +181,10 @@ class Cells:
         )
 
     @cached_property
-    def neighbours(self) -> sparse.csr_matrix:
-        """How many cells two vertices share, (vertices, vertices)."""
-        return (self.around @ self.around.T).tocsr()
+    def neighbour_pairs(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
+        """Vertices that share cells, themselves among them, and how many cells each pair shares."""
+        graph = (self.around @ self.around.T).tocoo()
+        return graph.row, graph.col, graph.data
 
     @cached_property
     def _sample_moments(self) -> tuple[sparse.csr_matrix, list[Array]]:
@@ -288,11 +302,13 @@ class Cells:
         -------
         (cells, points, dimension, nodes) and (cells, points).
         """
-        corners = self.places[self.geometry[rows]]
-        jacobian = np.einsum("qrv,cvi->cqir", table.tangents, corners)
-        inverse = np.linalg.inv(jacobian)
-        gradients = np.einsum("cqri,qrv->cqiv", inverse, table.slopes)
-        return gradients, np.abs(np.linalg.det(jacobian))
+        corners = self.places[self.geometry[rows]][:, None]
+        # simplices with straight edges have one Jacobian
+        straight = self.geometry.shape[1] == self.dimension + 1
+        tangents = table.tangents[:1] if straight else table.tangents
+        inverse, volume = _inverse(tangents @ corners)
+        gradients = inverse @ table.slopes
+        return gradients, np.broadcast_to(np.abs(volume), gradients.shape[:2])
 
     def mean_gradients(self, rows: NDArray[np.int64]) -> Array:
         """Means over cells of the shape function gradients, (cells, 1, dimension, nodes)."""

@@ -27,7 +27,6 @@ shear strains are engineering ones.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -111,69 +110,71 @@ def stress_operator(gradients: Array, DV: Array) -> Array:
     return result.reshape(count, nodes * d, points * len(DV))
 
 
-@dataclass(frozen=True, eq=False)
-class _Continuation:
-    """Owned vertices that take their polynomial from neighbours that have one already."""
+class _Helped:
+    """Owned vertices with too few cells, and the neighbours that help them out.
 
-    sources: NDArray[np.bool_]
-    targets: NDArray[np.bool_]
-    weight: Array
-
-
-class _Enlarged:
-    """Moments over the cells around a vertex and around its neighbours, where its own are few.
-
-    A neighbour counts as often as it shares cells with the vertex.
+    A neighbour counts as often as it shares cells with the vertex. Linear polynomials are continued
+    from neighbours that have one; quadratic ones are fitted to the moments about the vertex itself
+    and all its neighbours.
 
     Attributes
     ----------
-    few : (owned,)
-        Vertices with too few cells.
+    targets : (owned,)
+        The vertices that are helped.
+    weight : (targets, 1)
+        How often their neighbours count in all.
     """
 
     def __init__(
-        self, cells: Sequence[Cells], copies: Copies, model: Model, few: NDArray[np.bool_]
+        self,
+        cells: Sequence[Cells],
+        copies: Copies,
+        targets: NDArray[np.bool_],
+        sources: NDArray[np.bool_],
     ) -> None:
-        self.few, self._copies, self._cells = few, copies, cells
-        marked = copies.spread(few[:, None] * 1.0)
+        self._copies, self._cells = copies, cells
+        marked = copies.spread(np.stack([targets, sources], axis=1) * 1.0)
         self._pairs = []
-        for cls, column in model.place:
-            graph = cells[cls].neighbours.tocoo()
-            mine = marked[cls][graph.row, column, 0] > 0.0
-            self._pairs.append((graph.row[mine], graph.col[mine], graph.data[mine]))
+        totals = [np.zeros((*m.shape[:2], 1)) for m in marked]
+        for cls, column in copies.place:
+            row, source, weight = cells[cls].neighbour_pairs
+            here = marked[cls][:, column] > 0.0
+            mine = here[row, 0] & here[source, 1]
+            self._pairs.append((row[mine], source[mine], weight[mine]))
+            totals[cls][:, column, 0] = np.bincount(row[mine], weight[mine], len(here))
+        weights = copies.sum(totals)
+        self.targets = targets & (weights[:, 0] > 0.0)
+        self.weight = weights[self.targets]
+
+    def continued(self, polynomials: Array) -> Array:
+        """Means of the neighbours' polynomials (owned, monomials, k), (targets, monomials, k)."""
+        sums = self._summed(polynomials, lambda T, p: np.swapaxes(T, 1, 2) @ p, 1.0)
+        return sums / self.weight[:, :, None]
 
     def second(self, A: Array) -> Array:
-        """Σ m mᵀ of the few, (few, monomials, monomials), from those of all owned vertices."""
-        size = A.shape[1]
-        known = self._copies.spread(A.reshape(len(A), -1))
-        return self._summed(
-            known, lambda T, M: np.swapaxes(T, 1, 2) @ M.reshape(-1, size, size) @ T, size
-        )
+        """Σ m mᵀ (targets, monomials, monomials), from those of all owned vertices."""
+        return self._summed(A, lambda T, M: T @ M @ np.swapaxes(T, 1, 2), -1.0)
 
     def first(self, moments: Array) -> Array:
-        """Σ m σ of the few, (few, monomials, k), from those of all owned vertices."""
-        size = moments.shape[1]
-        known = self._copies.spread(moments.reshape(len(moments), -1))
-        return self._summed(
-            known, lambda T, b: np.swapaxes(T, 1, 2) @ b.reshape(len(b), size, -1), size
-        )
+        """Σ m σ (targets, monomials, k), from those of all owned vertices."""
+        return self._summed(moments, lambda T, b: T @ b, -1.0)
 
-    def _summed(
-        self, known: Sequence[Array], moved: Callable[[Array, Array], Array], size: int
-    ) -> Array:
-        by_class = [np.zeros(k.shape) for k in known]
+    def _summed(self, known: Array, moved: Callable[[Array, Array], Array], way: float) -> Array:
+        """Sum over neighbours of what is known of them, moved by `way` times the offset."""
+        size, spread = known.shape[1], self._copies.spread(known.reshape(len(known), -1))
+        by_class = [np.zeros(part.shape) for part in spread]
         for (cls, column), (row, source, weight) in zip(
             self._copies.place, self._pairs, strict=True
         ):
             if len(row):
                 points = self._cells[cls].points
-                T = translations(points[source] - points[row], size)
-                parts = moved(T, known[cls][source, column]).reshape(len(row), -1)
+                T = np.swapaxes(translations(way * (points[row] - points[source]), size), 1, 2)
+                values = spread[cls][source, column].reshape(len(row), size, -1)
                 incidence = sparse.csr_matrix(
                     (weight, (row, np.arange(len(row)))), shape=(len(points), len(row))
                 )
-                by_class[cls][:, column] += incidence @ parts
-        sums = self._copies.sum(by_class)[self.few]
+                by_class[cls][:, column] += incidence @ moved(T, values).reshape(len(row), -1)
+        sums = self._copies.sum(by_class)[self.targets]
         return sums.reshape(len(sums), size, -1)
 
 
@@ -243,8 +244,8 @@ class StressRecovery:
         self.V = strain_of_gradient(self.dimension)
         self.size = monomial_count(self.dimension, max(body.degree for body in model.scene.bodies))
         self._copies = Copies(model, self.cells)
-        self._continuations: list[_Continuation] = []
-        self._enlarged: _Enlarged | None = None
+        self._continuations: list[_Helped] = []
+        self._enlarged: _Helped | None = None
         self._fit = self._plan()
 
     def _plan(self) -> Array:
@@ -280,20 +281,15 @@ class StressRecovery:
             few = ~done_at
             fit = fit[kind] / scale
             if self.model.comm.allreduce(int(few.sum())):
-                self._enlarged = _Enlarged(self.cells, copies, self.model, few)
-                fit[few] = self._pseudo_inverse(self._enlarged.second(A[kind] * scale))
+                self._enlarged = helped = _Helped(self.cells, copies, few, np.ones_like(few))
+                fit[helped.targets] = self._pseudo_inverse(helped.second(A[kind] * scale))
             return fit
-        while True:
-            counts = [
-                (c.neighbours @ known[..., 0])[..., None]
-                for c, known in zip(self.cells, copies.spread(done_at[:, None] * 1.0), strict=True)
-            ]
-            weight = copies.sum(counts)
-            targets = ~done_at & (weight[:, 0] > 0.0)
-            if not self.model.comm.allreduce(int(targets.sum())):
+        while self.model.comm.allreduce(int((~done_at).sum())):
+            helped = _Helped(self.cells, copies, ~done_at, done_at)
+            if not self.model.comm.allreduce(int(helped.targets.sum())):
                 break
-            self._continuations.append(_Continuation(done_at, targets, weight[targets]))
-            done_at = done_at | targets
+            self._continuations.append(helped)
+            done_at = done_at | helped.targets
         left = np.unique(kind[~done_at])  # nothing to continue: a body one cell thick
         fit[left] = self._pseudo_inverse(A[left])
         return fit[kind] / scale
@@ -394,19 +390,11 @@ class StressRecovery:
             moments.append(padded.reshape(count, members, -1))
         summed = copies.sum(moments).reshape(-1, size, k)
         if self._enlarged is not None:
-            summed[self._enlarged.few] = self._enlarged.first(summed)
-        linear = self._fit @ summed
-        for step in self._continuations:
-            known = np.where(step.sources[:, None, None], linear, 0.0)
-            parts = [
-                _continued(c, found.reshape(*found.shape[:2], size, k))
-                for c, found in zip(
-                    self.cells, copies.spread(known.reshape(len(known), -1)), strict=True
-                )
-            ]
-            sums = copies.sum(parts)[step.targets] / step.weight
-            linear[step.targets] = sums.reshape(-1, size, k)
-        return linear
+            summed[self._enlarged.targets] = self._enlarged.first(summed)
+        polynomials = self._fit @ summed
+        for helped in self._continuations:
+            polynomials[helped.targets] = helped.continued(polynomials)
+        return polynomials
 
     def _meet_tractions(
         self, recovered: Sequence[Array], touching: Sequence[NDArray[np.bool_]]
@@ -448,8 +436,8 @@ class StressRecovery:
         for (cls, column), own in zip(place, nodes, strict=True):
             part = slice(start, start + len(own))
             values = recovered[cls][own, column]
-            missing = q[part] - np.einsum("nij,nj->ni", P[part], values)
-            recovered[cls][own, column] = values + np.einsum("nij,nj->ni", inverse[part], missing)
+            missing = q[part, :, None] - P[part] @ values[..., None]
+            recovered[cls][own, column] = values + (inverse[part] @ missing)[..., 0]
             start += len(own)
 
     def _equations(self, subdomain: Subdomain, cells: Cells, touch: NDArray[np.bool_]) -> Array:
@@ -489,16 +477,8 @@ class StressRecovery:
         for row, (i, j) in enumerate(SHEARS[: s - d], d):
             C[..., i, row], C[..., j, row] = normal[..., j], normal[..., i]
         C = known @ C
-        t = np.einsum("fvij,fvj->fvi", known, load)
-        squares = np.einsum("fvki,fvkj->fvij", C, C).reshape(-1, s * s)
-        right = np.einsum("fvki,fvk->fvi", C, t).reshape(-1, s)
+        t = known @ load[..., None]
+        transposed = np.swapaxes(C, -1, -2)
+        squares = (transposed @ C).reshape(-1, s * s)
+        right = (transposed @ t).reshape(-1, s)
         return np.concatenate([squares, right], axis=1)
-
-
-def _continued(cells: Cells, known: Array) -> Array:
-    """Sum over neighbours of their polynomials (vertices, members, monomials, k), about itself."""
-    vertices, members, size, k = known.shape
-    at_origin = np.einsum("vab,vmbk->vmak", translations(-cells.points, size), known)
-    sums = (cells.neighbours @ at_origin.reshape(vertices, -1)).reshape(known.shape)
-    about = np.einsum("vab,vmbk->vmak", translations(cells.points, size), sums)
-    return about.reshape(vertices, members, size * k)
