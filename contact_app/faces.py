@@ -276,7 +276,7 @@ def decide(
 def follow(
     problem: DualProblem,
     inner: MPRGP,
-    multiplier: NDArray[np.float64],
+    multiplier: NDArray[np.float64] | None,
     touching: NDArray[np.bool_],
     tolerance: Callable[[], float],
     accept: Accept,
@@ -289,7 +289,7 @@ def follow(
     Parameters
     ----------
     multiplier : (dual,)
-        Where the first face begins.
+        Where the first face begins; as for `Face`.
     tolerance, early
         As in `decide`.
 

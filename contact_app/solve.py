@@ -1,10 +1,12 @@
 """Solve a dual problem with the cheapest method it admits, until the certificate passes.
 
 What a scene needs decides the method: no contact rows, projected conjugate gradients; no coarse
-problem, MPRGP on the contact rows alone; no rows at all, one solve. Only a scene with both goes
-through SMALBE-M. Each ends when the answer, not a dual residual, meets the tolerance: an
-approximate answer is recovered and certified, and if it falls short the solve goes on from where
-it stands.
+problem, MPRGP on the contact rows alone; no rows at all, one solve. A scene with both is solved on
+faces (`contact_app.faces`), from the one without contact on where the bodies are held without it,
+else from the active set that one outer iteration of SMALBE-M finds. Where faces do not settle
+SMALBE-M, whose convergence is proved, goes on to the end. Each ends when the answer, not a dual
+residual, meets the tolerance: an approximate answer is recovered and certified, and if it falls
+short the solve goes on from where it stands.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 
 from contact_app.certificate import certify
 from contact_app.checkpoint import Checkpoint
-from contact_app.faces import Face, Outcome, State, decide, follow
+from contact_app.faces import Keep, Outcome, State, follow
 from contact_app.scene import SolverOptions
 from contact_app.solution import Solution
 from contact_app.target import Assess, Target, aim
@@ -38,6 +40,9 @@ INNER = 0.1
 
 NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
+
+ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
+"""Why faces end a solve; for other reasons SMALBE goes on."""
 
 PATIENCE = 16
 """Outer iterations after which a slow SMALBE hands its active set over once more."""
@@ -91,51 +96,49 @@ def solve(
     return _solve_smalbe(problem, target, inner, monitor, checkpoint)
 
 
-def _without_contact(
+def _on_faces(
     problem: DualProblem,
     target: Target,
     inner: MPRGP,
+    multiplier: NDArray[np.float64] | None,
+    touching: NDArray[np.bool_],
     monitor: Monitor | None,
+    keep: Keep | None,
 ) -> tuple[Outcome, Solution | None]:
-    """Conjugate gradients on gluing and held rows alone, as far as contact stays undecided.
-
-    Where the displacements cross an obstacle by more than their error the solve stops and serves
-    as a start; where they cross none it goes on to the tolerance and is the answer, as it is where
-    the solve was stopped. Nothing where a body is kept by contact alone.
-    """
+    """`follow` active sets to a certified answer, or to the best there is where it was stopped."""
     answer: Solution | None = None
 
     def accept(state: State) -> bool:
         nonlocal answer
-        answer = target.judge(_answer_of(problem, target, state))
+        answer = _answer_of(problem, target, state)
         return answer.converged
 
-    nowhere = np.zeros(problem.size, bool)
-    if not problem.held_without_contact:
-        return Outcome(None, None, nowhere, Counts()), None
-    found = decide(Face(problem, nowhere), inner, lambda: target.tolerance, accept, monitor)
-    if found.reason is None or found.reason is Reason.ROUND_OFF:
+    found = follow(
+        problem, inner, multiplier, touching, lambda: target.tolerance, accept, monitor, keep
+    )
+    if found.reason not in ENDS:
         return found, None
-    if answer is None:  # stopped before it came so far
+    if found.reason is not Reason.ACCEPTED:
         assert found.state is not None
         answer = _answer_of(problem, target, found.state)
+    assert answer is not None
     return found, replace(answer, reason=found.reason)
 
 
 class _OuterJudge:
     """Decides after each outer iteration of SMALBE whether its answer will do.
 
-    The first one's active set is handed over to `follow`, which ends most solves; where it does
-    not, SMALBE goes on, and hands over again where it is slow. An answer of SMALBE's own is
-    certified where its jumps and its penetration are small enough for a certificate to have a
-    chance.
+    The first one's active set is handed over to `follow` where faces have not been tried before;
+    where they do not end the solve SMALBE goes on, and hands over again where it is slow. An answer
+    of SMALBE's own is certified where its jumps and its penetration are small enough for a
+    certificate to have a chance.
 
     Attributes
     ----------
     answer
         The last answer that was certified, or None.
-    stopped
-        Why the active sets were left without an answer that SMALBE could improve on.
+    ended
+        Why, where active sets ended the solve.
     spent
         Work of the active sets that were tried.
     """
@@ -149,7 +152,7 @@ class _OuterJudge:
         save: Save,
     ) -> None:
         self.answer: Solution | None = None
-        self.stopped: Reason | None = None
+        self.ended: Reason | None = None
         self.spent = Counts()
         self._problem, self._target, self._inner = problem, target, inner
         self._monitor, self._save = monitor, save
@@ -166,6 +169,7 @@ class _OuterJudge:
 
     def accepts(self, state: OuterState) -> bool:
         """Whether `answer` meets the tolerance, or the solve was stopped (collective)."""
+        problem = self._problem
         self._residuals.append(state.residual_norm)
         outer = len(self._residuals)
         if self._is_near(state) and state.counts.hessian >= self._next_certificate:
@@ -177,24 +181,13 @@ class _OuterJudge:
                 self._next_certificate = state.counts.hessian + wait
                 self._failures += 1
         slow = outer % PATIENCE == 0 and self._residuals[-1] > 0.1 * self._residuals[-PATIENCE // 2]
-        return self._hand_over(state) if outer == 1 or slow else False
+        first = outer == 1 and not problem.held_without_contact
+        return self._hand_over(state) if first or slow else False
 
     def _hand_over(self, state: OuterState) -> bool:
         """Whether active sets from those of an outer iteration end the solve."""
-        problem, target = self._problem, self._target
+        problem = self._problem
         assert problem.lower is not None
-
-        def accept(state: State) -> bool:
-            self.answer = target.judge(_answer_of(problem, target, state))
-            return self.answer.converged
-
-        def early(state: State, worst: float) -> bool:
-            if not target.worth_trying(worst):
-                return False
-            tried = target.try_early(_answer_of(problem, target, state))
-            if tried.converged:
-                self.answer = tried
-            return tried.converged
 
         def keep(found: State, spent: Counts) -> None:
             self._save(
@@ -204,23 +197,20 @@ class _OuterJudge:
                 )
             )  # fmt: skip
 
-        found = follow(
+        found, answer = _on_faces(
             problem,
+            self._target,
             self._inner,
             problem.offset + state.x,
             problem.inequality & (state.x > problem.lower),
-            lambda: target.tolerance,
-            accept,
             self._monitor,
             keep,
-            early if target.eager else None,
         )
         self.spent = self.spent + found.counts
-        if found.reason is Reason.STOPPED:
-            assert found.state is not None
-            self.stopped = found.reason
-            self.answer = target.judge(_answer_of(problem, target, found.state))
-        return found.reason in (Reason.ACCEPTED, Reason.STOPPED)
+        if answer is None:
+            return False
+        self.answer, self.ended = answer, found.reason
+        return True
 
     def _is_near(self, state: OuterState) -> bool:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
@@ -242,27 +232,30 @@ def _solve_smalbe(
 ) -> Solution:
     """SMALBE-M around MPRGP on the projected, homogenised dual."""
     assert problem.coarse is not None
-    norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
-    preconditioner = FacePreconditioner(problem, norm)
-    inner = replace(inner, norm=norm, preconditioner=preconditioner)
     restart = checkpoint.load(problem) if checkpoint else None
-    start, answer, counts = None, None, Counts()
-    if restart is None:
-        found, answer = _without_contact(problem, target, inner, monitor)
-        start, counts = found.state, found.counts
-    counts.norm_estimation += products
-    if answer is not None:
-        return replace(answer, counts=counts)
-    qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
-    inner = replace(inner, max_iterations=inner.max_iterations - counts.inner)
+    start, counts = None, Counts()
 
     def save(state: Restart) -> None:
         if checkpoint is not None:
             checkpoint(replace(state, counts=counts + state.counts))
 
+    if problem.held_without_contact and (restart is None or not restart.outer):
+        found, answer = _from_no_contact(problem, target, inner, restart, monitor, save)
+        if answer is not None:
+            return replace(answer, counts=found.counts)
+        start, counts, restart = found.state, found.counts, None
+    norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
+    counts = counts + Counts(norm_estimation=products)
+    preconditioner = FacePreconditioner(problem, norm)
+    inner = replace(
+        inner,
+        norm=norm,
+        preconditioner=preconditioner,
+        max_iterations=inner.max_iterations - counts.inner,
+    )
     judge = _OuterJudge(problem, target, inner, monitor, save)
     result = SMALBE(inner).solve(
-        qp,
+        BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
         x0=start.x if start else None,
         multiplier0=start.equality_force if start else None,
@@ -275,7 +268,34 @@ def _solve_smalbe(
     if answer is None or result.reason is not Reason.ACCEPTED:
         answer = judge.certify(result.x, result.multiplier)
     counts = counts + judge.spent + result.counts
-    return replace(answer, counts=counts, reason=judge.stopped or result.reason)
+    return replace(answer, counts=counts, reason=judge.ended or result.reason)
+
+
+def _from_no_contact(
+    problem: DualProblem,
+    target: Target,
+    inner: MPRGP,
+    restart: Restart | None,
+    monitor: Monitor | None,
+    save: Save,
+) -> tuple[Outcome, Solution | None]:
+    """Faces from the one without contact on, or from where a stopped solve had come to.
+
+    Where that one crosses no obstacle it is the answer.
+    """
+    assert problem.lower is not None
+    multiplier, touching, before = None, np.zeros(problem.size, bool), Counts()
+    if restart is not None:
+        multiplier, before = problem.offset + restart.x, restart.counts
+        touching = problem.inequality & (restart.x > problem.lower)
+
+    def keep(state: State, spent: Counts) -> None:
+        save(
+            Restart(0, state.x, state.equality_force, 0.0, 0.0, 0.0, -math.inf, (), before + spent)
+        )
+
+    found, answer = _on_faces(problem, target, inner, multiplier, touching, monitor, keep)
+    return replace(found, counts=before + found.counts), answer
 
 
 def _solve_mprgp(
@@ -299,8 +319,8 @@ def _solve_mprgp(
 
 
 def _answer_of(problem: DualProblem, target: Target, state: State) -> Solution:
-    """The answer that a face's solution stands for."""
-    return _answer(problem, target, state.x, state.equality_force, state.touching)
+    """The answer that a face's solution stands for, judged."""
+    return target.judge(_answer(problem, target, state.x, state.equality_force, state.touching))
 
 
 def _answer(

@@ -66,7 +66,8 @@ def test_smalbe_finds_the_same_answer_without_faces(
     monkeypatch.setattr("contact_app.faces.FACES", 0)
     alone = summary(name)
     assert alone["certificate"]["passed"]
-    assert alone["solver"]["outer_iterations"] > with_faces["solver"]["outer_iterations"] == 1
+    assert alone["solver"]["outer_iterations"] > 5
+    assert with_faces["solver"]["outer_iterations"] <= 1
     assert alone["solution"]["energy"] == pytest.approx(with_faces["solution"]["energy"], rel=1e-5)
     assert alone["solution"]["active_contacts"] == pytest.approx(
         with_faces["solution"]["active_contacts"], abs=2
