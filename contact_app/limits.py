@@ -80,8 +80,8 @@ def model_warnings(
         if across < FEWEST_FACETS:
             warnings.append(
                 f"{item.source}: the pressure varies within single facets, as where about "
-                f"{max(across, 1.0):.0f} across carry the contact: its largest value is that of the "
-                "mesh; use smaller cells there"
+                f"{max(across, 1.0):.0f} across carry the contact: its largest value is that of "
+                "the mesh; use smaller cells there"
             )
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         sliding, facet = _sliding_on_each_other(model, solution, nodes, i)
