@@ -22,6 +22,7 @@ from solver import MPRGP, BoxQP, Counts, Reason
 from solver.errors import QPError
 from solver.iterate import Iterate
 from solver.result import Monitor
+from solver.tfeti.coarse import RangeOperator
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
 from solver.tfeti.preconditioner import FacePreconditioner
@@ -134,13 +135,13 @@ class Face:
         self.glued.coarse.apply(self.glued.rhs, outside)
         if not problem.held_without_contact:
             self._check_coarse_problem()
-        # no penalty here: steps that leave the range of P would meet no curvature
+        # no penalty here: steps that leave the range of P would meet no curvature, and none does
         preconditioner = FacePreconditioner(self.glued, math.inf)
         x0 = None
         if multiplier is not None:
             x0 = np.where(problem.inequality & ~touching, 0.0, multiplier) - self.glued.offset
             self.glued.coarse.project(x0, x0)
-        qp = BoxQP(self.glued.projected, self.glued.rhs)
+        qp = BoxQP(RangeOperator(self.glued.F, self.glued.coarse), self.glued.rhs)
         self._iterate = it = Iterate(qp, x0, preconditioner=preconditioner)
         it.measure_b()
         it.evaluate()

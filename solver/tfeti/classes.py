@@ -26,6 +26,9 @@ from solver.tfeti.generalised_inverse import (
 from solver.tfeti.kernels import check_kernel, fixing_nodes, orthonormal_kernel
 from solver.tfeti.symmetry import find_symmetry
 
+DENSE_GAIN = 20.0
+"""How many times faster a dense product runs, a multiplication, than a sparse one."""
+
 MEMBERS_AT_ONCE = 128
 """Members whose full vectors are worked on together."""
 
@@ -68,7 +71,15 @@ class SubdomainClass:
     @cached_property
     def interface_stiffness(self) -> sparse.csr_matrix:
         """K between interface unknowns, (i, i)."""
-        return self.stiffness[self.interface][:, self.interface]
+        return self.stiffness[self.interface][:, self.interface].tocsr()
+
+    @cached_property
+    def preconditioning(self) -> Block | sparse.csr_matrix:
+        """What stands for K on the interface in a preconditioner, dense where that is faster."""
+        if self.schur_complement is not None:
+            return self.schur_complement
+        S = self.interface_stiffness
+        return DenseBlock(S.toarray()) if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S
 
     @cached_property
     def schur_complement(self) -> Block | None:

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from solver.operators import Operator
 from solver.tfeti.matrix import ConstraintMatrix, scale_rows
 
 SHARED = 20_000
@@ -307,6 +308,24 @@ class ProjectedOperator:
         """P F P x."""
         self.coarse.project(x, self._projected)
         self.F(self._projected, out)
+        self.coarse.project(out, out)
+
+
+class RangeOperator:
+    """P F on the range of P, where it is P F P with one projection less.
+
+    Conjugate gradients that start there and are preconditioned within it stay there.
+    """
+
+    def __init__(self, F: Operator, coarse: CoarseProblem) -> None:
+        self.F = F
+        self.coarse = coarse
+        self.comm = coarse.comm
+        self.size = coarse.size
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """P F x."""
+        self.F.apply(x, out)
         self.coarse.project(out, out)
 
 

@@ -14,16 +14,14 @@ the free rows. It costs two projections and a product with S.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.dual import DualProblem, interface_slices
-from solver.tfeti.generalised_inverse import Block, DenseBlock
-
-DENSE_GAIN = 20.0
-"""How many times faster a dense product runs, a multiplication, than a sparse one."""
 
 
 class FacePreconditioner:
@@ -34,7 +32,8 @@ class FacePreconditioner:
     problem
         A dual problem with a coarse problem.
     rho
-        Penalty ρ of Q, in the unit of F.
+        Penalty ρ of Q, in the unit of F. Infinite where r is in the range of P already: then
+        one projection is enough.
     """
 
     def __init__(self, problem: DualProblem, rho: float) -> None:
@@ -45,9 +44,7 @@ class FacePreconditioner:
         self.B = self._coupled.B if self._coupled else problem.B
         self._slices = interface_slices(problem.classes)
         self._shapes = [(c.members, len(c.interface)) for c in problem.classes]
-        self._stiffness = [
-            c.schur_complement or _fastest(c.interface_stiffness) for c in problem.classes
-        ]
+        self._stiffness = [c.preconditioning for c in problem.classes]
         interface = problem.B.columns
         self._jumps, self._forces = np.empty(interface), np.empty(interface)
         self._q, self._p = np.empty(problem.size), np.empty(problem.size)
@@ -60,8 +57,12 @@ class FacePreconditioner:
         self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
     ) -> None:
         """Put z into out; cutting it to the mask is the caller's business."""
-        self.coarse.apply(r, self._q)
-        np.subtract(r, self._q, out=self._p)
+        penalised = math.isfinite(self.rho)
+        if penalised:
+            self.coarse.apply(r, self._q)
+            np.subtract(r, self._q, out=self._p)
+        else:
+            np.copyto(self._p, r)
         if self._coupled:
             self._coupled.divide(self._p, free_mask)
         self.B.apply_transpose(self._p, self._jumps)
@@ -75,10 +76,6 @@ class FacePreconditioner:
         if self._coupled:
             self._coupled.divide(out, free_mask)
         self.coarse.project(out, out)
-        self._q /= self.rho
-        out += self._q
-
-
-def _fastest(S: sparse.csr_matrix) -> Block | sparse.csr_matrix:
-    """The matrix, dense where its dense product is faster."""
-    return DenseBlock(S.toarray()) if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S.tocsr()
+        if penalised:
+            self._q /= self.rho
+            out += self._q
