@@ -13,8 +13,10 @@ Projection. Every `on` facet is taken for flat: n is constant on it and the face
 side are projected along n onto its plane, where the two are intersected (segments in 2D, convex
 polygons cut into triangles in 3D) and integrated by Gauss points that are exact for triangles and
 parallelograms (M. A. Puso, A 3D mortar method for solid mechanics, IJNME 59 (2004)). Where
-surfaces are curved the integrals see the polyhedra, whose distance from the smooth surfaces is of
-second order in the size of facets. The jump x_against - x_on has the direction of n, so that rows
+surfaces are round and edges straight the integrals see the polyhedra, whose distance from the
+smooth surfaces is of second order in the size of facets; facets of the second order with curved
+edges are taken as they are, with the point of either that projects to each Gauss point, and are of
+fourth order there. The jump x_against - x_on has the direction of n, so that rows
 do not see any rigid motion of both bodies together: forces and moments balance to round-off.
 
 Multipliers. On facets the other side covers wholly the ψ_j are dual to the shape functions,
@@ -53,6 +55,12 @@ NEGLIGIBLE = 1e-13
 
 SLIVER = 1e-13
 """Overlaps smaller than this, relative to the facets, are round-off."""
+
+STRAIGHT = 1e-9
+"""Distance of a middle from that of its vertices, over the size of facets, that is round-off."""
+
+INVERSIONS = 60
+"""Steps of the search for a point on a curved facet; each divides its distance by 5 or more."""
 
 QUERIES = 200_000
 """Points asked of the tree at a time."""
@@ -310,10 +318,11 @@ class _Overlaps:
         v, w = on.vertices.shape[1], against.vertices.shape[1]
         flat, other = here[:, :v, :-1], there[:, :w, :-1]
         linear = (here.shape[1], there.shape[1]) == (v, w)
-        pair, x, weights = (_segments if on.dimension == 2 else _polygons)(flat, other, linear)
-        phi = shape(flat[pair], x)
-        mine = all_nodes(phi, here.shape[1])
-        theirs = all_nodes(shape(other[pair], x), there.shape[1])
+        curved = _curved(here, v) or _curved(there, w)
+        cut = _segments if on.dimension == 2 else _polygons
+        pair, x, weights = cut(flat, other, linear, curved)
+        phi, mine = on_facets(here[pair, :, :-1], v, x)
+        theirs = on_facets(there[pair, :, :-1], w, x)[1]
         gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
         gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
         kept, start = np.unique(pair, return_index=True)
@@ -353,23 +362,24 @@ def _frames(surface: Surface) -> NDArray[np.float64]:
 
 
 def _segments(
-    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool
+    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight.
 
-    Two, which integrate degree 3, are enough for the second order, too.
+    Two, which integrate degree 3, are enough for the second order, too, if it is straight.
     """
+    at, share = np.polynomial.legendre.leggauss(5 if curved else 2)
     lower = np.maximum(flat.min(axis=1), other.min(axis=1))[:, 0]
     upper = np.minimum(flat.max(axis=1), other.max(axis=1))[:, 0]
     size = np.ptp(flat, axis=1)[:, 0]
     pair = np.flatnonzero(upper - lower > SLIVER * size)
     half, middle = 0.5 * (upper - lower)[pair], 0.5 * (upper + lower)[pair]
-    x = middle[:, None] + half[:, None] * np.array([-1.0, 1.0]) / np.sqrt(3.0)
-    return np.repeat(pair, 2), x.reshape(-1, 1), np.repeat(half, 2)
+    x = middle[:, None] + half[:, None] * at
+    return np.repeat(pair, len(at)), x.reshape(-1, 1), (half[:, None] * share).ravel()
 
 
 def _polygons(
-    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool
+    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Gauss points of the overlap of convex polygons (n, v, 2): pair, coordinates, weight."""
     polygon, count = clip(flat, other)
@@ -385,7 +395,7 @@ def _polygons(
     solid = area > SLIVER * size[pair]
     order = np.argsort(pair[solid], kind="stable")
     pair, triangle, area = pair[solid][order], triangle[solid][order], area[solid][order]
-    barycentric, weights = _triangle_rule(_degree(linear, flat, other))
+    barycentric, weights = _triangle_rule(8 if curved else _degree(linear, flat, other))
     x = np.einsum("gv,tvd->tgd", barycentric, triangle)
     w = area[:, None] * weights
     return np.repeat(pair, len(weights)), x.reshape(-1, 2), w.ravel()
@@ -478,6 +488,50 @@ def shape(vertices: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.f
         if max(np.abs(dr).max(initial=0.0), np.abs(ds).max(initial=0.0)) < 1e-15:
             break
     return np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
+
+
+def _curved(nodes: NDArray[np.float64], v: int) -> bool:
+    """Whether any facet (n, nodes, d) with v vertices has a node off its middle."""
+    if nodes.shape[1] == v:
+        return False
+    corners = np.eye(v)
+    hats = np.concatenate([0.5 * (corners + np.roll(corners, -1, axis=0)), np.full((1, v), 1 / v)])
+    straight = np.einsum("mv,nvk->nmk", hats[: nodes.shape[1] - v], nodes[:, :v])
+    size = np.ptp(nodes[:, :v], axis=1).max(initial=0.0)
+    return bool(np.abs(nodes[:, v:] - straight).max(initial=0.0) > STRAIGHT * size)
+
+
+def on_facets(
+    nodes: NDArray[np.float64], v: int, x: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Hats of the v vertices and shape functions of all nodes of facets at points of the plane.
+
+    Where facets are curved the place of a point on them is found by taking the distance by which
+    its image misses it to the straight facet, until there is none.
+
+    Parameters
+    ----------
+    nodes : (q, n, d - 1)
+        Projected nodes of the facet of each point.
+    x : (q, d - 1)
+    """
+    vertices, at = nodes[:, :v], x.copy()
+    phi = shape(vertices, at)
+    values = all_nodes(phi, nodes.shape[1])
+    if nodes.shape[1] == v:
+        return phi, values
+    size = np.ptp(vertices, axis=1).max(axis=1)
+    left = np.arange(len(x))
+    for _ in range(INVERSIONS):
+        missed = x[left] - np.einsum("qn,qnk->qk", values[left], nodes[left])
+        off = np.abs(missed).max(axis=1) > 1e-14 * size[left]
+        left = left[off]
+        if len(left) == 0:
+            break
+        at[left] += missed[off]
+        phi[left] = shape(vertices[left], at[left])
+        values[left] = all_nodes(phi[left], nodes.shape[1])
+    return phi, values
 
 
 def all_nodes(phi: NDArray[np.float64], nodes: int) -> NDArray[np.float64]:

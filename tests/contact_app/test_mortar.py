@@ -212,6 +212,31 @@ def test_the_gap_of_curved_surfaces_converges(make) -> None:
     assert np.log2(errors[0] / errors[-1]) / 2 > 1.7
 
 
+def rounded(make, n: int, radius: float, first: int, inward: bool) -> Surface:
+    """The same surfaces of the second order, all nodes on the circle or sphere."""
+    flat = second(make(n, radius, first, inward))
+    points = radius * flat.points / np.linalg.norm(flat.points, axis=2, keepdims=True)
+    inside = flat.centres * (1.1 if inward else 0.9)
+    return Surface.of(flat.dimension, flat.nodes, points, inside)
+
+
+@pytest.mark.parametrize("make", [arc, cap])
+def test_rows_of_curved_facets(make) -> None:
+    """No rigid motion is seen, as above, and the gap is nearly that of the smooth surfaces."""
+    rows = mean_gaps(rounded(make, 7, 1.0, 0, False), rounded(make, 5, 1.05, 1000, True))
+    for k in range(3):
+        np.testing.assert_allclose(apply(rows, lambda x, k=k: np.eye(3)[k] + 0 * x), 0, atol=1e-13)
+    around = np.array([0, 0, 1.0]) if make is arc else np.array([0.3, -0.5, 0.8])
+    turned = apply(rows, lambda x: np.cross(around, x))
+    np.testing.assert_allclose(turned, 0, atol=1e-12 if make is arc else 2e-2)
+    errors = []
+    for kind in (make, lambda *a: rounded(make, *a)):
+        rows = mean_gaps(kind(8, 1.0, 0, False), kind(12, 1.05, 10**5, True))
+        inner = rows.areas > 0.6 * np.median(rows.areas)
+        errors.append(np.abs(rows.gaps[inner] - 0.05).max())
+    assert errors[1] < 0.1 * errors[0]
+
+
 @pytest.mark.parametrize("kind", ["segment", "triangle", "quadrilateral"])
 @pytest.mark.parametrize("end", [0.5, 0.51, 0.667, 0.67, 1 / 3 + 1e-9, 0.34, 1e-3])
 def test_a_side_covered_in_part(kind: str, end: float) -> None:
