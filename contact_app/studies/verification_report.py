@@ -15,9 +15,9 @@ SETTLED = 0.2
 HEAD = """# Verification
 
 Contact problems whose answers are known, ours beside them on a row of meshes. Made by
-`./contact verify -o docs`, which needs Gmsh for the meshes that are not shipped; each case is a
-commented scene in `configs/`. How each number is measured is told in
-`contact_app/studies/verification.py`.
+`./contact verify -o docs`; each case is a commented scene in `configs/`. Meshes of round bodies
+are coarse ones drawn in Gmsh, halved until cells have the size of the table; new nodes lie on the
+circle or ball. How each number is measured is told in `contact_app/studies/verification.py`.
 
 What is exact on any mesh is held by tests to round-off (`tests/contact_app/test_exact.py`: bar
 against a wall, patch tests, energy identity, homogeneity, change of units;

@@ -1,5 +1,8 @@
 """Make the sample meshes with Gmsh: ``python meshes/samples/make.py [NAME …] [--size FACTOR]``.
 
+Those of ``coarse`` are ``sphere_eighth --size 2.8``, ``disc_quarter`` and ``roller_on_block --size
+4`` and ``ring_quarter --size 1 --order 1``: what `contact-app verify` refines.
+
 ``--order 2`` gives cells with nodes amid their edges, which follow the round boundaries.
 
 Needs Gmsh's Python module (Debian: python3-gmsh; elsewhere: pip install gmsh), which nothing else

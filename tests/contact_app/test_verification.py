@@ -62,7 +62,6 @@ def test_a_case_that_does_not_exist() -> None:
 @pytest.mark.slow
 def test_the_document(tmp_path: Path) -> None:
     """Every case on every mesh is certified; the finest is within 2 %, the punch within 5 %."""
-    pytest.importorskip("gmsh", reason="makes the meshes")
     list(verify([], tmp_path))
     text = (tmp_path / "verification.md").read_text()
     assert all(f"## {case.title}" in text for case in CASES)
@@ -74,7 +73,6 @@ def test_the_document(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["hertz_sphere", "hertz_disc", "roller_on_block", "press_fit"])
 def test_the_finest_mesh(name: str) -> None:
     """verification.md of the reference: two percent, under 150,000 unknowns and 60 s."""
-    pytest.importorskip("gmsh", reason="makes the meshes")
     (case,) = find([name])
     (row,) = study(case, case.levels[-1:])
     assert max(errors(row)) < 0.02, row
