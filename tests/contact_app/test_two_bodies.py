@@ -254,16 +254,25 @@ def test_many_bodies_in_a_tower() -> None:
         np.testing.assert_allclose(force, [0, PRESSURE, 0], atol=1e-7)
 
 
-@pytest.mark.parametrize("degrees", [(1, 1), (2, 2), (1, 2), (2, 1)], ids=str)
+def bulging(x: np.ndarray) -> np.ndarray:
+    """Move the nodes of the unit block that are inside it: all inner edges are curved."""
+    bubble = 0.8 * (x * (1 - x))[:, : 3 if np.ptp(x[:, 2]) > 0 else 2].prod(axis=1)
+    return x + bubble[:, None] * np.cos(5 * np.roll(x, 1, axis=1)) * (np.ptp(x, axis=0) > 0)
+
+
+@pytest.mark.parametrize("degrees", [(1, 1), (2, 2), (1, 2), (2, 1), "curved"], ids=str)
 @pytest.mark.parametrize("cell", [*scenes.CELLS_2D, *scenes.CELLS_3D])
 def test_inclined_patch_of_distorted_meshes(
-    cell: str, degrees: tuple[int, int], tmp_path: Path
+    cell: str, degrees: tuple[int, int] | str, tmp_path: Path
 ) -> None:
     """Two free blocks with inclined sides under pressure all round: the joint carries it, too.
 
-    Facets of hexahedra are no parallelograms, and no mesh fits the other.
+    Facets of hexahedra are no parallelograms, and no mesh fits the other. `curved`: degree 2 on
+    second-order meshes whose edges inside are curved.
     """
     d = scenes.dimension(cell)
+    curved = degrees == "curved"
+    orders = (2, 2) if isinstance(degrees, str) else degrees
     turn: scenes.Config = {"angle": 33.0}
     axis = np.array([2.0, 1.0, -1.0]) if d == 3 else np.array([0.0, 0.0, 1.0])
     if d == 3:
@@ -272,10 +281,13 @@ def test_inclined_patch_of_distorted_meshes(
     above = rotation.apply(np.eye(3)[d - 1])[:d]
     bodies, conditions = [], []
     for k, name in enumerate(("lower", "upper")):
-        file = meshfiles.write(meshfiles.block(cell, 2 + 2 * k, seed=k), tmp_path / f"{name}.msh")
+        block = meshfiles.block(cell, 2 + 2 * k, seed=k)
+        if curved:
+            block = meshfiles.second_order(block, cell, meshfiles.SECOND[cell][0], bulging)
+        file = meshfiles.write(block, tmp_path / f"{name}.msh")
         mesh = {"file": str(file), "rotate": turn, "translate": (k * above).tolist()}
         material = {"young": YOUNG, "poisson": POISSON}
-        body = {"name": name, "mesh": mesh, "material": material, "degree": degrees[k]}
+        body = {"name": name, "mesh": mesh, "material": material, "degree": orders[k]}
         bodies.append(body)
         sides = [axis + end for axis in "xyz"[:d] for end in "-+"]
         sides.remove(scenes.down(cell) if k else scenes.up(cell))
@@ -284,6 +296,8 @@ def test_inclined_patch_of_distorted_meshes(
     made = scenes.config(cell, bodies, conditions, contacts)
     for split in (2, 7) if degrees == (1, 1) else (5,):
         solution = solve(made, split, tolerance=1e-12)
+        some = [s.reference.curved for s in solution.model.partition.subdomains]
+        assert any(some) == curved
         touching = np.isfinite(solution.nodes.gap)
         pressure = solution.nodes.contact_pressure[touching]
         np.testing.assert_allclose(pressure, PRESSURE, rtol=1e-9)
