@@ -3,11 +3,10 @@
 The outline of the model (subdomains, conditions, loads, what balances them) is the one a run
 begins with, so whatever a run would refuse before it assembles a matrix, `check` refuses too.
 
-Time is estimated from the sizes of the subdomains, with rates measured on runs of the cube with
-10³ to 60³ hexahedra on two cores (`solver.tfeti.costs`): for each distinct subdomain its factor and
-its block, for each of the Hessian multiplications (about 25 without and 60 with gluing at tolerance
-1e-6; a badly conditioned scene needs several times as many) the products with all subdomains and
-the work on the rows of B, and for each cell its share of mesh, error estimate and output.
+Time is estimated from the sizes of the subdomains by the model that chooses the decomposition
+(`solver.tfeti.costs`), for the Hessian multiplications that bodies of such a shape were seen to
+need; a badly conditioned scene needs several times as many. Each cell adds its share of error
+estimate and output. `python -m contact_app.studies.estimates` holds estimates against runs.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from rich.console import Console
 
+from contact_app.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.distant import distant
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.model import Outline, boundary_facets, boundary_nodes, left_out_notes, outline
@@ -33,24 +33,13 @@ from contact_app.scene import (
 )
 from contact_app.symmetry import halved
 from meshes import Subdomain
-from solver.tfeti.costs import (
-    SPARSE_SECONDS,
-    apply_seconds,
-    build_seconds,
-    choose_block,
-    factor_seconds,
-    iteration_seconds,
-    solve_seconds,
-)
+from solver.tfeti.costs import Group, run_seconds
 
 CELL_RATE = 8e-6
-"""Seconds for mesh, error estimate, fields and output of a cell."""
+"""Seconds for error estimate, fields and output of a cell."""
 
-PRODUCTS_GLUED, PRODUCTS_WHOLE = 60.0, 25.0
-"""Hessian multiplications expected at tolerance 1e-6, with gluing and without."""
-
-RECOVERIES = 3.0
-"""Solves with all subdomains beside those of the iterations: recovery and certificates."""
+STARTED = 0.1
+"""Seconds of a run beside, whatever its size."""
 
 LEFT_OUT = (
     "friction: contact forces are normal to the obstacle",
@@ -68,16 +57,6 @@ class Cost:
 
     memory: float
     seconds: float
-
-
-@dataclass(frozen=True)
-class Group:
-    """Subdomains of one shape and material: unknowns, interface unknowns, members, reflections."""
-
-    unknowns: int
-    interface: int
-    members: int
-    order: int
 
 
 def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
@@ -126,19 +105,20 @@ def estimate(scene: Scene, known: Outline) -> Cost:
     rows = gluing + contact + (0 if known.eliminated.all() else held)
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
-    digits = max(-math.log10(scene.solver.expected_tolerance) / 6.0, 0.5)
-    products = (PRODUCTS_GLUED if gluing else PRODUCTS_WHOLE) * digits
-    seconds = CELL_RATE * partition.cells
-    iteration = iteration_seconds(rows, partition.count if gluing else 0)
-    for g in groups:
-        seconds += factor_seconds(g.unknowns, g.order)
-        kind = choose_block(g.unknowns, g.interface, g.members, g.order)
-        seconds += build_seconds(kind, g.unknowns, g.interface, g.order)
-        seconds += RECOVERIES * g.members * solve_seconds(g.unknowns, g.order)
-        iteration += g.members * apply_seconds(kind, g.unknowns, g.interface, g.order)
-        if gluing:
-            iteration += SPARSE_SECONDS * g.members * g.interface
-    return Cost(memory, 0.1 + seconds + products * iteration)
+    seconds = STARTED + CELL_RATE * partition.cells
+    seconds += run_seconds(groups, rows, _products(scene, bool(gluing)), bool(gluing))
+    return Cost(memory, seconds)
+
+
+def _products(scene: Scene, glued: bool) -> float:
+    """Applications of the dual operator expected: more for slender bodies and more digits."""
+    slenderness = 1.0
+    for body in scene.bodies:
+        edges = np.subtract(body.mesh.upper, body.mesh.lower)[: scene.dimension]
+        slenderness = max(slenderness, float(edges.max() / edges.min()))
+    digits = max(-math.log10(scene.solver.expected_tolerance), 2.0) / 6.0
+    products = PRODUCTS_GLUED if glued else PRODUCTS_WHOLE
+    return float(products * math.sqrt(slenderness) * digits**0.6)
 
 
 def _modelled(scene: Scene, known: Outline) -> list[str]:
@@ -308,7 +288,9 @@ def _groups(scene: Scene, known: Outline) -> list[Group]:
             interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
         d = scene.dimension
         unknowns = len(s.reference.points) * d
-        groups.append(Group(unknowns, interface * d, len(numbers), _reflections(scene, known, s)))
+        groups.append(
+            Group(d, unknowns, interface * d, len(numbers), _reflections(scene, known, s))
+        )
     return groups
 
 

@@ -21,6 +21,7 @@ from scipy.linalg import block_diag
 from contact_app.assembly import Element
 from contact_app.averaged import averaged_rows, has_averaged_rows
 from contact_app.candidates import reaches
+from contact_app.decomposition import choose_split
 from contact_app.distant import distant
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.memory import give_back
@@ -119,7 +120,7 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     """
     try:
         shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
-        return decompose(shapes, scene.decomposition.subdomains, comm)
+        return decompose(shapes, scene.decomposition.subdomains, comm, choose_split)
     except ValueError as error:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
 

@@ -7,7 +7,7 @@ and with them the dual problem, do not depend on how many ranks there are.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,15 +21,6 @@ from meshes.unstructured import CellMesh
 Shape = BoxShape | CellMesh
 """What a body is made of."""
 
-WHOLE_BODY_NODES = 1500
-"""Bodies of up to this many nodes stay whole: one small factor beats any gluing."""
-
-SLENDER = 20.0
-"""Boxes so many times longer than wide stay whole up to `SLENDER_NODES`: the factor of a narrow
-body is cheap, and the bending of a chain of subdomains makes the dual ill-conditioned."""
-
-SLENDER_NODES = 50_000
-
 PIECE_NODES = {2: 20_000, 3: 5000}
 """Nodes of a subdomain that `auto` makes of a mesh, by dimension: each has a factor of its own.
 
@@ -37,18 +28,23 @@ The fastest of sweeps over the samples (ball, bracket and disc with 8,000 to 49,
 of about this size.
 """
 
-EDGE_GROWTH = 1.6
-"""`auto` makes sub-boxes of about this times √n cells along an edge, in a box of n along each.
+Choose = Callable[[BoxShape, int], tuple[int, ...]]
+"""Sub-boxes of a box along each axis, at least so many in all."""
 
-The cost of dense interface blocks grows with the sub-box, that of gluing and the coarse problem
-with their number; the optimum is flat (``python -m contact_app.studies.sweep`` measures it).
-"""
+
+def barely(box: BoxShape, at_least: int) -> tuple[int, ...]:
+    """One sub-box, or slabs across the axis with most cells where there must be more."""
+    split = [1] * box.dimension
+    axis = int(np.argmax(box.cells))
+    split[axis] = min(at_least, box.cells[axis])
+    return tuple(split)
 
 
 def decompose(
     shapes: Sequence[Shape],
     subdomains: None | int | tuple[int, ...],
     comm: MPI.Intracomm,
+    choose: Choose = barely,
 ) -> Partition:
     """Cut the bodies into subdomains and give each rank its share.
 
@@ -57,9 +53,9 @@ def decompose(
     shapes
         One box or mesh a body; on ranks other than the first a mesh serves for its sizes only.
     subdomains
-        None: regular splits of boxes, graph partitions of meshes, of a size chosen here. A tuple:
-        sub-boxes of every box along each axis, and as many in all by graph partition of every
-        mesh. A number: graph partitions, the number shared among the bodies by their cells.
+        None: regular splits of boxes, as `choose` has them, and graph partitions of meshes. A
+        tuple: sub-boxes of every box along each axis, and as many in all by graph partition of
+        every mesh. A number: graph partitions, the number shared among the bodies by their cells.
 
     Raises
     ------
@@ -68,7 +64,7 @@ def decompose(
     """
     first_node = np.cumsum([0, *(shape.nodes for shape in shapes)], dtype=np.int64)
     first_cell = np.cumsum([0, *(shape.total_cells for shape in shapes)], dtype=np.int64)
-    plans = _plans(shapes, subdomains, comm)
+    plans = _plans(shapes, subdomains, comm, choose)
     pieces = {b: p for b, p in enumerate(plans) if isinstance(p, int)}
     cut: dict[int, list[Piece]] = {}
     if comm.rank == 0:
@@ -107,45 +103,11 @@ def choose_parts(nodes: int, dimension: int, at_least: int = 1) -> int:
     return max(at_least, round(nodes / PIECE_NODES[dimension]))
 
 
-def choose_split(box: BoxShape, at_least: int = 1) -> tuple[int, ...]:
-    """Sub-boxes along each axis for `decomposition: auto`.
-
-    Sub-boxes about as long in every direction, which divide the box evenly if a split near the
-    wish does, so that they are congruent; one subdomain for a small body.
-    """
-    edges = sorted(c * h for c, h in zip(box.cells, box.spacing, strict=True))
-    slender = edges[-1] > SLENDER * edges[-2]
-    whole = SLENDER_NODES if slender else WHOLE_BODY_NODES
-    if box.nodes <= whole and at_least == 1:
-        return (1,) * box.dimension
-    mean_cells = math.prod(box.cells) ** (1.0 / box.dimension)
-    mean_spacing = math.prod(box.spacing) ** (1.0 / box.dimension)
-    edge = EDGE_GROWTH * math.sqrt(mean_cells) * mean_spacing
-    split = [
-        _near_even(cells, cells * spacing / edge)
-        for cells, spacing in zip(box.cells, box.spacing, strict=True)
-    ]
-    while math.prod(split) < at_least:
-        room = [cells / parts for cells, parts in zip(box.cells, split, strict=True)]
-        axis = int(np.argmax(room))
-        if room[axis] < 2:
-            break
-        split[axis] += 1
-    return tuple(split)
-
-
-def _near_even(cells: int, wish: float) -> int:
-    """Number of parts near a wish, one that divides the cells evenly if there is one."""
-    even = [parts for parts in range(1, math.ceil(2 * wish)) if cells % parts == 0]
-    if even:
-        nearest = min(even, key=lambda parts: abs(math.log(parts / wish)))
-        if 2 / 3 < nearest / wish < 3 / 2:
-            return nearest
-    return min(cells, max(1, round(wish)))
-
-
 def _plans(
-    shapes: Sequence[Shape], subdomains: None | int | tuple[int, ...], comm: MPI.Intracomm
+    shapes: Sequence[Shape],
+    subdomains: None | int | tuple[int, ...],
+    comm: MPI.Intracomm,
+    choose: Choose,
 ) -> list[int | tuple[int, ...]]:
     """How each body is cut: a tuple of sub-boxes along each axis, or a number of graph parts."""
     plans: list[int | tuple[int, ...]] = []
@@ -157,7 +119,7 @@ def _plans(
         needed = -(-comm.size // len(shapes))
         for shape in shapes:
             if isinstance(shape, BoxShape):
-                plans.append(subdomains or choose_split(shape, needed))
+                plans.append(subdomains or choose(shape, needed))
             elif subdomains:
                 plans.append(math.prod(subdomains))
             else:

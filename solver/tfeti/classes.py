@@ -151,7 +151,8 @@ def subdomain_class(
         free = np.setdiff1d(every, eliminated)
         kernel = np.zeros((len(every), 0))
         inverse = GeneralisedInverse(stiffness[free][:, free], kernel[free], every[:0])
-        interface, how = touched, choose_block(len(free), len(touched), members, 1)
+        interface = touched
+        how = choose_block(len(free), len(touched), members, 1, dimension)
     else:
         free, kernel = every, rigid
         nodes = fixing_nodes(points, dimension)
@@ -160,7 +161,8 @@ def subdomain_class(
         interface = np.unique(touched)
         if symmetry is not None:
             interface = symmetry.split(symmetry.closure(touched)).unknowns
-        how = choose_block(len(free), len(interface), members, symmetry.order if symmetry else 1)
+        order = symmetry.order if symmetry else 1
+        how = choose_block(len(free), len(interface), members, order, dimension)
         if symmetry is None or how is BlockKind.NONE:
             inverse = GeneralisedInverse(stiffness, kernel, fixing)
         else:

@@ -1,21 +1,24 @@
-"""What factoring and applying K⁺ costs, and with it the choice how a class applies it.
+"""What subdomains cost in time, and with it the choices how they are made and applied.
 
-Seconds on one machine of two cores, fitted to cubes of 4³ to 30³ hexahedra a subdomain; choices
-depend on their ratios only. A subdomain whose reflections form a group of `order` elements is
-factored and applied in as many blocks.
+Seconds on one machine of two cores, fitted to some seventy runs of the shipped scenes and of cubes
+of 10³ to 60³ hexahedra, each in several decompositions; choices depend on their ratios only. A
+subdomain whose reflections form a group of `order` elements is factored and applied in as many
+blocks.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
 
-APPLICATIONS = 100
+APPLICATIONS = 50
 """Applications of the dual operator a solve is expected to need; weighs what is done once."""
 
 BLOCK_LIMIT = 3e9
 """Largest dense block, in bytes."""
 
-PRODUCT_RATE = 5e10
+PRODUCT_RATE = 3e10
 """Dense products, in floating-point operations a second."""
 
 SPLIT_SECONDS = 1.5e-8
@@ -24,11 +27,27 @@ SPLIT_SECONDS = 1.5e-8
 SPARSE_SECONDS = 2e-8
 """The lumped preconditioner's product with a sparse matrix, for each interface unknown."""
 
-ROW_SECONDS = 1.2e-7
+ROW_SECONDS = 7e-8
 """Products with B, projections and vector work of an iteration, for each row of B."""
 
-CALL_SECONDS = 1.5e-3
-"""What an iteration costs whatever its size."""
+CLASS_SECONDS = 1.3e-2
+"""Mesh, forms and calls for a class, whatever its size; and for each product:"""
+
+CALL_SECONDS = 1.5e-4
+
+ASSEMBLY_SECONDS = {2: 8e-7, 3: 3.8e-6}
+"""Assembly, for each unknown of a class, by dimension."""
+
+UNKNOWN_SECONDS = 3e-7
+"""Numbering, conditions and loads, for each unknown of the whole; for each subdomain:"""
+
+SUBDOMAIN_SECONDS = 6e-5
+
+COARSE_ROW_SECONDS = 1.7e-6
+"""B, G and G Gᵀ, for each row of B."""
+
+FACES = 5.0
+"""Coarse problems factored in a solve."""
 
 
 class BlockKind(Enum):
@@ -39,30 +58,98 @@ class BlockKind(Enum):
     SPLIT = "a dense block for each character of the reflections"
 
 
-def factor_seconds(unknowns: float, order: int) -> float:
-    """Sparse factors of a body in space of so many unknowns."""
-    return order * 2.5e-7 * (unknowns / order) ** 1.5
+@dataclass(frozen=True)
+class Group:
+    """Subdomains that are alike.
+
+    Attributes
+    ----------
+    dimension, unknowns, interface
+        Of one member; unknowns of the interface.
+    members
+        How many there are.
+    order
+        Reflections, their products and the identity.
+    """
+
+    dimension: int
+    unknowns: int
+    interface: int
+    members: int
+    order: int
+
+    @property
+    def kind(self) -> BlockKind:
+        """How K⁺ is applied."""
+        return choose_block(self.unknowns, self.interface, self.members, self.order, self.dimension)
 
 
-def solve_seconds(unknowns: float, order: int = 1) -> float:
-    """One right-hand side among many through the sparse factors."""
-    return order * 2.5e-8 * (unknowns / order) ** 1.16
+def run_seconds(groups: Sequence[Group], rows: int, products: float, glued: bool = True) -> float:
+    """Set-up, assembly, factors and solve.
+
+    Parameters
+    ----------
+    rows
+        Of B.
+    products
+        Hessian multiplications.
+    glued
+        Whether there is a coarse problem.
+    """
+    subdomains = sum(g.members for g in groups)
+    dimension = groups[0].dimension
+    once, each = 0.005 + SUBDOMAIN_SECONDS * subdomains, ROW_SECONDS * rows
+    for g in groups:
+        kind = g.kind
+        once += CLASS_SECONDS + (ASSEMBLY_SECONDS[g.dimension] + 1e-5) * g.unknowns
+        once += UNKNOWN_SECONDS * g.unknowns * g.members
+        once += factor_seconds(g.unknowns, g.order, g.dimension)
+        once += build_seconds(kind, g.unknowns, g.interface, g.order, g.dimension)
+        apply = apply_seconds(kind, g.unknowns, g.interface, g.order, g.dimension)
+        each += g.members * apply
+        if glued:
+            relaxed = kind is not BlockKind.NONE
+            each += g.members * (apply if relaxed else SPARSE_SECONDS * g.interface)
+        each += CALL_SECONDS
+        once += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
+    if glued:
+        once += COARSE_ROW_SECONDS * rows + FACES * coarse_factor_seconds(subdomains, dimension)
+        each += 2.0 * coarse_seconds(subdomains)
+    return once + products * each
 
 
-def apply_seconds(kind: BlockKind, unknowns: int, interface: int, order: int) -> float:
+def factor_seconds(unknowns: float, order: int, dimension: int = 3) -> float:
+    """Sparse factors of a body of so many unknowns."""
+    if dimension == 2:
+        return 3.5e-6 * unknowns
+    return order * 1e-9 * (unknowns / order) ** 2
+
+
+def solve_seconds(unknowns: float, order: int = 1, dimension: int = 3) -> float:
+    """One right-hand side through the sparse factors."""
+    if dimension == 2:
+        return 6e-8 * unknowns
+    return order * 1.2e-8 * (unknowns / order) ** (4.0 / 3.0)
+
+
+def apply_seconds(
+    kind: BlockKind, unknowns: int, interface: int, order: int, dimension: int = 3
+) -> float:
     """K⁺ on the interface of one member."""
     if kind is BlockKind.NONE:
-        return solve_seconds(unknowns)
+        return solve_seconds(unknowns, order, dimension)
     if kind is BlockKind.DENSE:
         return 2.0 * interface**2 / PRODUCT_RATE
     return 2.0 * interface**2 / order / PRODUCT_RATE + SPLIT_SECONDS * interface
 
 
-def build_seconds(kind: BlockKind, unknowns: int, interface: int, order: int) -> float:
-    """The block, once K is factored: a solve for each interface unknown."""
+def build_seconds(
+    kind: BlockKind, unknowns: int, interface: int, order: int, dimension: int = 3
+) -> float:
+    """The block, once K is factored: a solve for each interface unknown, many at once."""
     if kind is BlockKind.NONE:
         return 0.0
-    solves = interface * solve_seconds(unknowns / order)
+    solves = 0.35 * interface * solve_seconds(unknowns / order, 1, dimension)
     if kind is BlockKind.DENSE and order > 1:  # put together from the blocks of the characters
         solves += interface * apply_seconds(BlockKind.SPLIT, unknowns, interface, order)
     return solves
@@ -94,12 +181,14 @@ def coarse_seconds(subdomains: int) -> float:
     return 1.5e-7 * subdomains ** (4.0 / 3.0)
 
 
-def iteration_seconds(rows: int, subdomains: int) -> float:
-    """An iteration but for K⁺ and the lumped preconditioner's product."""
-    return CALL_SECONDS + ROW_SECONDS * rows + 4.0 * coarse_seconds(subdomains)
+def coarse_factor_seconds(subdomains: int, dimension: int = 3) -> float:
+    """The factor of G Gᵀ."""
+    return 3e-7 * subdomains**2 if dimension == 3 else 5e-6 * subdomains**1.5
 
 
-def choose_block(unknowns: int, interface: int, members: int, order: int) -> BlockKind:
+def choose_block(
+    unknowns: int, interface: int, members: int, order: int, dimension: int = 3
+) -> BlockKind:
     """The cheapest way over a whole run, within `BLOCK_LIMIT`."""
     if interface == 0:
         return BlockKind.NONE
@@ -111,7 +200,7 @@ def choose_block(unknowns: int, interface: int, members: int, order: int) -> Blo
     return min(
         kinds,
         key=lambda kind: (
-            build_seconds(kind, unknowns, interface, order)
-            + APPLICATIONS * members * apply_seconds(kind, unknowns, interface, order)
+            build_seconds(kind, unknowns, interface, order, dimension)
+            + APPLICATIONS * members * apply_seconds(kind, unknowns, interface, order, dimension)
         ),
     )

@@ -7,7 +7,6 @@ import pytest
 from mpi4py import MPI
 
 from meshes import BoxShape, Partition, decompose, graph, versions
-from meshes.decompose import choose_split
 
 BOXES = {
     "hexahedron": BoxShape((0.0, -1.0, 2.0), (1.0, 1.0, 2.5), (5, 6, 3), "hexahedron"),
@@ -116,14 +115,6 @@ def test_more_subdomains_than_cells_is_refused() -> None:
         cut(BOXES["hexahedron"], (1, 1, 4))
     with pytest.raises(ValueError, match="only 30 cells"):
         cut(BOXES["quadrilateral"], 31)
-
-
-@pytest.mark.parametrize("cells", [(20, 20, 20), (30, 30, 30), (7, 50, 13)])
-def test_automatic_splits_are_near_cubes(cells: tuple[int, ...]) -> None:
-    box = BoxShape((0.0,) * 3, tuple(map(float, cells)), cells, "hexahedron")
-    edges = np.array(cells) / np.array(choose_split(box))
-    assert edges.max() / edges.min() < 2.5
-    assert np.prod(choose_split(box, at_least=50)) >= 50
 
 
 def test_what_breaks_off_a_part_is_split_or_given_away(monkeypatch: pytest.MonkeyPatch) -> None:
