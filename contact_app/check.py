@@ -70,7 +70,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     halving = halved(scene)
     if scene.symmetry:
         scene = halving.scene
-    known = outline(scene, comm, reachable=True)
+    known = outline(scene, comm, needed="estimated")
     lines = describe(scene, known)
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]

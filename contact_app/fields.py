@@ -39,9 +39,8 @@ class NodeFields:
         Force of the `against` body of each pair on the other, of this rank's nodes.
     without_area
         Touching nodes that carry force but no facet of the contact boundary.
-    deepest
-        How far any node without a contact row, for being too far away, crosses what it may touch;
-        zero or less where none does.
+    slack : (rows,)
+        Distance left along the candidate rows of this rank that were left out.
     """
 
     first: int
@@ -52,7 +51,7 @@ class NodeFields:
     contact_force: NDArray[np.float64]
     pair_forces: NDArray[np.float64]
     without_area: int
-    deepest: float
+    slack: NDArray[np.float64]
 
 
 def node_fields(model: Model, solution: Solution) -> NodeFields:
@@ -87,7 +86,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         contact_force=forces.resultants[:obstacles].sum(axis=0),
         pair_forces=forces.resultants[obstacles:],
         without_area=forces.without_area,
-        deepest=float(-far.min(initial=np.inf)),
+        slack=far,
     )
 
 

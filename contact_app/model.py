@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from contact_app.assembly import Element
 from contact_app.averaged import averaged_rows, has_averaged_rows
-from contact_app.candidates import reaches
+from contact_app.candidates import Needed, estimated, reaches
 from contact_app.decomposition import choose_split
 from contact_app.distant import distant
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
@@ -78,8 +78,11 @@ class Model:
         Materials of each class, by the tags of its cells.
     exchange
         Where the copies of surface nodes meet; `copies` gives their subdomain and local node.
-    left_out
-        Contact rows of nodes that are too far away to touch; the answer is held against them.
+    needed, left_out
+        Which of this rank's candidate rows are contact rows, and the others, which the answer is
+        held against.
+    reach
+        How far the nodes of each contact may come nearer, (contacts,).
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -90,7 +93,9 @@ class Model:
     place: NDArray[np.int64]
     elements: tuple[Element, ...]
     materials: tuple[tuple[Material, ...], ...]
+    needed: NDArray[np.bool_]
     left_out: ContactRows
+    reach: NDArray[np.float64]
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -133,9 +138,10 @@ class Outline:
     ----------
     held, contact
         Held nodes and contact rows this rank owns.
-    left_out, reach
-        Contact rows of nodes that are farther away than they can move, and how far that is for
-        each contact, (contacts,).
+    needed, left_out
+        Which of this rank's candidate rows `contact` holds, and the others.
+    reach
+        How far the nodes of each contact may come nearer, (contacts,).
     elements
         Finite-element forms by the identity of their reference.
     loads
@@ -149,6 +155,7 @@ class Outline:
     exchange: NodeExchange
     held: HeldRows
     contact: ContactRows
+    needed: NDArray[np.bool_]
     left_out: ContactRows
     reach: NDArray[np.float64]
     elements: dict[int, Element]
@@ -172,7 +179,7 @@ class Outline:
 
 
 def outline(
-    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, reachable: bool = False
+    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
 ) -> Outline:
     """Cut into subdomains, find conditions, loads and what balances them (collective).
 
@@ -180,9 +187,9 @@ def outline(
     ----------
     timings
         Where the time of each stage is added.
-    reachable
-        Keep contact rows only where a bound on the displacement lets a node touch; whoever solves
-        has to look whether the answer keeps to it.
+    needed
+        Candidate rows that become contact rows; if not all, whoever solves has to hold the answer
+        against the others.
 
     Raises
     ------
@@ -226,27 +233,29 @@ def outline(
         loads = _loads(scene, partition, elements)
     balances = _balances(scene, partition, held, contact, loads)
     reach = np.full(len(scene.touching), np.inf)
-    if reachable:
+    if not isinstance(needed, str) or needed == "estimated":
         reach = _reach(scene, partition, contact, loads, balances)
-    near = contact.gaps <= reach[contact.sources]
+    if isinstance(needed, str):
+        all_rows = np.ones(len(contact.nodes), bool)
+        needed = all_rows if needed == "all" else estimated(contact, reach)
     return Outline(
-        partition, surface, exchange, held, contact.of(near), contact.of(~near), reach, elements,
-        loads, balances,
+        partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed), reach,
+        elements, loads, balances,
     )  # fmt: skip
 
 
 def build_model(
-    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, reachable: bool = False
+    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
 ) -> Model:
     """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`."""
     timings = timings or Timings()
     with timings.measure("setup"):
-        return _built(scene, comm, timings, reachable)
+        return _built(scene, comm, timings, needed)
 
 
-def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, reachable: bool) -> Model:
+def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, needed: Needed) -> Model:
     """The model; all but assembly and factorization is set-up."""
-    known = outline(scene, comm, timings, reachable)
+    known = outline(scene, comm, timings, needed)
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, contact, elements, loads = known.held, known.contact, known.elements, known.loads
     balances, eliminated = known.balances, known.eliminated
@@ -285,7 +294,9 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, reachable: bool)
         place=place,
         elements=tuple(elements[key[0]] for key in keys),
         materials=tuple(key[1] for key in keys),
+        needed=known.needed,
         left_out=known.left_out,
+        reach=known.reach,
         notes=tuple(notes),
     )
 
@@ -573,15 +584,26 @@ def _reach(
 def left_out_notes(scene: Scene, known: Outline) -> list[str]:
     """What is left out of the contacts, a sentence each (collective)."""
     comm, count = known.partition.comm, len(scene.touching)
-    out = comm.allreduce(np.bincount(known.left_out.sources, minlength=count))
-    near = comm.allreduce(np.bincount(known.contact.sources, minlength=count))
-    return [
-        f"{item.source}: {out[i]:,} of {out[i] + near[i]:,} candidate nodes are farther away than "
-        f"they can move ({known.reach[i]:.3g} at most, by an estimate) and have no row; the answer "
-        "is held against them, and all have rows if it comes that far"
-        for i, item in enumerate(scene.touching)
-        if out[i]
-    ]
+    sources = known.left_out.sources
+    far = known.left_out.gaps > known.reach[sources]
+    numbers = [np.bincount(s, minlength=count) for s in (sources[far], sources[~far])]
+    numbers.append(np.bincount(known.contact.sources, minlength=count))
+    out, repeated, near = comm.allreduce(np.stack(numbers))
+    held = "; the answer is held against them, and they get rows where it comes that far"
+    notes = []
+    for i, item in enumerate(scene.touching):
+        of = f"of {out[i] + repeated[i] + near[i]:,} candidate nodes"
+        if out[i]:
+            notes.append(
+                f"{item.source}: {out[i]:,} {of} are farther away than they can move "
+                f"({known.reach[i]:.3g} at most, by an estimate) and have no row{held}"
+            )
+        if repeated[i]:
+            notes.append(
+                f"{item.source}: at {repeated[i]:,} {of} another contact is nearer in nearly the "
+                f"same direction, and they have no row{held}"
+            )
+    return notes
 
 
 def _groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from contact_app.candidates import Needed, more_needed
 from contact_app.checkpoint import Checkpoint
 from contact_app.communication import Communication
 from contact_app.environment import environment, slow_blas_warning
@@ -36,6 +37,9 @@ from contact_app.timings import Timings
 from solver.errors import QPError
 from solver.result import Monitor, Reason, Step
 from solver.tfeti.constraints import RowKind
+
+EXTENSIONS = 4
+"""Solves with some of the contact rows before all are taken."""
 
 CERTIFIED, NOT_CERTIFIED = 0, 1
 """Exit codes of a run that solved something."""
@@ -173,18 +177,25 @@ def solve_scene(
     ConfigurationError, NoEquilibriumError
         The scene cannot be modelled, or has no equilibrium.
     """
-    solved = _solve_once(scene, comm, monitor, checkpoint, reachable=True)
-    deepest = comm.allreduce(solved.nodes.deepest, op=MPI.MAX)
-    allowed = solved.solution.tolerance * solved.solution.measures.displacement
-    if solved.solution.converged and deepest > allowed:
-        # the checkpoint stays that of the first solve, which a resumed run begins with, too
+    timings = Timings()
+    needed: Needed = "estimated"
+    for _ in range(EXTENSIONS):
+        solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings)
+        model, solution, slack = solved.model, solved.solution, solved.nodes.slack
+        deepest = comm.allreduce(float(-slack.min(initial=np.inf)), op=MPI.MAX)
+        size = solution.measures.displacement
+        if not solution.converged or deepest <= solution.tolerance * size:
+            return solved
+        needed = model.needed.copy()
+        needed[~needed] = more_needed(model.left_out, model.reach, slack, size)
         log.info(
-            "the displacements come farther than was estimated, %.3g beyond a node that was left "
-            "out: solving again with all candidate nodes",
+            "the displacements cross contacts that were left out, by %.3g: solving again with %d "
+            "more contact rows",
             deepest,
+            comm.allreduce(int(needed.sum() - model.needed.sum())),
         )
-        solved = _solve_once(scene, comm, monitor, None, reachable=False, timings=solved.timings)
-    return solved
+        checkpoint = None  # it stays that of the first solve, which a resumed run begins with, too
+    return _solve_once(scene, comm, monitor, checkpoint, "all", timings)
 
 
 def _solve_once(
@@ -192,14 +203,13 @@ def _solve_once(
     comm: MPI.Intracomm,
     monitor: Monitor | None,
     checkpoint: Checkpoint | None,
-    reachable: bool,
-    timings: Timings | None = None,
+    needed: Needed,
+    timings: Timings,
 ) -> SolvedScene:
-    """Solve with contact rows at all candidate nodes or at those within reach (collective)."""
-    timings = timings or Timings()
+    """Solve with the contact rows that are needed (collective)."""
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
         PETSc.garbage_cleanup(whose)
-    model = build_model(scene, comm, timings, reachable)
+    model = build_model(scene, comm, timings, needed)
     communication = Communication(comm)
     try:
         with timings.measure("solve"):

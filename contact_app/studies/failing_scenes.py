@@ -336,7 +336,8 @@ CASES = (
     ),
     Case(
         "the same plane thrice", "parallel rows: multipliers are not unique, F is singular",
-        "of parallel rows the tightest stays; nearly parallel ones are harmless",
+        "of parallel rows the tightest stays, of nearly parallel ones too, as long as the answer "
+        "keeps to the others; it is solved again with those it crosses",
         same_plane_thrice, mild=wall,
     ),
     Case(
@@ -355,8 +356,11 @@ CASES = (
         many_parts, subdomains=24, mild=lambda: wall(8),
     ),
     Case(
-        "nearly incompressible, ν = 0.4999", "first-order cells lock; F is ill-conditioned",
-        "the certificate warns and offers degree 2 or `mean_dilatation` (docs/scenes.md)",
+        "nearly incompressible, ν = 0.4999",
+        "first-order cells lock; F is ill-conditioned: what flows through a part's surface has to "
+        "vanish, which no rigid motion of the coarse problem says",
+        "the certificate warns and offers degree 2 or `mean_dilatation` (docs/scenes.md), whose "
+        "work grows half as fast with 1/(½ - ν); whole bodies, which `auto` prefers, do not care",
         lambda: locking(0.4999), mild=wall,
     ),
     Case(
@@ -365,7 +369,9 @@ CASES = (
         lambda: contrast(1e6), subdomains=8, mild=lambda: contrast(1.0),
     ),
     Case(
-        "slender body 1:100", "bending modes are 1e8 times softer than compression",
+        "slender body 1:100",
+        "bending modes are 1e8 times softer than compression, and one of 200 nodes after the other "
+        "peels off the plane",
         "look without contact first; active sets with a coarse problem of their own",
         lambda: slender(100.0, [200, 2]), subdomains=(10, 1), mild=lambda: slender(5.0, [45, 9]),
     ),

@@ -408,7 +408,7 @@ def drop_parallel(exchange: NodeExchange, rows: ContactRows, length: float) -> C
     matrix, gap = matrix.multiply(1.0 / norm[:, None]).tocsr(), rows.gaps / norm
     keep = np.ones(len(rows.nodes), bool)
     problem = None
-    for i, j in _pairs_at_nodes(rows.nodes):
+    for i, j in pairs_at_nodes(rows.nodes):
         cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
         same = (cosine > 1.0 - PARALLEL) & keep[i] & keep[j]
         keep[np.where(gap[i] <= gap[j], j, i)[same]] = False
@@ -590,7 +590,7 @@ def _assemble(parts: list[_Part], contact: SharedEntries) -> Rows:
     )
 
 
-def _pairs_at_nodes(
+def pairs_at_nodes(
     node: NDArray[np.int64],
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Pairs of rows that share a node, the rows sorted by node; each pair once."""
@@ -611,7 +611,7 @@ def _squeezed(
     Where held components leave a node one direction to move in, any two obstacles can do that.
     """
     problem, worst = None, -least
-    for i, j in _pairs_at_nodes(rows.nodes):
+    for i, j in pairs_at_nodes(rows.nodes):
         opposite = np.linalg.norm(direction[i] + direction[j], axis=1) < PARALLEL
         room = np.where(opposite, gap[i] + gap[j], np.inf)
         if len(room) and room.min() < worst:
@@ -629,7 +629,7 @@ def _tightest(
 ) -> NDArray[np.bool_]:
     """Mark, of the rows of one node in one direction, the one with the smallest gap."""
     keep = np.ones(len(node), bool)
-    for i, j in _pairs_at_nodes(node):
+    for i, j in pairs_at_nodes(node):
         same = np.linalg.norm(direction[i] - direction[j], axis=1) < PARALLEL
         same &= keep[i] & keep[j]
         looser = np.where(gap[i] <= gap[j], j, i)

@@ -17,7 +17,7 @@ from tests import scenes
 
 def lines_of(made: dict[str, Any], subdomains: int | list[int] | None = None) -> str:
     scene = scenes.build(made, subdomains)
-    return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF, reachable=True)))
+    return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF, needed="estimated")))
 
 
 def test_says_which_nodes_are_out_of_reach() -> None:
