@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -117,12 +119,34 @@ def test_more_subdomains_than_cells_is_refused() -> None:
         cut(BOXES["quadrilateral"], 31)
 
 
-def test_what_breaks_off_a_part_is_split_or_given_away(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("parts", [2, 3, 7, 20])
+def test_planes_cut_equal_parts(parts: int) -> None:
+    centres = np.random.default_rng(1).random((1000, 3)) * (1.0, 5.0, 2.0)
+    sizes = np.bincount(graph.bisected(centres, parts))
+    assert len(sizes) == parts
+    assert np.ptp(sizes) <= 4
+    first = graph.bisected(centres, 2)  # across the longest extent
+    assert centres[first == 0, 1].max() <= centres[first == 1, 1].min()
+    assert sorted(graph.bisected(centres[:7], 7)) == list(range(7))
+
+
+def test_graded_meshes_are_cut_along_their_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+    even = BoxShape((0.0,) * 3, (1.0,) * 3, (4, 4, 4), "tetrahedron").cell_mesh()
+    asked: list[int] = []
+    scotch = versions.scotch_parts
+    monkeypatch.setattr(versions, "scotch_parts", lambda g, n: asked.append(n) or scotch(g, n))
+    assert len(graph.split_by_graph(even, 5)) == 5
+    assert not asked
+    graded = replace(even, points=even.points**3)
+    assert len(graph.split_by_graph(graded, 5)) >= 5
+    assert asked == [5]
+
+
+def test_what_breaks_off_a_part_is_split_or_given_away() -> None:
     """A row of 20 cells; part 1 is in three pieces of 8, 1 and 4 cells, part 2 has one cell."""
     part = np.repeat([1, 0, 1, 0, 1, 2], [8, 3, 1, 3, 4, 1])
-    monkeypatch.setattr(versions, "scotch_parts", lambda graph, parts: part)
     pairs = np.stack([np.arange(19), np.arange(1, 20)], axis=1)
-    label = graph.facet_connected_parts(pairs, 20, 3)
+    label = graph.facet_connected_parts(pairs, part, 3)
     pieces = [np.flatnonzero(label == k).tolist() for k in range(label.max() + 1)]
     assert sorted(pieces) == [
         list(range(8)), [8, 9, 10, 11], [12, 13, 14], list(range(15, 19)), [19],
