@@ -28,6 +28,7 @@ from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.operators import estimate_norm
 from solver.result import Monitor
 from solver.smalbe import Restart, Save
+from solver.tfeti.bedding import bedded
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
@@ -239,8 +240,8 @@ def _solve_smalbe(
         if checkpoint is not None:
             checkpoint(replace(state, counts=counts + state.counts))
 
-    if problem.held_without_contact and (restart is None or not restart.outer):
-        found, answer = _from_no_contact(problem, target, inner, restart, monitor, save)
+    if restart is None or not restart.outer:
+        found, answer = _from_first_face(problem, target, inner, restart, monitor, save)
         if answer is not None:
             return replace(answer, counts=found.counts)
         start, counts, restart = found.state, found.counts, None
@@ -271,7 +272,7 @@ def _solve_smalbe(
     return replace(answer, counts=counts, reason=judge.ended or result.reason)
 
 
-def _from_no_contact(
+def _from_first_face(
     problem: DualProblem,
     target: Target,
     inner: MPRGP,
@@ -279,12 +280,15 @@ def _from_no_contact(
     monitor: Monitor | None,
     save: Save,
 ) -> tuple[Outcome, Solution | None]:
-    """Faces from the one without contact on, or from where a stopped solve had come to.
+    """Faces from a first one on, or from where a stopped solve had come to.
 
-    Where that one crosses no obstacle it is the answer.
+    The first is the one without contact, which is the answer where it crosses no obstacle; where
+    contact alone keeps a body in place it is what touches when all are rigid, on springs.
     """
     assert problem.lower is not None
     multiplier, touching, before = None, np.zeros(problem.size, bool), Counts()
+    if restart is None and not problem.held_without_contact:
+        touching = bedded(problem)
     if restart is not None:
         multiplier, before = problem.offset + restart.x, restart.counts
         touching = problem.inequality & (restart.x > problem.lower)

@@ -1,0 +1,105 @@
+"""A first guess of what touches, where contact alone keeps a body in place.
+
+Rigid subdomains on springs: the dual operator F is replaced by its diagonal, each row a spring
+between subdomains (gluing) or to an obstacle (contact, pushing only). What is left of
+
+    min ½ λᵀ D λ - λᵀ d   subject to   λ_I ≥ 0 and G λ = e
+
+are the rigid motions α, λ = D⁻¹ (d - Gᵀ α), cut at zero on contact rows: the minimum of
+
+    φ(α) = ½ Σ D⁻¹ (d - Gᵀ α)²₊ + eᵀ α,
+
+convex and piecewise quadratic, found by Newton's method at the price of a coarse factor each step
+and of no product with F. This is the Winkler foundation of contact mechanics (K. L. Johnson,
+*Contact Mechanics*, 1985, section 4.3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.matrix import ConstraintMatrix
+
+SOFTNESS = 0.1
+"""Stiffness of a contact spring over what its node has in K: under a pressure its neighbours give
+way, too."""
+
+RIGID_STEPS = 40
+"""Steps of Newton's method, each with a coarse factor."""
+
+BALANCED = 1e-6
+"""Relative residual of equilibrium at which they end."""
+
+FAINT = 1e-3
+"""Weight of springs that do not touch, which keeps the coarse factor from being singular."""
+
+SHORTEST = 1e-4
+"""Share of a step below which it is taken without looking whether φ falls."""
+
+
+def bedded(problem: DualProblem) -> NDArray[np.bool_]:
+    """Contact rows (dual,) that touch where rigid subdomains lie on springs."""
+    coarse, comm = problem.coarse, problem.comm
+    assert coarse is not None
+    contact = problem.inequality
+    stiffness = _row_stiffness(problem)
+    top = comm.allreduce(float(stiffness.max(initial=0.0)), op=MPI.MAX)
+    stiffness = np.where(contact, np.minimum(SOFTNESS * stiffness, top), top)
+    motion = np.empty(problem.size)
+
+    def force(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
+        coarse.extend(alpha, motion)
+        pull = stiffness * (problem.d - motion)
+        return np.where(contact, np.maximum(pull, 0.0), pull)
+
+    def cost(alpha: NDArray[np.float64], forces: NDArray[np.float64]) -> float:
+        own = 0.5 * float(forces @ (forces / stiffness)) + float(problem.e @ alpha)
+        return float(comm.allreduce(own))
+
+    load = _norm(comm, problem.e)
+    alpha = np.zeros(coarse.kernels)
+    rest, step = np.empty(coarse.kernels), np.empty(coarse.kernels)
+    found = force(alpha)
+    value = cost(alpha, found)
+    for _ in range(RIGID_STEPS):
+        coarse.restrict(found, rest)
+        rest -= problem.e
+        if _norm(comm, rest) <= BALANCED * load:
+            break
+        faint = np.where(contact & (found <= 0.0), FAINT, 1.0)
+        coarse.weighted(np.sqrt(faint * stiffness / top)).solve(rest, step)
+        step /= top
+        share = 1.0
+        while True:
+            tried = alpha + share * step
+            found = force(tried)
+            after = cost(tried, found)
+            if after <= value or share < SHORTEST:
+                break
+            share *= 0.5
+        alpha, value = tried, after
+    return contact & (found > 0.0)
+
+
+def _row_stiffness(problem: DualProblem) -> NDArray[np.float64]:
+    """What K holds against each row on its own: diagonal of B diag(K) Bᵀ, (dual,)."""
+    diagonal = np.concatenate(
+        [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in problem.classes]
+        or [np.empty(0)]
+    )
+    begins, places, values = problem.B.matrix.getValuesCSR()
+    squares = PETSc.Mat().createAIJ(
+        problem.B.matrix.getSizes(), csr=(begins, places, values**2), comm=problem.comm
+    )
+    found = np.empty(problem.size)
+    ConstraintMatrix(squares).apply(diagonal, found)
+    squares.destroy()
+    return found
+
+
+def _norm(comm: MPI.Intracomm, x: NDArray[np.float64]) -> float:
+    return float(np.sqrt(comm.allreduce(float(x @ x))))
