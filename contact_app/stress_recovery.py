@@ -161,7 +161,8 @@ class _Helped:
 
     def _summed(self, known: Array, moved: Callable[[Array, Array], Array], way: float) -> Array:
         """Sum over neighbours of what is known of them, moved by `way` times the offset."""
-        size, spread = known.shape[1], self._copies.spread(known.reshape(len(known), -1))
+        size, width = known.shape[1:]
+        spread = self._copies.spread(known.reshape(len(known), size * width))
         by_class = [np.zeros(part.shape) for part in spread]
         for (cls, column), (row, source, weight) in zip(
             self._copies.place, self._pairs, strict=True
@@ -169,13 +170,13 @@ class _Helped:
             if len(row):
                 points = self._cells[cls].points
                 T = np.swapaxes(translations(way * (points[row] - points[source]), size), 1, 2)
-                values = spread[cls][source, column].reshape(len(row), size, -1)
+                values = spread[cls][source, column].reshape(len(row), size, width)
                 incidence = sparse.csr_matrix(
                     (weight, (row, np.arange(len(row)))), shape=(len(points), len(row))
                 )
                 by_class[cls][:, column] += incidence @ moved(T, values).reshape(len(row), -1)
         sums = self._copies.sum(by_class)[self.targets]
-        return sums.reshape(len(sums), size, -1)
+        return sums.reshape(len(sums), size, width)
 
 
 class Copies:
