@@ -173,6 +173,8 @@ class Body:
         By the number each cell of the mesh is tagged with; a box has one.
     boundaries
         Those defined by an expression.
+    degree_given
+        Whether the file names a degree: else a run to an accuracy chooses one.
     """
 
     name: str
@@ -180,6 +182,7 @@ class Body:
     degree: int
     materials: tuple[Material, ...]
     boundaries: dict[str, Expression]
+    degree_given: bool = True
 
     @property
     def nodes(self) -> int:
@@ -481,6 +484,7 @@ class _Builder:
             degree=body.degree,
             materials=materials,
             boundaries=boundaries,
+            degree_given="degree" in body.model_fields_set,
         )
 
     def _materials(

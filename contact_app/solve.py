@@ -114,9 +114,18 @@ def _on_faces(
         answer = _answer_of(problem, target, state)
         return answer.converged
 
+    def early(state: State, worst: float) -> bool:
+        nonlocal answer
+        if not target.worth_trying(worst):
+            return False
+        found = _answer(problem, target, state.x, state.equality_force, state.touching)
+        answer = target.try_early(found)
+        return answer.converged
+
     found = follow(
-        problem, inner, multiplier, touching, lambda: target.tolerance, accept, monitor, keep
-    )
+        problem, inner, multiplier, touching, lambda: target.tolerance, accept, monitor, keep,
+        early if target.eager else None,
+    )  # fmt: skip
     if found.reason not in ENDS:
         return found, None
     if found.reason is not Reason.ACCEPTED:

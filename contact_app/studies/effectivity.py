@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -33,10 +33,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.configuration import load
-from contact_app.refinement import needs_multiples, refined, solve_to_accuracy
+from contact_app.refinement import FASTEST, solve_to_accuracy
 from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import Box, Scene, build_scene
+from contact_app.scene import BodyMesh, Box, Scene, build_scene
 from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
+from meshes.graded import graded_box
+from meshes.unstructured import CellMesh
 
 Array = NDArray[np.float64]
 
@@ -90,7 +92,7 @@ class Case:
 
 
 CASES = (
-    Case("paper_cube", "hexahedron", (5, 10, 20, 40), True, (0.1, 0.05, 0.02)),
+    Case("paper_cube", "hexahedron", (5, 10, 20, 40), True, (0.1, 0.05, 0.02, 0.01)),
     Case("paper_cube", "tetrahedron", (5, 10, 20, 40), True),
     Case("flat_punch", "quadrilateral", (8, 16, 32, 64, 128), True, (0.1, 0.05, 0.02, 0.01)),
     Case("flat_punch", "triangle", (8, 16, 32, 64, 128), True),
@@ -141,13 +143,25 @@ class _Answer:
         return self.product(self.displacement)
 
     @cached_property
-    def displacement(self) -> Array:
-        """Nodal displacements, (nodes along x, …, dimension), the last axis slowest."""
+    def _nodal(self) -> tuple[Array, tuple[NDArray[np.int64], ...]]:
+        """Displacements of nodes and their places on the lattice of grid lines."""
         found = self.solved.displacement_at_nodes()
         assert found is not None
-        dimension = found[1].shape[1]
-        lattice = found[1].reshape(*[self.case.degree * self.cells + 1] * dimension, dimension)
-        return np.transpose(lattice, (*reversed(range(dimension)), dimension))
+        points, displacement = found
+        size = np.ptp(points, axis=0).max()
+        lattice = [
+            np.unique(np.round(x / (1e-9 * size)), return_inverse=True)[1].reshape(-1)
+            for x in points.T[: displacement.shape[1]]
+        ]
+        return displacement, tuple(lattice)
+
+    @cached_property
+    def displacement(self) -> Array:
+        """Nodal displacements, (nodes along x, …, dimension)."""
+        displacement, lattice = self._nodal
+        result = np.empty((*(n.max() + 1 for n in lattice), displacement.shape[1]))
+        result[lattice] = displacement
+        return result
 
     @property
     def norm(self) -> float:
@@ -158,8 +172,7 @@ class _Answer:
 
     def product(self, field: Array) -> float:
         """a(v, v) of a nodal field on this mesh."""
-        dimension = field.shape[-1]
-        nodal = np.transpose(field, (*reversed(range(dimension)), dimension)).reshape(-1, dimension)
+        nodal = field[self._nodal[1]]
         model, total = self.solved.model, 0.0
         for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True):
             v = nodal[s.nodes].ravel()
@@ -200,7 +213,7 @@ class _Answer:
         table = patches.table(2)
         shape, volume = recovery.moduli[0][0]
         root = np.linalg.cholesky(np.linalg.inv(shape + volume))
-        nodal = np.transpose(field, (*reversed(range(d)), d)).reshape(-1, d)[subdomain.nodes]
+        nodal = field[self._nodal[1]][subdomain.nodes]
         local = at_cells(nodal[:, None], patches.nodes)
         gradients, jacobian = patches.gradients(every, table)
         stress = apply(stress_operator(gradients, root.T @ shape @ recovery.V), local)[0]
@@ -313,9 +326,9 @@ def _answer(case: Case, cells: int) -> _Answer:
 
 @dataclass(frozen=True)
 class Reached:
-    """A run to an accuracy: `error` is measured, `best_dofs` the least equal cells need.
+    """A run to an accuracy: `error` is measured.
 
-    Where the run graded its cells, that follows from the rate of the sweep.
+    `equal_dofs` is what equal cells of degree 1 need, by the rate of the sweep.
     """
 
     scene: str
@@ -323,7 +336,8 @@ class Reached:
     target: float
     levels: int
     dofs: int
-    best_dofs: int
+    degree: int
+    equal_dofs: int
     estimate: float
     error: float
     hessian_multiplications: int
@@ -334,63 +348,50 @@ class Reached:
 START = 8
 """Cells along an edge where runs to an accuracy begin."""
 
-LARGEST = 300_000
-"""Degrees of freedom up to which the best mesh is searched, and a mesh solved to compare with."""
-
 
 def reach(case: Case, target: float, known: Sweep) -> Reached:
     """Ask for an accuracy and measure what came out.
 
     On curved obstacles the error is that to a mesh twice as fine, which leaves out a part that
-    the rate of the sweep tells.
+    the rate of such cells tells.
     """
     scene = case.scene_of(START, f"accuracy={target}")
     found = solve_to_accuracy(scene, lambda level: solve_scene(level, MPI.COMM_SELF))
     levels, last = found.levels, found.levels[-1]
     solved = found.solved
-    mesh = solved.model.scene.bodies[0].mesh
-    problem, fields = solved.model.problem, solved.solution.displacements
-    square = sum(float(np.vdot(u, c.stiffness @ u)) for c, u in zip(problem.classes, fields,
-                                                                    strict=True))  # fmt: skip
+    degree = solved.model.scene.bodies[0].degree
+    answer = _Answer(replace(case, degree=degree), 0, solved)
     if case.conforming:
-        energy = float(solved.summary["solution"]["energy"])
-        error = (2.0 * max(energy - known.energy, 0.0)) ** 0.5
+        error = (2.0 * max(answer.energy - known.energy, 0.0)) ** 0.5
     else:
-        assert isinstance(mesh, Box)  # no singularity: cells stay equal
-        answer = _Answer(case, mesh.cells[0], solved)
-        error = answer.error_to(_answer(case, 2 * mesh.cells[0]))
-        error /= (1.0 - 4.0**-known.rate) ** 0.5
-    best = last.dofs
-    if not isinstance(mesh, Box):
-        finest = known.rows[-1]
-        cells = finest.cells * (finest.estimate / target) ** (1.0 / known.rate)
-        best = round(mesh.dimension * (cells + 1) ** mesh.dimension)
-    elif not found.missed and best <= LARGEST and len(levels) > 1:
-        best = _best(scene, levels[-2].cells, levels[-1].cells, target)
+        finer = _Answer(answer.case, 0, solve_scene(_halved_cells(solved.model.scene)))
+        on_finer = answer.on((len(finer.displacement) - 1) // degree)
+        error = finer.product(finer.displacement - on_finer) ** 0.5
+        error /= (1.0 - 4.0 ** -FASTEST[degree]) ** 0.5
+    finest, dimension = known.rows[-1], scene.dimension
+    cells = finest.cells * (finest.estimate / target) ** (1.0 / known.rate)
     return Reached(
-        case.scene, case.cell, target, len(levels), last.dofs, best, last.total,
-        error / square**0.5, sum(level.hessian_multiplications for level in levels),
+        case.scene, case.cell, target, len(levels), last.dofs, degree,
+        round(dimension * (cells + 1) ** dimension), last.total, error / answer.norm,
+        sum(level.hessian_multiplications for level in levels),
         sum(level.seconds for level in levels), found.missed,
     )  # fmt: skip
 
 
-def _best(scene: Scene, below: int, enough: int, target: float) -> int:
-    """Least degrees of freedom at which the estimate meets a target, by bisection."""
-    mesh = scene.bodies[0].mesh
-    assert isinstance(mesh, Box)
-    one, dimension = mesh.total_cells / START**mesh.dimension, mesh.dimension
-    low, high = (round((cells / one) ** (1.0 / dimension)) for cells in (below, enough))
-    step = START if needs_multiples(scene) else 1
-    dofs = dimension * (high + 1) ** dimension
-    while high - low > step:
-        middle = low + (high - low) // (2 * step) * step
-        solved = solve_scene(refined(scene, middle / START), MPI.COMM_SELF)
-        total = solved.accuracy.total
-        if total is not None and total <= target:
-            high, dofs = middle, solved.model.dofs
-        else:
-            low = middle
-    return dofs
+def _halved_cells(scene: Scene) -> Scene:
+    """The scene, equal or graded cells of its box halved, solved to far below the mesh's error."""
+    (body,) = scene.bodies
+    if isinstance(body.mesh, Box):
+        mesh: BodyMesh = replace(body.mesh, cells=tuple(2 * n for n in body.mesh.cells))
+    else:
+        assert isinstance(body.mesh, CellMesh)
+        axes = [np.unique(x) for x in body.mesh.points.T]
+        halved_axes = [np.sort(np.concatenate([x, 0.5 * (x[1:] + x[:-1])])) for x in axes]
+        mesh = graded_box(body.mesh.cell, halved_axes)
+    return replace(
+        scene, accuracy=None, bodies=(replace(body, mesh=mesh),),
+        solver=replace(scene.solver, tolerance=TOLERANCE),
+    )  # fmt: skip
 
 
 def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[str]:
@@ -411,17 +412,17 @@ def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[st
             )
     yield ""
     yield (
-        "| scene | cell | asked for | levels | unknowns | equal cells need | estimate | error | "
-        "Hessian multiplications | seconds |"
+        "| scene | cell | asked for | levels | degree | unknowns | equal cells of degree 1 need | "
+        "estimate | error | Hessian multiplications | seconds |"
     )
-    yield "|---|---|---|---|---|---|---|---|---|---|"
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
     for case, known in zip(cases, sweeps, strict=True):
         for target in case.targets:
             run = reach(case, target, known)
             reached.append(run)
             yield (
                 f"| {run.scene} | {run.cell} | {100 * run.target:g} % | {run.levels} | "
-                f"{run.dofs:,} | {run.best_dofs:,} | {100 * run.estimate:.2f} % | "
+                f"{run.degree} | {run.dofs:,} | {run.equal_dofs:,} | {100 * run.estimate:.2f} % | "
                 f"{100 * run.error:.2f} % | {run.hessian_multiplications} | {run.seconds:.1f} | "
                 f"{run.missed}"
             )
