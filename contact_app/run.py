@@ -34,12 +34,17 @@ from contact_app.solution import Accuracy, Solution
 from contact_app.solve import reason_text, solve
 from contact_app.symmetry import halved
 from contact_app.timings import Timings
+from solver import Counts
 from solver.errors import QPError
 from solver.result import Monitor, Reason, Step
 from solver.tfeti.constraints import RowKind
 
 EXTENSIONS = 4
 """Solves with some of the contact rows before all are taken."""
+
+CROSSED = 1e-6
+"""Largest penetration of contacts that were left out, over the largest displacement: the duality
+gap does not know of it."""
 
 CERTIFIED, NOT_CERTIFIED = 0, 1
 """Exit codes of a run that solved something."""
@@ -177,16 +182,16 @@ def solve_scene(
     ConfigurationError, NoEquilibriumError
         The scene cannot be modelled, or has no equilibrium.
     """
-    timings = Timings()
+    timings, spent = Timings(), Counts()
     needed: Needed = "estimated"
     for _ in range(EXTENSIONS):
-        solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings)
+        solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings, spent)
         model, solution, slack = solved.model, solved.solution, solved.nodes.slack
         deepest = comm.allreduce(float(-slack.min(initial=np.inf)), op=MPI.MAX)
         size = solution.measures.displacement
-        if not solution.converged or deepest <= solution.tolerance * size:
+        if not solution.converged or deepest <= min(solution.tolerance, CROSSED) * size:
             return solved
-        needed = model.needed.copy()
+        spent, needed = solution.counts, model.needed.copy()
         needed[~needed] = more_needed(model.left_out, model.reach, slack, size)
         log.info(
             "the displacements cross contacts that were left out, by %.3g: solving again with %d "
@@ -195,7 +200,7 @@ def solve_scene(
             comm.allreduce(int(needed.sum() - model.needed.sum())),
         )
         checkpoint = None  # it stays that of the first solve, which a resumed run begins with, too
-    return _solve_once(scene, comm, monitor, checkpoint, "all", timings)
+    return _solve_once(scene, comm, monitor, checkpoint, "all", timings, spent)
 
 
 def _solve_once(
@@ -205,8 +210,9 @@ def _solve_once(
     checkpoint: Checkpoint | None,
     needed: Needed,
     timings: Timings,
+    spent: Counts,
 ) -> SolvedScene:
-    """Solve with the contact rows that are needed (collective)."""
+    """Solve with the contact rows that are needed, after work that was spent (collective)."""
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
         PETSc.garbage_cleanup(whose)
     model = build_model(scene, comm, timings, needed)
@@ -221,7 +227,7 @@ def _solve_once(
     said = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
-        solution = replace(solution, accuracy=accuracy)
+        solution = replace(solution, accuracy=accuracy, counts=spent + solution.counts)
     with timings.measure("output"):
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)
