@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from contact_app.studies.exact_fields import lame_ring, relative_errors
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
 from tests.contact_app.test_meshes_from_files import patch, two_materials
+from tests.contact_app.test_ranks import summary_of
 
 NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]
 
@@ -58,11 +60,9 @@ def test_contact_patch_on_curved_cells(
     np.testing.assert_allclose(solved.cells.stress[:, d - 1], -100.0, rtol=1e-8)
 
 
-@pytest.mark.parametrize(("cell", "name"), NAMES)
-@pytest.mark.parametrize("subdomains", [1, 4])
-def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path: Path) -> None:
-    """A bent block of two materials beside a round obstacle, against dolfinx and an active set."""
-    made = degree_2(two_materials(cell, written(cell, name, meshfiles.bend, tmp_path)))
+def bent_scene(cell: str, name: str, directory: Path) -> scenes.Config:
+    """A bent block of two materials beside a round obstacle."""
+    made = degree_2(two_materials(cell, written(cell, name, meshfiles.bend, directory)))
     d = meshfiles.dimension(cell)
     made["conditions"] = [
         scenes.clamp(cell, "block.y-"),
@@ -73,7 +73,14 @@ def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path
     centre = [float(0.5 * np.cos(angle)), float(0.5 * np.sin(angle)), 0.5][:d]
     ball = {"sphere": {"center": centre, "radius": 0.501}}
     made["contacts"] = [{"on": "block.x-", "obstacle": ball}]
-    scene = scenes.build(made, subdomains)
+    return made
+
+
+@pytest.mark.parametrize(("cell", "name"), NAMES)
+@pytest.mark.parametrize("subdomains", [1, 4])
+def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path: Path) -> None:
+    """Against dolfinx on the whole mesh and an active set."""
+    scene = scenes.build(bent_scene(cell, name, tmp_path), subdomains)
     known = reference.solve(scene)
     assert known.active > 0
     solved = solve_scene(scene)
@@ -81,6 +88,24 @@ def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path
     u = in_order_of(known, solved)
     np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
     assert solved.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+@pytest.mark.parametrize(
+    ("cell", "name"),
+    [("quadrilateral", "quad8"), pytest.param("tetrahedron", "tetra10", marks=pytest.mark.slow)],
+)
+def test_two_ranks(cell: str, name: str, tmp_path: Path) -> None:
+    """Vertices come first among a file's nodes: the second rank owns none of them."""
+    made = bent_scene(cell, name, tmp_path)
+    made["decomposition"] = {"subdomains": 3}
+    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
+    assert two["environment"]["ranks"] == 2
+    for key, value in one["solution"].items():
+        assert two["solution"][key] == pytest.approx(value, rel=1e-7, abs=1e-8), key
+    for key in ("discretisation", "total"):
+        assert two["accuracy"][key] == pytest.approx(one["accuracy"][key], rel=1e-6)
 
 
 def quarter(x: np.ndarray) -> np.ndarray:
