@@ -368,7 +368,7 @@ class StressRecovery:
         ]
         linear = np.concatenate(parts, axis=2)
         kept = self.size if self.size > 1 + self.dimension else 1
-        spread = self._copies.spread(linear[:, :kept].reshape(len(linear), -1))
+        spread = self._copies.spread(linear[:, :kept].reshape(len(linear), kept * s))
         recovered = [
             c.at_nodes(found.reshape(*found.shape[:2], kept, s))
             for c, found in zip(self.cells, spread, strict=True)
