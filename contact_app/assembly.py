@@ -28,9 +28,6 @@ from contact_app.scene import Material
 from meshes import Reference, versions
 from meshes.subdomains import vtk_order
 
-STRESS_COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")
-
-
 CURVED = {"triangle": 4, "quadrilateral": 5, "tetrahedron": 5, "hexahedron": 7}
 """Degree of the shape functions of second order times the Jacobian of curved cells."""
 
@@ -185,7 +182,7 @@ class Element:
 def stress(
     gradient: NDArray[np.float64], moduli: NDArray[np.float64], plane: str | None
 ) -> NDArray[np.float64]:
-    """Stress (…, cells, 6), in the order of `STRESS_COMPONENTS`, of displacement gradients.
+    """Stress xx, yy, zz, xy, yz, xz (…, cells, 6) of displacement gradients.
 
     In the plane yz and xz vanish; zz does too in plane stress.
 
@@ -212,7 +209,7 @@ def stress(
 
 
 def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Von Mises stress of (…, 6) components in the order of `STRESS_COMPONENTS`."""
+    """Von Mises stress of components xx, yy, zz, xy, yz, xz (…, 6)."""
     xx, yy, zz, xy, yz, xz = np.moveaxis(stress, -1, 0)
     return np.sqrt(
         0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)

@@ -28,7 +28,7 @@ def relative_errors(
     Parameters
     ----------
     displacement, stresses
-        The exact fields at points (n, d): (n, d), and (n, 6) in the order of `STRESS_COMPONENTS`.
+        The exact fields at points (n, d): (n, d), and xx, yy, zz, xy, yz, xz (n, 6).
     """
     model, d = solved.model, solved.model.scene.dimension
     sums = np.zeros(4)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -33,9 +31,3 @@ def frontier(seconds: ArrayLike, errors: ArrayLike) -> list[int]:
             best = e[i]
             result.append(int(i))
     return result
-
-
-def fastest_within(seconds: Sequence[float], errors: Sequence[float], target: float) -> int | None:
-    """The fastest point whose error is at most the target, None where there is none."""
-    good = [i for i, e in enumerate(errors) if e <= target]
-    return min(good, key=lambda i: seconds[i]) if good else None

@@ -49,10 +49,6 @@ class Block(Protocol):
 
     order: int
 
-    @property
-    def nbytes(self) -> int:
-        """Memory it holds."""
-
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """One row a member: (s, m) to (s, m)."""
 
@@ -228,11 +224,6 @@ class DenseBlock:
     def __init__(self, matrix: NDArray[np.float64]) -> None:
         self.matrix = matrix
 
-    @property
-    def nbytes(self) -> int:
-        """Memory it holds."""
-        return self.matrix.nbytes
-
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """One row a member: (s, m) to (s, m)."""
         np.matmul(loads, self.matrix, out=out)
@@ -263,11 +254,6 @@ class SymmetricBlock:
     def __init__(self, blocks: list[NDArray[np.float64]], split: Split) -> None:
         self.blocks, self.split = blocks, split
         self.order = split.order
-
-    @property
-    def nbytes(self) -> int:
-        """Memory it holds."""
-        return sum(b.nbytes for b in self.blocks)
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """One row a member: (s, m) to (s, m)."""

@@ -15,7 +15,7 @@ from contact_app.configuration import load
 from contact_app.errors import ConfigurationError
 from contact_app.scene import Material, build_scene
 from contact_app.studies import chart
-from contact_app.studies.frontier import fastest_within, frontier
+from contact_app.studies.frontier import frontier
 from contact_app.studies.lattice import Lattice, Mesh
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import Fields, ReferenceAnswer, Ruler, Sampled, extrapolate
@@ -44,11 +44,6 @@ def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> No
     assert len({points[i] for i in found}) == len(found)
     assert [seconds[i] for i in found] == sorted(seconds[i] for i in found)
     assert [errors[i] for i in found] == sorted((errors[i] for i in found), reverse=True)
-
-
-def test_fastest_within_an_error() -> None:
-    assert fastest_within([3.0, 1.0, 2.0], [0.1, 0.5, 0.1], 0.2) == 2
-    assert fastest_within([1.0], [0.5], 0.2) is None
 
 
 # --- the ruler

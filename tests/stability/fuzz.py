@@ -18,14 +18,13 @@ denied that exists, or one found that does not.
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +33,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import linprog, lsq_linear
 from scipy.spatial import cKDTree
 
+from contact_app.studies.time_limit import OutOfTime, time_limit
 from tests import reference, scenes
 from tests.stability.random_scenes import random_scene
 
@@ -49,11 +49,10 @@ OPTIMAL = 1e-6
 REFERENCE = 1e-7
 """Relative residual of the optimality conditions that the reference may leave here."""
 
+MARK = "<!-- python -m tests.stability.fuzz 500 --document docs/stability.md -->"
+"""Line of the document below which the counts stand."""
+
 GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided")
-
-
-class Hangs(Exception):
-    """Time is up."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def judge(seed: int) -> Verdict:
     message = ""
     began = time.perf_counter()
     try:
-        with _limited(PATIENCE):
+        with time_limit(PATIENCE):
             scene = scenes.build(made, subdomains)
             solved = solve_scene(scene)
             summary = solved.summary
@@ -90,7 +89,7 @@ def judge(seed: int) -> Verdict:
     except (ConfigurationError, ContactError) as error:
         kind = "refused" if isinstance(error, ConfigurationError) else "gives up"
         return Verdict(seed, kind, str(error)[:300], time.perf_counter() - began)
-    except Hangs:
+    except OutOfTime:
         return Verdict(seed, "hangs", f"{subdomains}", time.perf_counter() - began)
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
@@ -269,20 +268,28 @@ def _rigid_motions(points: np.ndarray, dimension: int) -> np.ndarray:
     return np.array(columns).T
 
 
-@contextmanager
-def _limited(seconds: float) -> Iterator[None]:
-    """Raise :class:`Hangs` when the time is up."""
+def summary(verdicts: Sequence[Verdict]) -> str:
+    """Counts of verdicts, a table in Markdown, and the hardest scenes."""
+    counts = Counter(v.kind for v in verdicts)
+    slowest = max(verdicts, key=lambda v: v.seconds)
+    hardest = max(verdicts, key=lambda v: v.products)
+    rows = [f"| {kind} | {count} |" for kind, count in counts.most_common()]
+    first, last = verdicts[0].seed, verdicts[-1].seed
+    return "\n".join(
+        [
+            f"| seeds {first} to {last} | {len(verdicts)} |",
+            "|---|---:|",
+            *rows,
+            "",
+            f"Slowest: seed {slowest.seed}, {slowest.seconds:.0f} s ({slowest.kind}); most products: "
+            f"seed {hardest.seed}, {hardest.products:,} ({hardest.kind}). Not certified: "
+            f"{_seeds(verdicts, 'degraded')}; undecided: {_seeds(verdicts, 'undecided')}.",
+        ]
+    )
 
-    def ring(*_: object) -> None:
-        raise Hangs
 
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+def _seeds(verdicts: Sequence[Verdict], kind: str) -> str:
+    return ", ".join(str(v.seed) for v in verdicts if v.kind == kind) or "none"
 
 
 def main() -> int:
@@ -290,6 +297,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("scenes", type=int, nargs="?", default=500)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--document", type=Path, help="docs/stability.md, to write the counts into")
     arguments = parser.parse_args()
     verdicts = []
     for seed in range(arguments.first, arguments.first + arguments.scenes):
@@ -300,12 +308,14 @@ def main() -> int:
         print(
             f"scene {seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True
         )
-    counts = Counter(v.kind for v in verdicts)
-    print(", ".join(f"{count} {kind}" for kind, count in counts.most_common()))
-    slowest = max(verdicts, key=lambda v: v.seconds)
-    hardest = max(verdicts, key=lambda v: v.products)
-    print(f"slowest: scene {slowest.seed}, {slowest.seconds:.1f} s")
-    print(f"most products: scene {hardest.seed}, {hardest.products}")
+    told = summary(verdicts)
+    print(told)
+    if arguments.document is not None:
+        text = arguments.document.read_text(encoding="utf-8")
+        before, mark, _ = text.partition(MARK)
+        if not mark:
+            raise SystemExit(f"{arguments.document} has no line that says {MARK}")
+        arguments.document.write_text(f"{before}{MARK}\n\n{told}\n", encoding="utf-8")
     return int(any(v.fault for v in verdicts))
 
 
