@@ -310,8 +310,8 @@ ones whose forces are the last digits of their displacements, active sets that k
 rounding only.
 
 agrees: certified, and right; contradicts, escapes: refused, and there is no equilibrium; refused:
-input that is told to be wrong; degraded: not certified, and said so; undecided: certified, where the
-reference itself does not converge.
+input that is told to be wrong; degraded: not certified, and said so; undecided: certified, where
+the reference itself does not converge.
 
 <!-- python -m tests.stability.fuzz 500 --document docs/stability.md -->
 """

@@ -281,8 +281,8 @@ def summary(verdicts: Sequence[Verdict]) -> str:
             "|---|---:|",
             *rows,
             "",
-            f"Slowest: seed {slowest.seed}, {slowest.seconds:.0f} s ({slowest.kind}); most products: "
-            f"seed {hardest.seed}, {hardest.products:,} ({hardest.kind}). Not certified: "
+            f"Slowest: seed {slowest.seed}, {slowest.seconds:.0f} s ({slowest.kind}); most "
+            f"products: seed {hardest.seed}, {hardest.products:,} ({hardest.kind}). Not certified: "
             f"{_seeds(verdicts, 'degraded')}; undecided: {_seeds(verdicts, 'undecided')}.",
         ]
     )
