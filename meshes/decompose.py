@@ -21,11 +21,11 @@ from meshes.unstructured import CellMesh
 Shape = BoxShape | CellMesh
 """What a body is made of."""
 
-PIECE_NODES = {2: 20_000, 3: 5000}
+PIECE_NODES = {2: 20_000, 3: 800}
 """Nodes of a subdomain that `auto` makes of a mesh, by dimension: each has a factor of its own.
 
-The fastest of sweeps over the samples (ball, bracket and disc with 8,000 to 49,000 nodes) had parts
-of about this size.
+About the fastest in sweeps over the bracket, the ball and cubes of tetrahedra with 3,000 to 50,000
+nodes (``python -m contact_app.studies.sweep``); twice or half as many are within a fifth of it.
 """
 
 Choose = Callable[[BoxShape, int], tuple[int, ...]]

@@ -1,7 +1,7 @@
 """One run of this application for a study, in a process of its own.
 
 ``python -m contact_app.studies.point SCENE.yaml`` solves and prints ``summary.json`` in one line;
-nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``).
+nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``; on one rank).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 
 from contact_app.configuration import load
 from contact_app.refinement import solve_to_accuracy, with_levels
@@ -44,7 +45,8 @@ def main() -> None:
             first_node=solved.model.partition.first_node,
             cells=np.array([b.mesh.cells for b in bodies if isinstance(b.mesh, Box)]),
         )
-    print(json.dumps(summary), flush=True)
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(summary), flush=True)
 
 
 if __name__ == "__main__":
