@@ -258,8 +258,8 @@ class Split(Model):
     """A decomposition asked for."""
 
     subdomains: Annotated[int, Field(ge=1)] | Counts = Field(
-        description="A number: that many, cut by planes or along the graph of the mesh. A list: sub-boxes along each axis; "
-        "a mesh from a file is cut into as many."
+        description="A number: that many, cut by planes or along the graph of the mesh. A list: "
+        "sub-boxes along each axis; a mesh from a file is cut into as many."
     )
 
     @field_validator("subdomains", mode="wrap")

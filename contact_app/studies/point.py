@@ -1,7 +1,7 @@
 """One run of this application for a study, in a process of its own.
 
 ``python -m contact_app.studies.point SCENE.yaml`` solves and prints ``summary.json`` in one line;
-nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``; on one rank).
+nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``, one rank).
 """
 
 from __future__ import annotations
