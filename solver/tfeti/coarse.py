@@ -96,7 +96,7 @@ class CoarseProblem:
         scale_rows(part, np.sqrt(np.maximum(lost, 0.0)))
         gram = self._gram.duplicate(copy=True)
         loss = _gram(part)
-        gram.axpy(-1.0, loss, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        gram.axpy(-1.0, loss, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         for matrix in (part, loss):
             matrix.destroy()
         result._gram = gram
