@@ -85,14 +85,17 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
 
 def describe(scene: Scene, known: Outline) -> list[str]:
     """Lines of the report (collective)."""
+    return [*modelled_lines(scene, known), "", *_cost_lines(scene, known)]
+
+
+def modelled_lines(scene: Scene, known: Outline) -> list[str]:
+    """What is modelled, how, and what is left out (collective)."""
     return [
         *_modelled(scene, known),
         "",
         *_decomposed(scene, known),
         "",
         *_left_out(scene, known),
-        "",
-        *_cost_lines(scene, known),
     ]
 
 

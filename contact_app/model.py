@@ -7,7 +7,7 @@ and its conditions are rows of B.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -178,6 +178,9 @@ class Outline:
         return whole & np.array([b.held for b in self.balances])
 
 
+Tell = Callable[[Scene, Outline], None]
+
+
 def outline(
     scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
 ) -> Outline:
@@ -245,17 +248,29 @@ def outline(
 
 
 def build_model(
-    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
+    scene: Scene,
+    comm: MPI.Intracomm,
+    timings: Timings | None = None,
+    needed: Needed = "all",
+    tell: Tell | None = None,
 ) -> Model:
-    """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`."""
+    """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`.
+
+    Parameters
+    ----------
+    tell
+        Called with the scene and its outline before anything is assembled (collective).
+    """
     timings = timings or Timings()
     with timings.measure("setup"):
-        return _built(scene, comm, timings, needed)
+        known = outline(scene, comm, timings, needed)
+        if tell is not None:
+            tell(scene, known)
+        return _built(scene, comm, timings, known)
 
 
-def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, needed: Needed) -> Model:
+def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) -> Model:
     """The model; all but assembly and factorization is set-up."""
-    known = outline(scene, comm, timings, needed)
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, contact, elements, loads = known.held, known.contact, known.elements, known.loads
     balances, eliminated = known.balances, known.eliminated
@@ -283,7 +298,6 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, needed: Needed) 
         )
     else:
         notes.append("every body is one held subdomain: no gluing, no coarse problem")
-    notes += left_out_notes(scene, known)
     if not comm.allreduce(int((problem.kinds == RowKind.CONTACT).sum())):
         notes.append("no contact rows: plain conjugate gradients")
     give_back()

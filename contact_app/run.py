@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from contact_app.candidates import Needed, more_needed
+from contact_app.check import modelled_lines
 from contact_app.checkpoint import Checkpoint
 from contact_app.communication import Communication
 from contact_app.environment import environment, slow_blas_warning
@@ -24,7 +25,7 @@ from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields,
 from contact_app.history import History
 from contact_app.limits import model_warnings
 from contact_app.mirror import whole_summary
-from contact_app.model import Model, build_model
+from contact_app.model import Model, Outline, Tell, build_model
 from contact_app.output import write_xdmf
 from contact_app.progress import Interruption, Progress, together
 from contact_app.refinement import solve_to_accuracy, with_levels
@@ -110,14 +111,15 @@ def run(
                 if checkpoint.found
                 else f"no checkpoint in {directory}: starting from the beginning"
             )
-        notes: tuple[str, ...] = ()
         if scene.symmetry:
             halving = halved(scene)
-            scene, notes = halving.scene, halving.notes
+            scene = halving.scene
+            for note in halving.notes:
+                log.info("%s", note)
         progress.stage(f"modelling {scene.title or scene.source.name}")
         refined = None
         if scene.accuracy is None:
-            solved = solve_scene(scene, comm, monitor, checkpoint=checkpoint)
+            solved = solve_scene(scene, comm, monitor, checkpoint, _log_model)
         else:
             if resume:
                 raise ConfigurationError(
@@ -125,7 +127,9 @@ def run(
                     "from; start it anew"
                 )
             refined = solve_to_accuracy(
-                scene, lambda level: solve_scene(level, comm, monitor), progress.stage
+                scene,
+                lambda level: solve_scene(level, comm, monitor, tell=_log_model),
+                progress.stage,
             )
             solved = refined.solved
         if solved.solution.reason is Reason.STOPPED and refined is None:
@@ -134,7 +138,7 @@ def run(
                 log.info("--resume goes on from here")
         else:
             checkpoint.remove()
-        for note in (*notes, *solved.model.notes):
+        for note in solved.model.notes:
             log.info("%s", note)
         files = [directory / "summary.json", directory / "history.csv", directory / "run.log"]
         if scene.output.xdmf:
@@ -169,13 +173,26 @@ def _ending_together(comm: MPI.Intracomm) -> Iterator[None]:
         comm.Abort(NOT_CERTIFIED)
 
 
+def _log_model(scene: Scene, known: Outline) -> None:
+    """What is modelled and what is left out, as `check` says it (collective)."""
+    for line in modelled_lines(scene, known):
+        if line and known.partition.comm.rank == 0:
+            log.info("%s", line)
+
+
 def solve_scene(
     scene: Scene,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     monitor: Monitor | None = None,
     checkpoint: Checkpoint | None = None,
+    tell: Tell | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise it; writes nothing.
+
+    Parameters
+    ----------
+    tell
+        Called with the scene and the outline of its model (collective).
 
     Raises
     ------
@@ -185,7 +202,7 @@ def solve_scene(
     timings, spent = Timings(), Counts()
     needed: Needed = "estimated"
     for _ in range(EXTENSIONS):
-        solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings, spent)
+        solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings, spent, tell)
         model, solution, slack = solved.model, solved.solution, solved.nodes.slack
         deepest = comm.allreduce(float(-slack.min(initial=np.inf)), op=MPI.MAX)
         size = solution.measures.displacement
@@ -200,7 +217,7 @@ def solve_scene(
             comm.allreduce(int(needed.sum() - model.needed.sum())),
         )
         checkpoint = None  # it stays that of the first solve, which a resumed run begins with, too
-    return _solve_once(scene, comm, monitor, checkpoint, "all", timings, spent)
+    return _solve_once(scene, comm, monitor, checkpoint, "all", timings, spent, tell)
 
 
 def _solve_once(
@@ -211,11 +228,12 @@ def _solve_once(
     needed: Needed,
     timings: Timings,
     spent: Counts,
+    tell: Tell | None,
 ) -> SolvedScene:
     """Solve with the contact rows that are needed, after work that was spent (collective)."""
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
         PETSc.garbage_cleanup(whose)
-    model = build_model(scene, comm, timings, needed)
+    model = build_model(scene, comm, timings, needed, tell)
     communication = Communication(comm)
     try:
         with timings.measure("solve"):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from mpi4py import MPI
 
-from contact_app.check import describe, estimate, report
+from contact_app.check import describe, estimate, modelled_lines, report
 from contact_app.errors import NoEquilibriumError
 from contact_app.model import outline
-from contact_app.run import solve_scene
+from contact_app.run import run, solve_scene
 from solver.tfeti.constraints import RowKind
 from tests import scenes
 
@@ -39,6 +40,16 @@ def test_says_which_bodies_nothing_acts_on() -> None:
     assert "block: nothing loads" not in text
     made["conditions"][-1]["displacement"] = [0, 0, 0.1]
     assert "nothing loads" not in lines_of(made)
+
+
+def test_the_log_of_a_run_says_the_same(tmp_path: Path) -> None:
+    scene = scenes.build(scenes.duplicate_obstacles("quadrilateral", 4), [2, 2])
+    known = outline(scene, MPI.COMM_SELF, needed="estimated")
+    assert run(scene, tmp_path, MPI.COMM_SELF) == 0
+    logged = (tmp_path / "run.log").read_text()
+    lines = modelled_lines(scene, known)
+    assert len(lines) > 12
+    assert [line for line in lines if line and line not in logged] == []
 
 
 def test_says_what_is_modelled() -> None:
