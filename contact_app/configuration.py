@@ -352,8 +352,8 @@ class Configuration(Model):
     )
     accuracy: Annotated[float, Field(ge=1e-4, lt=1)] | None = Field(
         None,
-        description="Relative error in energy norm to reach: boxes are refined, their `cells` "
-        "being the start, until the estimated total error is below it; 1e-4 to 1.",
+        description="Relative error in energy norm to reach: meshes are refined, those given being "
+        "the start, until the estimated total error is below it; 1e-4 to 1.",
     )
     solver: Solver = Field(
         Solver.model_validate({}), description="Tolerance and method of the solver."

@@ -15,6 +15,9 @@ on the grid lines of each box are laid by the error of the last mesh (`grading`)
 falls at the rate of smooth answers again. Coordinates of the start stay grid lines where a scene
 picks nodes by an expression.
 
+Where a body comes from a file, the cells that carry the error are refined
+(`local_refinement`), and the degree stays.
+
 Each level is solved from scratch, to a tenth of its own error: the levels before the last cost
 little beside it.
 """
@@ -30,8 +33,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.errors import ConfigurationError
 from contact_app.grading import graded, layer_errors
+from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.scene import Box, Decomposition, Scene
 from meshes.graded import graded_box
@@ -122,13 +125,9 @@ def solve_to_accuracy(
     tell
         Called with a sentence on each level.
 
-    Raises
-    ------
-    ConfigurationError
-        A mesh comes from a file.
     """
     assert scene.accuracy is not None
-    _refuse_files(scene)
+    files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
     target, whole = scene.accuracy, needs_multiples(scene)
     factors, levels, last = [1.0], [], 1.0
     grids: Grids | None = None
@@ -147,7 +146,9 @@ def solve_to_accuracy(
             return Refined(solved, tuple(levels), f"{MOST_LEVELS} levels were not enough")
         degree = min(body.degree for body in current.bodies)
         errors = [level.total for level in levels[-len(factors) :]] if factors else []
-        if degree == 1 and _free_degree(scene):
+        if files:
+            factor, following = last, locally_refined(current, solved, target / levels[-1].total)
+        elif degree == 1 and _free_degree(scene):
             scene = quadratic(scene)
             tell("cells of degree 2 from here on")
             factor = last if whole or not _even(current) else 0.5 * last
@@ -304,15 +305,6 @@ def with_levels(summary: dict[str, Any], refined: Refined) -> dict[str, Any]:
         certificate["warnings"] = [*certificate["warnings"], text]
     levels = [level.as_dict() for level in refined.levels]
     return {**summary, "certificate": certificate, "accuracy": accuracy, "levels": levels}
-
-
-def _refuse_files(scene: Scene) -> None:
-    for i, body in enumerate(scene.bodies):
-        if not isinstance(body.mesh, Box):
-            raise ConfigurationError(
-                f"{scene.at('accuracy')} is given, but bodies[{i}].mesh is a file: only boxes can "
-                "be refined; leave out `accuracy` and give a finer file"
-            )
 
 
 def needs_multiples(scene: Scene) -> bool:
