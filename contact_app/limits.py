@@ -25,6 +25,7 @@ from contact_app.contact_limits import FEWEST_FACETS, entered_beside, facets_acr
 from contact_app.error_estimate import STRAINLESS
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
+from contact_app.polygons import sagittas
 from contact_app.solution import Solution
 from contact_app.solve import reason_text
 from solver.tfeti.exchange import NodeExchange
@@ -32,6 +33,7 @@ from solver.tfeti.exchange import NodeExchange
 SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1
 SMALL_SAGITTA = 0.01
+LARGE_SAGITTA = 0.05
 LOCKING_POISSON = 0.48
 SIMPLICES = ("triangle", "tetrahedron")
 LARGE_ERROR = 0.4
@@ -58,6 +60,15 @@ def model_warnings(
             "normals are those of the undeformed shape"
         )
     warnings += _yielding(model, cells)
+    for contact, sagitta in zip(scene.contacts, sagittas(model, nodes), strict=True):
+        if sagitta > LARGE_SAGITTA * solution.measures.displacement > 0.0:
+            share = sagitta / solution.measures.displacement
+            warnings.append(
+                f"{contact.source}: {scene.bodies[contact.body].name} is round there and has "
+                f"straight edges: their middles lie up to {sagitta:.2g} off the curve of their "
+                f"ends, {100.0 * share:.2g} % of the largest displacement, and degree 2 answers "
+                "for the polygon; use a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+            )
     for i, contact in enumerate(scene.contacts):
         radius = getattr(contact.obstacle, "curvature_radius", None)
         if radius:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.run import solve_scene
+from contact_app.run import SolvedScene, solve_scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
@@ -114,8 +114,8 @@ def quarter(x: np.ndarray) -> np.ndarray:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 2.0 * x[:, 2]])
 
 
-def ring_errors(cell: str, name: str | None, n: int, directory: Path) -> tuple[float, ...]:
-    """Lamé's ring in a rigid bore: errors of displacement, stress and largest pressure."""
+def ring(cell: str, name: str | None, n: int, directory: Path) -> SolvedScene:
+    """Lamé's ring in a rigid bore; straight edges without the name of a second-order cell."""
     d = meshfiles.dimension(cell)
     mesh = meshfiles.block(cell, n, 0.0)
     if name:
@@ -135,6 +135,12 @@ def ring_errors(cell: str, name: str | None, n: int, directory: Path) -> tuple[f
     made["solver"]["tolerance"] = 1e-9
     solved = solve_scene(scenes.build(made, 1))
     assert solved.summary["certificate"]["passed"]
+    return solved
+
+
+def ring_errors(cell: str, name: str | None, n: int, directory: Path) -> tuple[float, ...]:
+    """Errors of displacement, stress and largest pressure."""
+    solved, d = ring(cell, name, n, directory), meshfiles.dimension(cell)
     u, sigma, outside = lame_ring(2.1e5, 0.3, (10.0, 20.0), 100.0, 0.01)
 
     def displacement(x: np.ndarray) -> np.ndarray:
@@ -209,3 +215,18 @@ def test_curved_bodies_pressed_together(cell: str, name: str, tmp_path: Path) ->
     assert fine[0] < 5e-3  # δ/b is 2.5e-3
     assert fine[1] < 1e-2
     assert coarse[1] > 2 * fine[1]
+
+
+@pytest.mark.parametrize("cell", list(meshfiles.SECOND))
+def test_a_polygon_is_told(cell: str, tmp_path: Path) -> None:
+    """Straight edges on a round boundary: the certificate names the sagitta h²/8R."""
+    n = 4
+    straight = ring(cell, None, n, tmp_path).summary["certificate"]["warnings"]
+    (told,) = [w for w in straight if "answers for the polygon" in w]
+    assert "ring is round there and has straight edges" in told
+    found = float(told.split("lie up to ")[1].split()[0])
+    exact = 20.0 * (1.0 - np.cos(np.pi / (4 * n)))
+    assert found == pytest.approx(exact, rel=0.4 if cell == "tetrahedron" else 0.1)
+    name = meshfiles.SECOND[cell][-1]
+    curved = ring(cell, name, n, tmp_path).summary["certificate"]["warnings"]
+    assert not any("polygon" in w for w in curved)
