@@ -135,6 +135,9 @@ if importlib.util.find_spec("contact_app.commands_studies"):
 
 def main() -> None:
     """Run the command line; errors a user can mend are one message, without a traceback."""
+    # PETSc's own handlers would answer a closed pipe (`| head`) with a page of its errors
+    options = os.environ.get("PETSC_OPTIONS", "")
+    os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
     # waiting ranks yield: on shared cores three ranks take seconds instead of minutes
     os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     try:

@@ -221,3 +221,16 @@ def test_as_a_module_from_outside() -> None:
     )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr.strip() == "none.yaml: there is no such file"
+
+
+def test_a_reader_that_has_seen_enough_gets_no_errors_of_petsc(tmp_path: Path) -> None:
+    """`contact-app check scene.yaml | head -1`"""
+    path = scenes.write(scenes.wall("quadrilateral", 2), tmp_path / "scene.yaml")
+    command = [sys.executable, "-u", "-m", "contact_app", "check", str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        said = process.stderr.read().decode()
+    assert "PETSC" not in said
+    assert "MPI_ABORT" not in said
