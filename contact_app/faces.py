@@ -323,6 +323,7 @@ def follow(
             found = Outcome(None, None, touching, counts)
             break
         counts = counts + found.counts
+        del face  # its B and vectors, before the next has its own
         if found.reason is not None or found.state is None:
             break
         multiplier, touching = problem.offset + found.state.x, found.following
