@@ -11,6 +11,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from hashlib import sha1
 
 import numpy as np
 from mpi4py import MPI
@@ -802,20 +803,24 @@ def _dual_problem(
     columns = np.full(touched.shape, -1, np.int64)
     classes, class_loads, class_lifts = [], [], []
     size = 0
+    alike = comm.size > 1 and len(set(comm.allgather(len(groups)))) == 1
     for number, (key, members) in enumerate(groups.items()):
         place[members, 0], place[members, 1] = number, np.arange(len(members))
         lifted, local_nodes = lifting[members[0]], surface.local[members[0]]
         touched_by_any = np.zeros((len(local_nodes), d), bool)
         for local in members:
             touched_by_any |= touched[surface.copies(local)]
-        node, component = np.nonzero(touched_by_any)
         with timings.measure("assembly"):
             stiffness = elements[key[0]].stiffness(key[1], scene.plane)
+        sharing = comm if alike and _made_by_all(comm, stiffness, lifted) else None
+        if sharing is not None:
+            comm.Allreduce(MPI.IN_PLACE, touched_by_any, op=MPI.LOR)
+        node, component = np.nonzero(touched_by_any)
         with timings.measure("factorization"):
             points = elements[key[0]].reference.points
             cls = subdomain_class(
                 stiffness, points, d, local_nodes[node] * d + component, len(members),
-                None if lifted is None else lifted[0],
+                None if lifted is None else lifted[0], sharing,
             )  # fmt: skip
         place_of = np.full(cls.unknowns, -1, np.int64)
         place_of[cls.interface] = np.arange(len(cls.interface))
@@ -869,6 +874,20 @@ def _dual_problem(
         held_without_contact=held_without_contact,
     )
     return problem, place, list(groups)
+
+
+def _made_by_all(
+    comm: MPI.Intracomm,
+    stiffness: sparse.csr_matrix,
+    lifted: tuple[NDArray[np.int64], NDArray[np.float64]] | None,
+) -> bool:
+    """Whether all ranks hold this stiffness, to the last bit, as the class they make now."""
+    digest = sha1(usedforsecurity=False)
+    for array in (stiffness.indptr, stiffness.indices, stiffness.data):
+        digest.update(np.ascontiguousarray(array).data)
+    if lifted is not None:
+        digest.update(lifted[0].tobytes())
+    return len(set(comm.allgather(digest.digest()))) == 1
 
 
 def _constraint_matrix(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -53,6 +54,8 @@ class SubdomainClass:
         K⁺ on the free unknowns.
     block : (i, i) or None
         K⁺ between interface unknowns, where that pays.
+    relaxes
+        Whether a preconditioner of Schur complements pays.
     """
 
     stiffness: sparse.csr_matrix
@@ -62,6 +65,7 @@ class SubdomainClass:
     members: int
     inverse: Inverse
     block: Block | None
+    relaxes: bool
 
     @property
     def unknowns(self) -> int:
@@ -84,9 +88,7 @@ class SubdomainClass:
     @cached_property
     def schur_complement(self) -> Block | None:
         """K on the interface with all other unknowns relaxed; None where it does not pay."""
-        if self.block is None or not relaxing_pays(
-            len(self.interface), self.members, self.block.order
-        ):
+        if self.block is None or not self.relaxes:
             return None
         try:
             return self.block.schur_complement(self.kernel[self.interface])
@@ -124,6 +126,7 @@ def subdomain_class(
     touched: NDArray[np.int64],
     members: int,
     eliminated: NDArray[np.int64] | None,
+    sharing: MPI.Intracomm | None = None,
 ) -> SubdomainClass:
     """Factor the stiffness of a congruence class and choose how K⁺ is applied.
 
@@ -137,12 +140,16 @@ def subdomain_class(
         is symmetric.
     eliminated
         Held unknowns that are eliminated; None where the members float.
+    sharing
+        All ranks, where all make this class now, with the same `touched`: they share the work.
 
     Raises
     ------
     ValueError, ArithmeticError
         The stiffness resists a rigid motion, or has further zero-energy modes.
     """
+    # what is decided here is decided alike on all ranks that share
+    most = sharing.allreduce(members, op=MPI.MAX) if sharing else members
     rigid = orthonormal_kernel(points, dimension)
     check_kernel(stiffness, rigid)
     every = np.arange(stiffness.shape[0])
@@ -152,7 +159,7 @@ def subdomain_class(
         kernel = np.zeros((len(every), 0))
         inverse = GeneralisedInverse(stiffness[free][:, free], kernel[free], every[:0])
         interface = touched
-        how = choose_block(len(free), len(touched), members, 1, dimension)
+        how = choose_block(len(free), len(touched), most, 1, dimension)
     else:
         free, kernel = every, rigid
         nodes = fixing_nodes(points, dimension)
@@ -162,15 +169,16 @@ def subdomain_class(
         if symmetry is not None:
             interface = symmetry.split(symmetry.closure(touched)).unknowns
         order = symmetry.order if symmetry else 1
-        how = choose_block(len(free), len(interface), members, order, dimension)
+        how = choose_block(len(free), len(interface), most, order, dimension)
         if symmetry is None or how is BlockKind.NONE:
             inverse = GeneralisedInverse(stiffness, kernel, fixing)
         else:
             stiffness = symmetry.average(stiffness)
-            inverse = SymmetricInverse(stiffness, kernel, fixing, symmetry)
+            inverse = SymmetricInverse(stiffness, kernel, fixing, symmetry, sharing)
     block: Block | None = None
     if how is not BlockKind.NONE:
         block = inverse.restricted(np.searchsorted(free, interface))
         if how is BlockKind.DENSE:
             block = DenseBlock(block.toarray())
-    return SubdomainClass(stiffness, kernel, free, interface, members, inverse, block)
+    relaxes = block is not None and relaxing_pays(len(interface), most, block.order)
+    return SubdomainClass(stiffness, kernel, free, interface, members, inverse, block, relaxes)

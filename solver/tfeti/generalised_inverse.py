@@ -14,14 +14,17 @@ them, K_ρ falls into one block for each character, and so does everything made 
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import lapack
 
+from solver.tfeti.sharing import made_together
 from solver.tfeti.symmetry import Split, Symmetry
 
 COLUMNS_AT_ONCE = 256
@@ -171,7 +174,7 @@ class SymmetricInverse:
     """K⁺ of a subdomain with reflections: one factor for each character (protocol `Inverse`).
 
     Parameters and errors are those of `GeneralisedInverse`; `fixing` may be any set, its mirror
-    images are added.
+    images are added. Ranks that have the same class share the work on its blocks through `comm`.
     """
 
     def __init__(
@@ -180,8 +183,10 @@ class SymmetricInverse:
         kernel: NDArray[np.float64],
         fixing: NDArray[np.int64],
         symmetry: Symmetry,
+        comm: MPI.Intracomm | None = None,
     ) -> None:
         self.symmetry = symmetry
+        self._comm = comm
         regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
         self._split = symmetry.split(np.arange(stiffness.shape[0]))
         self._factors = []
@@ -209,11 +214,13 @@ class SymmetricInverse:
         """K⁺ between some unknowns, which are in the order of a split."""
         inside = np.zeros(len(self._split.unknowns), bool)
         inside[unknowns] = True
-        blocks = [
-            factor.restricted(np.flatnonzero(inside[first]))
-            for factor, (first, _) in zip(self._factors, self._split.orbits, strict=True)
-        ]
-        return SymmetricBlock(blocks, self.symmetry.split(unknowns))
+        chosen = [np.flatnonzero(inside[first]) for first, _ in self._split.orbits]
+        blocks = made_together(
+            self._comm,
+            [partial(f.restricted, c) for f, c in zip(self._factors, chosen, strict=True)],
+            [(len(c), len(c)) for c in chosen],
+        )
+        return SymmetricBlock(blocks, self.symmetry.split(unknowns), self._comm)
 
 
 class DenseBlock:
@@ -246,13 +253,21 @@ class SymmetricBlock:
         (V_χᵀ K V_χ)⁻¹ between coordinates of the interface.
     split
         The coordinates; loads and displacements are in the order of its unknowns.
+    comm
+        Ranks that hold the same block and share work on it.
     """
 
     MEMBERS_AT_ONCE = 128
     """Members transformed together: few enough for small temporaries, enough for a fast product."""
 
-    def __init__(self, blocks: list[NDArray[np.float64]], split: Split) -> None:
+    def __init__(
+        self,
+        blocks: list[NDArray[np.float64]],
+        split: Split,
+        comm: MPI.Intracomm | None = None,
+    ) -> None:
         self.blocks, self.split = blocks, split
+        self._comm = comm
         self.order = split.order
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
@@ -275,14 +290,15 @@ class SymmetricBlock:
     def schur_complement(self, kernel: NDArray[np.float64]) -> SymmetricBlock:
         """The stiffness between the same unknowns with all others relaxed."""
         coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
-        blocks = []
+        makers = []
         for block, place, (_, orbit) in zip(
             self.blocks, self.split.places, self.split.orbits, strict=True
         ):
             # the bases are orthogonal, their squares the sizes of the orbits
             motions = _range(coordinates[:, place].T, np.linalg.norm(coordinates))
-            blocks.append(_relaxed(block, motions, 1.0 / orbit))
-        return SymmetricBlock(blocks, self.split)
+            makers.append(partial(_relaxed, block, motions, 1.0 / orbit))
+        shapes = [block.shape for block in self.blocks]
+        return SymmetricBlock(made_together(self._comm, makers, shapes), self.split, self._comm)
 
 
 def _relaxed(

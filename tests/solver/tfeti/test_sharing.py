@@ -1,0 +1,59 @@
+"""Blocks made in turns by the ranks are those that one rank makes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = """
+import numpy as np
+from mpi4py import MPI
+from solver.tfeti.generalised_inverse import SymmetricInverse
+from solver.tfeti.kernels import fixing_nodes, orthonormal_kernel
+from solver.tfeti.sharing import made_together
+from solver.tfeti.symmetry import find_symmetry
+from tests.solver.tfeti.test_symmetry import springs
+
+points, K = springs((3, 2, 2))
+R, symmetry = orthonormal_kernel(points, 3), find_symmetry(points, 3, K)
+fixing = (fixing_nodes(points, 3)[:, None] * 3 + np.arange(3)).ravel()
+interface = symmetry.split(symmetry.closure(np.flatnonzero(points[:, 0] == 0.0) * 3)).unknowns
+blocks = []
+for comm in (MPI.COMM_WORLD, None):
+    block = SymmetricInverse(K, R, fixing, symmetry, comm).restricted(interface)
+    blocks += [block, block.schur_complement(R[interface])]
+for shared, own in zip(blocks[:2], blocks[2:]):
+    for a, b in zip(shared.blocks, own.blocks):
+        np.testing.assert_array_equal(a, b)
+
+def fails():
+    raise np.linalg.LinAlgError
+
+try:
+    made_together(MPI.COMM_WORLD, [lambda: np.zeros(2), fails], [(2,), (2,)])
+except np.linalg.LinAlgError:
+    print("told")
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+def test_two_ranks_share_what_one_makes_alone_and_fail_together() -> None:
+    environment = {
+        **os.environ,
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    done = subprocess.run(
+        ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", SCRIPT],
+        capture_output=True, text=True, timeout=120, env=environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["told", "told"]
