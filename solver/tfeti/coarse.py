@@ -115,6 +115,8 @@ class CoarseProblem:
             gram = _gathered(self.comm, gram)
         comm = gram.getComm()
         gram.setOption(PETSc.Mat.Option.SPD, True)
+        # a singular G Gᵀ is for the caller to tell; CHOLMOD would write to the terminal, too
+        PETSc.Options().setValue("mat_cholmod_print", 0)
         self._pc = PETSc.PC().create(comm)
         self._pc.setOperators(gram)
         self._pc.setType("cholesky")
