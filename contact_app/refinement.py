@@ -18,8 +18,8 @@ picks nodes by an expression.
 Where a body comes from a file, the cells that carry the error are refined
 (`local_refinement`), and the degree stays.
 
-Each level is solved from scratch, to a tenth of its own error: the levels before the last cost
-little beside it.
+Each level is solved to a tenth of its own error. Where bodies are solved whole it begins with the
+contact pressures of the last (`warm_start`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -37,6 +37,7 @@ from contact_app.grading import graded, layer_errors
 from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.scene import Box, Decomposition, Scene
+from contact_app.warm_start import Pressures
 from meshes.graded import graded_box
 from solver import Reason
 
@@ -67,6 +68,13 @@ SINGULAR = {1: 0.75, 2: 1.1}
 MOST_LEVELS = 12
 
 Grids = list[list[NDArray[np.float64]]]
+
+
+class Solve(Protocol):
+    """Solves a scene."""
+
+    def __call__(self, scene: Scene, /, *, start: Pressures | None) -> SolvedScene:
+        """Begin with contact pressures where there are any."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +121,7 @@ class Refined:
 
 def solve_to_accuracy(
     scene: Scene,
-    solve: Callable[[Scene], SolvedScene],
+    solve: Solve,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Refined:
     """Refine a scene until its total error is below `scene.accuracy` (collective).
@@ -121,7 +129,7 @@ def solve_to_accuracy(
     Parameters
     ----------
     solve
-        Solves one level.
+        Solves one level, beginning with the contact pressures of the last.
     tell
         Called with a sentence on each level.
 
@@ -131,9 +139,10 @@ def solve_to_accuracy(
     target, whole = scene.accuracy, needs_multiples(scene)
     factors, levels, last = [1.0], [], 1.0
     grids: Grids | None = None
+    start: Pressures | None = None
     current = scene
     while True:
-        solved = solve(current)
+        solved = solve(current, start=start)
         levels.append(_level(solved))
         tell(f"level {len(levels)}: {levels[-1]}")
         if solved.solution.reason is Reason.STOPPED:
@@ -179,7 +188,7 @@ def solve_to_accuracy(
             return Refined(solved, tuple(levels), missed)
         factors.append(factor)
         last = factor
-        current = following
+        current, start = following, Pressures.of(solved)
         del solved  # its factors make room for the next
 
 

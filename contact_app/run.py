@@ -6,6 +6,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from contact_app.solution import Accuracy, Solution
 from contact_app.solve import reason_text, solve
 from contact_app.symmetry import halved
 from contact_app.timings import Timings
+from contact_app.warm_start import Pressures
 from solver import Counts
 from solver.errors import QPError
 from solver.result import Monitor, Reason, Step
@@ -128,7 +130,7 @@ def run(
                 )
             refined = solve_to_accuracy(
                 scene,
-                lambda level: solve_scene(level, comm, monitor, tell=_log_model),
+                partial(solve_scene, comm=comm, monitor=monitor, tell=_log_model),
                 progress.stage,
             )
             solved = refined.solved
@@ -186,11 +188,14 @@ def solve_scene(
     monitor: Monitor | None = None,
     checkpoint: Checkpoint | None = None,
     tell: Tell | None = None,
+    start: Pressures | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise it; writes nothing.
 
     Parameters
     ----------
+    start
+        Contact pressures to begin with.
     tell
         Called with the scene and the outline of its model (collective).
 
@@ -202,7 +207,7 @@ def solve_scene(
     timings, spent = Timings(), Counts()
     needed: Needed = "estimated"
     for _ in range(EXTENSIONS):
-        solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings, spent, tell)
+        solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings, spent, tell, start)
         model, solution, slack = solved.model, solved.solution, solved.nodes.slack
         deepest = comm.allreduce(float(-slack.min(initial=np.inf)), op=MPI.MAX)
         size = solution.measures.displacement
@@ -217,7 +222,7 @@ def solve_scene(
             comm.allreduce(int(needed.sum() - model.needed.sum())),
         )
         checkpoint = None  # it stays that of the first solve, which a resumed run begins with, too
-    return _solve_once(scene, comm, monitor, checkpoint, "all", timings, spent, tell)
+    return _solve_once(scene, comm, monitor, checkpoint, "all", timings, spent, tell, start)
 
 
 def _solve_once(
@@ -229,6 +234,7 @@ def _solve_once(
     timings: Timings,
     spent: Counts,
     tell: Tell | None,
+    start: Pressures | None,
 ) -> SolvedScene:
     """Solve with the contact rows that are needed, after work that was spent (collective)."""
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
@@ -239,7 +245,8 @@ def _solve_once(
         with timings.measure("solve"):
             estimator = ErrorEstimator(model)
             options, assess = scene.solver, estimator.accuracy
-            solution = solve(model.problem, options, monitor, checkpoint, assess)
+            begin = start.on(model) if start is not None else None
+            solution = solve(model.problem, options, monitor, checkpoint, assess, begin)
     except QPError as error:
         raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
     said = communication.per_multiplication(solution.counts)

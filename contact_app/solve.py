@@ -70,6 +70,7 @@ def solve(
     monitor: Monitor | None,
     checkpoint: Checkpoint | None = None,
     assess: Assess | None = None,
+    start: NDArray[np.float64] | None = None,
 ) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it.
 
@@ -80,6 +81,8 @@ def solve(
         Solves without outer iterations are short and leave none.
     assess
         Estimates the errors of an answer; an automatic tolerance needs it.
+    start : (dual,)
+        Multipliers to begin with where no body floats.
     """
     target = aim(options, assess)
     if problem.comm.allreduce(problem.size) == 0:
@@ -93,7 +96,7 @@ def solve(
         max_iterations=options.max_iterations,
     )
     if problem.coarse is None or problem.lower is None:
-        return _solve_mprgp(problem, target, inner, monitor)
+        return _solve_mprgp(problem, target, inner, monitor, start)
     return _solve_smalbe(problem, target, inner, monitor, checkpoint)
 
 
@@ -312,7 +315,11 @@ def _from_first_face(
 
 
 def _solve_mprgp(
-    problem: DualProblem, target: Target, inner: MPRGP, monitor: Monitor | None
+    problem: DualProblem,
+    target: Target,
+    inner: MPRGP,
+    monitor: Monitor | None,
+    start: NDArray[np.float64] | None,
 ) -> Solution:
     """MPRGP alone; without bounds it is the conjugate gradient method."""
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
@@ -325,7 +332,7 @@ def _solve_mprgp(
         answer = target.judge(_answer(problem, target, x, None))
         return answer
 
-    result = inner.solve(qp, monitor=monitor, accept=lambda x: certify(x).converged)
+    result = inner.solve(qp, x0=start, monitor=monitor, accept=lambda x: certify(x).converged)
     if answer is None or not answer.converged:
         answer = certify(result.x)
     return replace(answer, counts=result.counts, reason=result.reason)

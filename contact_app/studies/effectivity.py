@@ -23,7 +23,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -356,7 +356,7 @@ def reach(case: Case, target: float, known: Sweep) -> Reached:
     the rate of such cells tells.
     """
     scene = case.scene_of(START, f"accuracy={target}")
-    found = solve_to_accuracy(scene, lambda level: solve_scene(level, MPI.COMM_SELF))
+    found = solve_to_accuracy(scene, partial(solve_scene, comm=MPI.COMM_SELF))
     levels, last = found.levels, found.levels[-1]
     solved = found.solved
     degree = solved.model.scene.bodies[0].degree
