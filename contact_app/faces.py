@@ -17,6 +17,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from solver import MPRGP, BoxQP, Counts, Reason
 from solver.errors import QPError
@@ -182,12 +183,9 @@ class Face:
 
         def stop(it: Iterate) -> Reason | None:
             tolerance = max(aim * it.b_norm, self._floor)
-            if it.projected_gradient_norm > tolerance:
-                return None
-            if it.drift > 0.5 * tolerance:  # recurrences lost what the tolerance asks for
-                it.evaluate()
-                return stop(it)
-            return Reason.CONVERGED
+            if it.projected_gradient_norm <= tolerance and it.drift > 0.5 * tolerance:
+                it.evaluate()  # recurrences lost what the tolerance asks for
+            return Reason.CONVERGED if it.projected_gradient_norm <= tolerance else None
 
         return inner.minimise(self._iterate, stop, monitor)
 
@@ -323,7 +321,9 @@ def follow(
             found = Outcome(None, None, touching, counts)
             break
         counts = counts + found.counts
-        del face  # its B and vectors, before the next has its own
+        # its B and coarse problem, before the next has its own: petsc4py leaves them for later
+        del face
+        PETSc.garbage_cleanup(problem.comm)
         if found.reason is not None or found.state is None:
             break
         multiplier, touching = problem.offset + found.state.x, found.following

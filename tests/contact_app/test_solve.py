@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.configuration import load
+from contact_app.faces import Face
 from contact_app.model import build_model
 from contact_app.run import solve_scene
 from contact_app.scene import build_scene
@@ -103,3 +106,24 @@ def test_an_answer_far_from_the_solution_is_not_certified() -> None:
     assert not answer.certificate.passed
     assert answer.certificate.duality_gap > 1e-3
     assert answer.certificate.equilibrium < 1e-9
+
+
+def test_a_face_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without waiting for Python's collector: on large problems each holds a gigabyte."""
+    made: list[weakref.ref[Face]] = []
+    alive: list[int] = []
+    begin = Face.__init__
+
+    def counting(self: Face, *arguments: Any) -> None:
+        alive.append(sum(face() is not None for face in made))
+        made.append(weakref.ref(self))
+        begin(self, *arguments)
+
+    monkeypatch.setattr(Face, "__init__", counting)
+    gc.disable()
+    try:
+        summary("cube")
+    finally:
+        gc.enable()
+    assert len(alive) > 3
+    assert max(alive) == 0
