@@ -56,4 +56,4 @@ def test_two_ranks_share_what_one_makes_alone_and_fail_together() -> None:
         capture_output=True, text=True, timeout=120, env=environment,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["told", "told"]
+    assert done.stdout.count("told") == 2  # lines of two ranks may run into each other
