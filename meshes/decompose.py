@@ -98,9 +98,12 @@ def decompose(
     )
 
 
-def choose_parts(nodes: int, dimension: int, at_least: int = 1) -> int:
-    """Subdomains of a mesh for `decomposition: auto`; one for a small body."""
-    return max(at_least, round(nodes / PIECE_NODES[dimension]))
+def choose_parts(nodes: int, dimension: int, at_least: int = 1, degree: int = 1) -> int:
+    """Subdomains of a mesh for `decomposition: auto`; one for a small body.
+
+    As many vertices a part at degree 2, where gluing takes more iterations: fewer parts.
+    """
+    return max(at_least, round(nodes / (PIECE_NODES[dimension] * degree**dimension)))
 
 
 def _plans(
@@ -123,7 +126,7 @@ def _plans(
             elif subdomains:
                 plans.append(math.prod(subdomains))
             else:
-                plans.append(choose_parts(shape.nodes, shape.dimension, needed))
+                plans.append(choose_parts(shape.nodes, shape.dimension, needed, shape.degree))
     for shape, plan in zip(shapes, plans, strict=True):
         if isinstance(plan, int):
             if plan > shape.total_cells:
