@@ -630,7 +630,7 @@ class _Builder:
             elif not body.mesh.congruent:
                 from meshes.decompose import choose_parts  # at hand: the mesh was read
 
-                count = choose_parts(body.nodes, d)
+                count = choose_parts(body.nodes, d, degree=body.degree)
                 factors += [(unknowns / count, d)] * count
         needed, available = needed_bytes(dofs, factors=tuple(factors)), available_bytes()
         if self.surface_only:
