@@ -8,7 +8,8 @@ divide evenly), hence at most 2^d references.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -87,15 +88,18 @@ class BoxShape:
         return dmesh.create_rectangle(MPI.COMM_SELF, corners, list(self.cells), cell_type)
 
     def cell_mesh(self) -> CellMesh:
-        """The whole box cell by cell, its nodes numbered by their place in the lattice."""
-        reference = Reference.of(self.mesh(), self.cell, self.degree)
-        lattice = self.lattice(reference.points)
-        number = lattice @ self.strides
-        points = np.empty((self.nodes, self.dimension))
-        points[number] = reference.points[:, : self.dimension] + np.array(self.lower)
-        place = np.empty_like(lattice)
-        place[number] = lattice
-        cells = number[reference.cells]
+        """The whole box cell by cell, its nodes numbered by their place in the lattice.
+
+        dolfinx divides every brick of the lattice alike: one is made and repeated.
+        """
+        upper = np.array(self.lower) + self.spacing
+        brick = replace(self, upper=tuple(upper), cells=(1,) * self.dimension)
+        reference = Reference.of(brick.mesh(), self.cell, self.degree)
+        offsets = brick.lattice(reference.points)[reference.cells] @ self.strides
+        bricks = _lattice(self.cells) @ (self.degree * self.strides)
+        cells = (bricks[:, None, None] + offsets).reshape(-1, offsets.shape[1])
+        place = _lattice([self.degree * n + 1 for n in self.cells])
+        points = place * (self.spacing / self.degree) + np.array(self.lower)
         topology = Topology.of(cells, self.cell)
         return CellMesh(
             cell=self.cell,
@@ -104,7 +108,7 @@ class BoxShape:
             topology=topology,
             sides=sides_of(self, place, topology.facets),
             groups={},
-            tags=reference.tags,
+            tags=np.zeros(len(cells), np.int32),
             degree=self.degree,
         )
 
@@ -112,6 +116,12 @@ class BoxShape:
         """Lattice indices (n, dimension) of points (n, 3) measured from the lower corner."""
         places = points[:, : self.dimension] * (self.degree / self.spacing)
         return np.rint(places).astype(np.int64)
+
+
+def _lattice(counts: Sequence[int]) -> NDArray[np.int64]:
+    """All places of a lattice, (n, dimension), the first axis fastest."""
+    axes = np.indices(tuple(counts)[::-1]).reshape(len(counts), -1)
+    return axes[::-1].T.astype(np.int64)
 
 
 def sides_of(
