@@ -1,8 +1,9 @@
 """Strong scaling: the same cube on one rank and on several, with one thread each.
 
-``python -m contact_app.studies.strong [CELLS [RANKS…]]`` prints the table of docs/scaling.md: cells
-along an edge of the cube (60) and numbers of ranks (1 2). Every run is one of its own; seconds are
-from the mesh to the certified solution, the least of `REPEATS`.
+``python -m contact_app.studies.strong [SERIES [CELLS [RANKS…]]]`` prints the tables of
+docs/scaling.md: a series of `contact-app bench` (hexahedra), cells along an edge of the cube (60)
+and numbers of ranks (1 2). Every run is one of its own; seconds are from the mesh to the certified
+solution, the least of `REPEATS`.
 """
 
 from __future__ import annotations
@@ -11,21 +12,26 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from contact_app.studies.bench import config
+from contact_app.studies.bench import SERIES, Series, config
 from contact_app.studies.processes import python
 from contact_app.studies.runs import STAGES, from_summary
 
 REPEATS = 3
 
 
-def strong(cells: int, ranks: Sequence[int], tolerance: float = 1e-6) -> Iterator[dict[str, Any]]:
+def strong(
+    series: Series, cells: int, ranks: Sequence[int], tolerance: float = 1e-6
+) -> Iterator[dict[str, Any]]:
     """Summaries of the fastest run on each number of ranks."""
+    decomposition = series.decomposition(3 * (cells + 1) ** 3)
     for n in ranks:
         found = [
             python(
                 "-m", "contact_app.studies.point", str(config()),
                 "--set", f"bodies.0.mesh.box.cells=[{cells},{cells},{cells}]",
-                "--set", "decomposition=auto", "--set", f"solver.tolerance={tolerance}",
+                "--set", f"bodies.0.mesh.box.cell={series.cell}",
+                "--set", f"decomposition={decomposition}",
+                "--set", f"solver.tolerance={tolerance}",
                 ranks=n, threads=1,
             )
             for _ in range(REPEATS)
@@ -35,12 +41,14 @@ def strong(cells: int, ranks: Sequence[int], tolerance: float = 1e-6) -> Iterato
 
 def main() -> None:
     """Print the table."""
-    cells, *ranks = [int(word) for word in sys.argv[1:]] or [60]
+    name, *numbers = sys.argv[1:] or ["hexahedra"]
+    series = next(series for series in SERIES if series.name == name)
+    cells, *ranks = [int(word) for word in numbers] or [60]
     first = None
     stages = " | ".join(f"{stage} (s)" for stage in STAGES)
     print(f"| unknowns | ranks | {stages} | all (s) | speed-up | products | GB |")
     print("|---:" * (len(STAGES) + 6) + "|")
-    for summary in strong(cells, ranks or [1, 2]):
+    for summary in strong(series, cells, ranks or [1, 2]):
         row = from_summary(summary)
         first = first or row["seconds"]
         stages = " | ".join(f"{summary['timings'][stage]:.2f}" for stage in STAGES)
