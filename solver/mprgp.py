@@ -111,15 +111,14 @@ class MPRGP:
 
         def stop(it: Iterate) -> Reason | None:
             nonlocal tolerance
-            if it.projected_gradient_norm > tolerance:
-                return None
-            if it.drift > 0.5 * tolerance:  # recurrences lost what the tolerance asks for
-                it.evaluate()
-                return stop(it)
-            if accept is None or tolerance <= self.atol or accept(it.x):
-                return Reason.CONVERGED
-            tolerance = max(TIGHTEN * tolerance, self.atol)
-            return stop(it)
+            while it.projected_gradient_norm <= tolerance:
+                if it.drift > 0.5 * tolerance:  # recurrences lost what the tolerance asks for
+                    it.evaluate()
+                elif accept is None or tolerance <= self.atol or accept(it.x):
+                    return Reason.CONVERGED
+                else:
+                    tolerance = max(TIGHTEN * tolerance, self.atol)
+            return None
 
         before = qp.reduction.collectives
         reason = self.minimise(it, stop, monitor)
