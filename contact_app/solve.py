@@ -3,7 +3,7 @@
 What a scene needs decides the method: no contact rows, projected conjugate gradients; no coarse
 problem, MPRGP on the contact rows alone; no rows at all, one solve. A scene with both is solved on
 faces (`contact_app.faces`), from the one without contact on where the bodies are held without it,
-else from the active set that one outer iteration of SMALBE-M finds. Where faces do not settle
+else from what touches when all subdomains are rigid, on springs. Where faces do not settle
 SMALBE-M, whose convergence is proved, goes on to the end. Each ends when the answer, not a dual
 residual, meets the tolerance: an approximate answer is recovered and certified, and if it falls
 short the solve goes on from where it stands.
@@ -141,9 +141,9 @@ def _on_faces(
 class _OuterJudge:
     """Decides after each outer iteration of SMALBE whether its answer will do.
 
-    The first one's active set is handed over to `follow` where faces have not been tried before;
-    where they do not end the solve SMALBE goes on, and hands over again where it is slow. An answer
-    of SMALBE's own is certified where its jumps and its penetration are small enough for a
+    The first one's active set is handed over to `follow` where contact alone keeps a body, for
+    which the faces tried before began with a guess; so are later ones where SMALBE is slow. An
+    answer of SMALBE's own is certified where its jumps and its penetration are small enough for a
     certificate to have a chance.
 
     Attributes

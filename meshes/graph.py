@@ -8,8 +8,7 @@ fall into pieces that touch only along an edge or in a corner; such a part has m
 modes than the rigid motions, so every piece that hangs together through facets becomes a subdomain
 of its own, whose kernel is exactly the rigid motions; small ones are given to a neighbour instead.
 
-A mesh is partitioned on the rank that holds the mesh; each other rank receives its
-subdomains only.
+A mesh is partitioned on the rank that holds it; each other rank receives its subdomains only.
 """
 
 from __future__ import annotations
