@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from contact_app import faces
 from contact_app.configuration import load
 from contact_app.faces import Face
 from contact_app.model import build_model
@@ -127,3 +129,23 @@ def test_a_face_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatc
         gc.enable()
     assert len(alive) > 3
     assert max(alive) == 0
+
+
+def test_active_sets_that_come_back_are_decided_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second face is made to ask for the first again, as one left too early may."""
+    looks: list[float] = []
+    decide = faces.decide
+
+    def hasty(face: Face, *arguments: Any) -> faces.Outcome:
+        looks.append(arguments[5])
+        found = decide(face, *arguments)
+        if len(looks) == 2:
+            found = replace(found, reason=None, following=np.zeros_like(face.touching))
+        return found
+
+    monkeypatch.setattr(faces, "decide", hasty)
+    found = summary("cube")
+    assert found["certificate"]["passed"]
+    assert found["solver"]["outer_iterations"] == 0
+    assert looks[1] == looks[0]
+    assert looks[2] == pytest.approx(0.1 * looks[0])
