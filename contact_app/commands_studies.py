@@ -253,6 +253,9 @@ def chart(
     ] = 250_000,
     limit: Annotated[float, typer.Option(help="Seconds a point may take.")] = 30.0,
     peers: Annotated[bool, typer.Option(help="Run PETSc's solvers, too.")] = True,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep the points of an earlier run and go on.")
+    ] = False,
 ) -> None:
     """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, peers."""
     from contact_app.studies import chart as study
@@ -260,7 +263,7 @@ def chart(
     directory = output or Path("results") / f"chart-{config.stem}"
     changes = overrides or []
     sweep = study.plan(config, changes, largest, peers)
-    for progress in study.chart(config, directory, sweep, changes, limit):
+    for progress in study.chart(config, directory, sweep, changes, limit, resume):
         row = progress.row
         if row is None:
             typer.echo(progress.text)

@@ -26,6 +26,7 @@ from contact_app.configuration import load
 from contact_app.errors import ConfigurationError
 from contact_app.scene import CELLS, Box, Scene, build_scene
 from contact_app.studies.frontier import frontier
+from contact_app.studies.kept import Kept
 from contact_app.studies.lattice import Lattice
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
@@ -62,7 +63,8 @@ class Variant:
     decomposition, expansion
         None: the scene's own.
     accuracy
-        Error to which the scene is refined from this mesh on; None: it is not.
+        Error to which the scene is refined from this mesh on, the degree being left to the
+        refinement; None: it is not.
     """
 
     factor: Fraction
@@ -89,8 +91,9 @@ class Variant:
             result += [
                 f"bodies.{number}.mesh.box.cells=[{cells}]",
                 f"bodies.{number}.mesh.box.cell={self.cell}",
-                f"bodies.{number}.degree={self.degree}",
             ]
+            if not self.accuracy:
+                result.append(f"bodies.{number}.degree={self.degree}")
         if self.method in METHODS:
             result.append("decomposition=auto")
         elif self.decomposition:
@@ -107,7 +110,8 @@ class Variant:
         assert isinstance(mesh, Box)
         cells = "x".join(str(n) for n in scaled(mesh.cells, self.factor))
         where = f", {self.decomposition}" if self.decomposition else ""
-        return f"{self.name}, degree {self.degree}, {self.cell} {cells}, {self.tolerance}{where}"
+        degree = "" if self.accuracy else f", degree {self.degree}"
+        return f"{self.name}{degree}, {self.cell} {cells}, {self.tolerance}{where}"
 
 
 def scaled(cells: Sequence[int], factor: Fraction) -> tuple[int, ...]:
@@ -210,7 +214,6 @@ def plan(
         for variant in (Variant(coarse, own, tolerance="auto", accuracy=a) for a in ACCURACIES)
         if allowed(variant, f"refinement to an error of {variant.accuracy:g}")
     ]
-    left_out.append("graded meshes: errors are measured on lattices of equal cells")
     order = sorted(range(len(variants)), key=lambda i: variants[i].factor)
     finest = _reference_factor(boxes, levels, degrees[-1])
     references = tuple(
@@ -262,7 +265,12 @@ class Progress:
 
 
 def chart(
-    config: Path, output: Path, sweep: Sweep, overrides: Sequence[str] = (), limit: float = 30.0
+    config: Path,
+    output: Path,
+    sweep: Sweep,
+    overrides: Sequence[str] = (),
+    limit: float = 30.0,
+    resume: bool = False,
 ) -> Iterator[Progress]:
     """Run a sweep; write ``frontier.csv`` as it grows and ``frontier.png`` at its end.
 
@@ -272,42 +280,55 @@ def chart(
     ----------
     limit
         Seconds a point may take; what takes longer is not tried on finer meshes.
+    resume
+        Keep the reference and the points that an earlier run left in the directory.
     """
-    output.mkdir(parents=True, exist_ok=True)
+    told = [variant.describe(sweep.scene) for variant in sweep.references]
+    text = config.read_text(encoding="utf-8")
+    kept = Kept(output, [text, *overrides, *told], resume)
     for sentence in sweep.left_out:
         yield Progress(f"left out: {sentence}")
-    rows: list[dict[str, Any]] = []
+    if kept.points:
+        yield Progress(f"{len(kept.points)} points of an earlier run are kept")
     sentence = ""
     try:
         with tempfile.TemporaryDirectory() as scratch:
             file = Path(scratch) / "fields.npz"
-            reference = yield from _reference(config, sweep, overrides, file)
+            reference = yield from _reference(config, sweep, overrides, kept)
             sentence = reference.describe()
             yield Progress(sentence)
             slow: set[Variant] = set()
             for number, variant in enumerate(sweep.variants):
-                head = f"[{number + 1}/{len(sweep.variants)}] {variant.describe(sweep.scene)}"
+                name = variant.describe(sweep.scene)
+                head = f"[{number + 1}/{len(sweep.variants)}] {name}"
                 kind = replace(variant, factor=Fraction(1), tolerance=USUAL)
                 if kind in slow:
                     yield Progress(f"{head}: left out after a coarser mesh")
                     continue
-                try:
-                    row = _point(config, sweep, variant, overrides, limit, file, reference)
-                except RunError as error:
+                if name not in kept.points:
+                    try:
+                        found = _point(config, sweep, variant, overrides, limit, file, reference)
+                        kept.add(name, found)
+                    except RunError as error:
+                        kept.add(name, str(error))
+                    point = kept.points[name]
+                    yield (
+                        Progress(f"{head}: {point}")
+                        if isinstance(point, str)
+                        else Progress(head, point)
+                    )
+                if isinstance(kept.points[name], str):
                     slow.add(kind)
-                    yield Progress(f"{head}: {error}")
-                    continue
-                rows.append(row)
-                write(rows, output / "frontier.csv")
-                yield Progress(head, row)
+                write(kept.rows(), output / "frontier.csv")
     finally:
+        rows = kept.rows()
         write(rows, output / "frontier.csv")
         if rows:
             draw(rows, output / "frontier.png", sweep.scene.title, sentence)
 
 
 def _reference(
-    config: Path, sweep: Sweep, overrides: Sequence[str], file: Path
+    config: Path, sweep: Sweep, overrides: Sequence[str], kept: Kept
 ) -> Generator[Progress, None, ReferenceAnswer]:
     """Solve the three finest meshes and extrapolate."""
     scene, finest = sweep.scene, sweep.references[-1]
@@ -317,23 +338,28 @@ def _reference(
         assert isinstance(body.mesh, Box)
         cells = scaled(body.mesh.cells, finest.factor * finest.degree)
         lattices.append(Lattice(body.mesh.lower, body.mesh.upper, cells))
-    for variant in reversed(sweep.references):
-        yield Progress(f"reference: {variant.describe(scene)}")
-        settings = [*overrides, *variant.overrides(scene)]
-        try:
-            run_one(OURS, config, settings, variant.tolerance, fields=file)
-        except RunError as error:
-            raise ConfigurationError(f"{config}: the reference failed: {error}") from error
+    for number, variant in enumerate(reversed(sweep.references)):
+        file = kept.reference(number)
+        if not file.exists():
+            yield Progress(f"reference: {variant.describe(scene)}")
+            settings = [*overrides, *variant.overrides(scene)]
+            new = file.with_suffix(".new.npz")
+            try:
+                run_one(OURS, config, settings, variant.tolerance, fields=new)
+            except RunError as error:
+                raise ConfigurationError(f"{config}: the reference failed: {error}") from error
+            new.replace(file)
+            kept.save()
         fields = Fields.load(str(file))
-        meshes = fields.meshes(variant.cell, variant.degree)
         if ruler is None:
             watched = []
-            for number, (lattice, mesh) in enumerate(zip(lattices, meshes, strict=True)):
-                mine = fields.body(number)
+            meshes = fields.meshes(variant.cell, lattices)
+            for body, (lattice, mesh) in enumerate(zip(lattices, meshes, strict=True)):
+                mine = fields.body(body)
                 seen = lattice.evaluate(mesh, fields.points[mine], fields.watched[mine] * 1.0)
                 watched.append(seen.ravel() > 0.5)
             ruler = Ruler(scene, tuple(lattices), watched)
-        sampled.append(ruler.sample(fields, meshes))
+        sampled.append(ruler.sample(fields, variant.cell))
     assert ruler is not None
     return ReferenceAnswer.of(ruler, sampled[::-1])
 
@@ -351,13 +377,10 @@ def _point(
     settings = [*overrides, *variant.overrides(sweep.scene)]
     found = run_one(variant.method, config, settings, variant.tolerance, limit, file)
     fields = Fields.load(str(file))
-    if len(fields.cells) < len(sweep.scene.bodies):
-        raise RunError("its graded mesh is no lattice of equal cells, where errors are measured")
-    sampled = reference.ruler.sample(fields, fields.meshes(variant.cell, variant.degree))
-    errors = reference.errors(sampled)
+    errors = reference.errors(reference.ruler.sample(fields, variant.cell))
     return {
         "method": variant.name,
-        "degree": variant.degree,
+        "degree": int(fields.degree.min()),
         "cell": variant.cell,
         "dofs": found["dofs"],
         "tolerance": variant.tolerance,

@@ -1,13 +1,14 @@
 """Fields of different meshes of one box, brought to one lattice of points and compared there.
 
-The nodes of a box of n cells along an axis, of degree p, are a lattice of p n + 1 points. A finite
-element function is evaluated exactly on the points of a finer lattice: cell by cell in tensor
-products for quadrilaterals and hexahedra, and on the six (two) simplices of each cube (square)
-around the diagonal from its lowest to its highest corner, into which dolfinx splits it, for
-tetrahedra and triangles: with the local coordinates sorted, a₁ ≥ a₂ ≥ a₃, a point has the
+The nodes of a box of n cells along an axis, of degree p, equal or graded, are a grid of p n + 1
+lines. A finite element function is evaluated exactly on the points of a lattice: cell by cell in
+tensor products for quadrilaterals and hexahedra, and on the six (two) simplices of each cube
+(square) around the diagonal from its lowest to its highest corner, into which dolfinx splits it,
+for tetrahedra and triangles: with the local coordinates sorted, a₁ ≥ a₂ ≥ a₃, a point has the
 barycentric coordinates 1 - a₁, a₁ - a₂, a₂ - a₃, a₃ along the path of corners in that order.
 
-The energy norm of a difference is that of its interpolant by first-order cells on the lattice.
+The energy norm of a difference is that of its interpolant by first-order cells on the lattice:
+what a graded mesh has between two of its points is not seen.
 """
 
 from __future__ import annotations
@@ -27,15 +28,48 @@ from meshes.subdomains import Reference
 
 Array = NDArray[np.float64]
 TENSOR = ("quadrilateral", "hexahedron")
+NEAR = 1e-9
+"""Of the length of a box: nodes that are nearer are on one line."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """What says how a field on a box is evaluated: cell, degree and cells along each axis."""
+    """What says how a field on a box is evaluated: cell, degree and cells along each axis.
+
+    `graded` has their ends along each axis, from 0 to 1; None: they are equal.
+    """
 
     cell: str
     degree: int
     cells: tuple[int, ...]
+    graded: tuple[tuple[float, ...], ...] | None = None
+
+    @classmethod
+    def through(cls, cell: str, degree: int, places: Array) -> Mesh:
+        """The mesh of nodes at places (nodes, axes) from 0 to 1."""
+        lines = []
+        for along in places.T:
+            ends = np.unique(along)
+            ends = ends[np.append(True, np.diff(ends) > NEAR)][::degree]
+            lines.append(tuple(float(x) for x in ends))
+        return cls(cell, degree, tuple(len(x) - 1 for x in lines), tuple(lines))
+
+    @property
+    def lines(self) -> list[Array]:
+        """Ends of cells along each axis, from 0 to 1."""
+        if self.graded is None:
+            return [np.linspace(0.0, 1.0, n + 1) for n in self.cells]
+        return [np.array(x) for x in self.graded]
+
+    @property
+    def grids(self) -> list[Array]:
+        """Nodes along each axis, from 0 to 1."""
+        result = []
+        for x in self.lines:
+            parts = np.arange(self.degree) / self.degree
+            inner = (x[:-1, None] + parts * np.diff(x)[:, None]).ravel()
+            result.append(np.append(inner, x[-1]))
+        return result
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -64,14 +98,14 @@ class Lattice:
             The nodes are not those of the mesh.
         """
         d = len(self.cells)
-        extent = np.subtract(self.upper, self.lower)
-        nodes = np.array(mesh.shape) - 1
-        place = (points[:, :d] - self.lower) / extent * nodes
-        index = np.rint(place).astype(np.int64)
-        flat = np.ravel_multi_index(tuple(index.T), mesh.shape, mode="clip")
+        index, away = np.empty((d, len(points)), np.int64), 0.0
+        for axis, (x, grid) in enumerate(zip(self.places(points).T, mesh.grids, strict=True)):
+            index[axis] = np.searchsorted(0.5 * (grid[1:] + grid[:-1]), x)
+            away = max(away, float(np.abs(x - grid[index[axis]]).max()))
+        flat = np.ravel_multi_index(tuple(index), mesh.shape)
         if (
             len(flat) != np.prod(mesh.shape)
-            or np.abs(place - index).max() > 1e-6
+            or away > 1e3 * NEAR
             or len(np.unique(flat)) != len(flat)
         ):
             raise ValueError(f"{len(flat)} nodes are not those of a box of {mesh}")
@@ -81,13 +115,18 @@ class Lattice:
         if mesh.cell not in TENSOR:
             return _simplices(mesh, self.cells) @ ordered
         field = ordered.reshape(*mesh.shape, -1)
-        for axis, (n, fine) in enumerate(zip(mesh.cells, self.cells, strict=True)):
-            along = _line(n, mesh.degree, fine) @ np.moveaxis(field, axis, 0).reshape(
+        for axis, fine in enumerate(self.cells):
+            along = _line(mesh, axis, fine) @ np.moveaxis(field, axis, 0).reshape(
                 field.shape[axis], -1
             )
             rest = np.delete(field.shape, axis)
             field = np.moveaxis(along.reshape(fine + 1, *rest), 0, axis)
         return np.ascontiguousarray(field).reshape(-1, values.shape[1])
+
+    def places(self, points: Array) -> Array:
+        """Where points (n, 3) are along each axis, from 0 to 1."""
+        extent = np.subtract(self.upper, self.lower)
+        return np.asarray((points[:, : len(self.cells)] - self.lower) / extent)
 
     @cached_property
     def weights(self) -> Array:
@@ -122,18 +161,24 @@ class Lattice:
         return total
 
 
+def _located(lines: Array, fine: int) -> tuple[NDArray[np.int64], Array]:
+    """The cell of each of `fine` + 1 points of a line, and where in it they are, from 0 to 1."""
+    point = np.arange(fine + 1) / fine
+    cell = np.clip(np.searchsorted(lines, point, side="right") - 1, 0, len(lines) - 2)
+    return cell, (point - lines[cell]) / (lines[cell + 1] - lines[cell])
+
+
 @lru_cache(maxsize=64)
-def _line(cells: int, degree: int, fine: int) -> sparse.csr_matrix:
-    """Evaluation of a function on a line of cells at `fine` + 1 points."""
-    point = np.arange(fine + 1)
-    cell = np.minimum(point * cells // fine, cells - 1)
-    s = (point * cells - cell * fine) / fine
+def _line(mesh: Mesh, axis: int, fine: int) -> sparse.csr_matrix:
+    """Evaluation of a function on the cells along an axis at `fine` + 1 points."""
+    cells, degree = mesh.cells[axis], mesh.degree
+    cell, s = _located(mesh.lines[axis], fine)
     if degree == 1:
         weights = np.stack([1.0 - s, s])
     else:
         weights = np.stack([(1.0 - s) * (1.0 - 2.0 * s), 4.0 * s * (1.0 - s), s * (2.0 * s - 1.0)])
     columns = degree * cell + np.arange(degree + 1)[:, None]
-    rows = np.broadcast_to(point, columns.shape)
+    rows = np.broadcast_to(np.arange(fine + 1), columns.shape)
     size = (fine + 1, degree * cells + 1)
     return sparse.csr_matrix((weights.ravel(), (rows.ravel(), columns.ravel())), shape=size)
 
@@ -144,9 +189,9 @@ def _simplices(mesh: Mesh, fine: tuple[int, ...]) -> sparse.csr_matrix:
     d = len(fine)
     point = np.stack(np.meshgrid(*(np.arange(n + 1) for n in fine), indexing="ij"), axis=-1)
     point = point.reshape(-1, d)
-    cells = np.array(mesh.cells)
-    cell = np.minimum(point * cells // fine, cells - 1)
-    local = (point * cells - cell * fine) / fine
+    found = [_located(x, n) for x, n in zip(mesh.lines, fine, strict=True)]
+    cell = np.stack([found[k][0][point[:, k]] for k in range(d)], axis=1)
+    local = np.stack([found[k][1][point[:, k]] for k in range(d)], axis=1)
     order = np.argsort(-local, axis=1, kind="stable")
     sorted_ = np.take_along_axis(local, order, axis=1)
     ones, zeros = np.ones((len(point), 1)), np.zeros((len(point), 1))

@@ -40,7 +40,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from contact_app.environment import peak_rss_gb
-from contact_app.scene import Box, Scene
+from contact_app.scene import Scene
 from contact_app.studies.whole import WholeSystem, assemble
 
 Answer = tuple[PETSc.Vec, int, int, bool]
@@ -212,9 +212,7 @@ def _save(scene: Scene, system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
             pressure=pressure,
             watched=watched,
             first_node=np.array([0, len(points)]),
-            cells=np.array(
-                [body.mesh.cells for body in scene.bodies if isinstance(body.mesh, Box)]
-            ),
+            degree=np.array([body.degree for body in scene.bodies]),
         )
 
 

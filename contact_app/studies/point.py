@@ -16,7 +16,7 @@ from mpi4py import MPI
 from contact_app.configuration import load
 from contact_app.refinement import solve_to_accuracy, with_levels
 from contact_app.run import solve_scene
-from contact_app.scene import Box, build_scene
+from contact_app.scene import build_scene
 
 
 def main() -> None:
@@ -43,7 +43,7 @@ def main() -> None:
             pressure=nodes.contact_pressure,
             watched=~np.isnan(nodes.gap),
             first_node=solved.model.partition.first_node,
-            cells=np.array([b.mesh.cells for b in bodies if isinstance(b.mesh, Box)]),
+            degree=np.array([body.degree for body in bodies]),
         )
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(summary), flush=True)

@@ -41,8 +41,7 @@ class Fields:
     watched : (nodes,)
         Nodes with a contact row.
     first_node : (bodies + 1,)
-    cells : (bodies, dimension)
-        Cells of the boxes along each axis.
+    degree : (bodies,)
     """
 
     points: Array
@@ -50,7 +49,7 @@ class Fields:
     pressure: Array
     watched: NDArray[np.bool_]
     first_node: NDArray[np.int64]
-    cells: NDArray[np.int64]
+    degree: NDArray[np.int64]
 
     @classmethod
     def load(cls, path: str) -> Fields:
@@ -58,9 +57,12 @@ class Fields:
         with np.load(path) as data:
             return cls(**{name: data[name] for name in cls.__dataclass_fields__})
 
-    def meshes(self, cell: str, degree: int) -> list[Mesh]:
-        """Meshes of the bodies."""
-        return [Mesh(cell, degree, tuple(int(n) for n in cells)) for cells in self.cells]
+    def meshes(self, cell: str, lattices: Sequence[Lattice]) -> list[Mesh]:
+        """Meshes of the bodies, all of one kind of cell."""
+        return [
+            Mesh.through(cell, int(degree), lattice.places(self.points[self.body(number)]))
+            for number, (degree, lattice) in enumerate(zip(self.degree, lattices, strict=True))
+        ]
 
     def body(self, number: int) -> slice:
         """Nodes of one body."""
@@ -89,13 +91,14 @@ class Ruler:
     lattices: tuple[Lattice, ...]
     watched: list[NDArray[np.bool_]]
 
-    def sample(self, fields: Fields, meshes: Sequence[Mesh]) -> Sampled:
-        """Evaluate an answer on the lattices.
+    def sample(self, fields: Fields, cell: str) -> Sampled:
+        """Evaluate an answer on cells of one kind on the lattices.
 
         Where a facet has nodes without a contact row, held ones for instance, the pressure of the
         others is continued, instead of falling to a zero that means nothing.
         """
         displacement, pressure = [], []
+        meshes = fields.meshes(cell, self.lattices)
         for number, (lattice, mesh) in enumerate(zip(self.lattices, meshes, strict=True)):
             mine = fields.body(number)
             known = fields.watched[mine] | (fields.pressure[mine] > 0.0)

@@ -16,6 +16,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene import Material, build_scene
 from contact_app.studies import chart
 from contact_app.studies.frontier import frontier
+from contact_app.studies.kept import Kept
 from contact_app.studies.lattice import Lattice, Mesh
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import Fields, ReferenceAnswer, Ruler, Sampled, extrapolate
@@ -51,7 +52,7 @@ def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> No
 
 def _nodes(mesh: Mesh, lower: tuple[float, ...], upper: tuple[float, ...]) -> np.ndarray:
     """Nodes of a mesh in an order that is not the lattice's, (n, 3)."""
-    axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, mesh.shape, strict=True)]
+    axes = [a + (b - a) * x for a, b, x in zip(lower, upper, mesh.grids, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
     order = np.random.default_rng(3).permutation(len(points))
     return np.pad(points, ((0, 0), (0, 3 - len(lower))))[order]
@@ -59,10 +60,14 @@ def _nodes(mesh: Mesh, lower: tuple[float, ...], upper: tuple[float, ...]) -> np
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
 @pytest.mark.parametrize("degree", [1, 2])
-def test_polynomials_are_evaluated_exactly(cell: str, degree: int) -> None:
+@pytest.mark.parametrize("graded", [None, ((0.0, 0.3, 1.0), (0.0, 0.1, 0.11, 1.0), (0.0, 1.0))])
+def test_polynomials_are_evaluated_exactly(
+    cell: str, degree: int, graded: tuple[tuple[float, ...], ...] | None
+) -> None:
     d = 3 if cell in ("hexahedron", "tetrahedron") else 2
+    graded = graded and graded[:d]
     lower, upper = (1.0, -2.0, 0.5)[:d], (2.0, 0.0, 3.5)[:d]
-    mesh = Mesh(cell, degree, (2, 3, 1)[:d])
+    mesh = Mesh(cell, degree, (2, 3, 1)[:d], graded)
     lattice = Lattice(lower, upper, (8, 12, 4)[:d])
     fine = _nodes(Mesh("quadrilateral", 1, lattice.cells), lower, upper)
 
@@ -71,6 +76,10 @@ def test_polynomials_are_evaluated_exactly(cell: str, degree: int) -> None:
         return np.column_stack([line**degree, -line])
 
     nodes = _nodes(mesh, lower, upper)
+    seen = Mesh.through(cell, degree, lattice.places(nodes))
+    assert seen.cells == mesh.cells
+    for found, expected in zip(seen.lines, mesh.lines, strict=True):
+        assert found == pytest.approx(expected, abs=1e-12)
     found = lattice.evaluate(mesh, nodes, field(nodes))
     order = np.lexsort(fine[:, :d].T[::-1])
     assert found == pytest.approx(field(fine[order]), abs=1e-11)
@@ -126,9 +135,9 @@ def test_pressure_is_continued_to_nodes_without_a_row() -> None:
     floor = points[:, 1] == 0.0
     watched = floor & (points[:, 0] > 0.0)
     fields = Fields(points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
-                    np.array([[2, 2]]))  # fmt: skip
+                    np.array([1]))  # fmt: skip
     ruler = Ruler(scene, (lattice,), [])
-    found = ruler.sample(fields, fields.meshes("quadrilateral", 1)).pressure[0].reshape(9, 9)
+    found = ruler.sample(fields, "quadrilateral").pressure[0].reshape(9, 9)
     assert found[1:, 0] == pytest.approx(5.0)
     assert found[0, 0] == 0.0
 
@@ -185,6 +194,41 @@ def test_a_patch_whose_answer_every_mesh_holds_has_no_error(tmp_path: Path) -> N
     with (tmp_path / "frontier.csv").open() as file:
         assert next(csv.reader(file)) == list(chart.COLUMNS)
     assert (tmp_path / "frontier.png").stat().st_size > 10_000
+
+
+def test_refinement_to_an_accuracy_is_a_point_and_a_chart_goes_on(tmp_path: Path) -> None:
+    """Graded cells under a punch: the error measured is below what was asked for."""
+    config = CONFIGS / "flat_punch.yaml"
+    sweep = chart.plan(config, largest=1_000, peers=False)
+    adaptive = {v.accuracy: v for v in sweep.variants if v.accuracy}
+    assert set(adaptive) == set(chart.ACCURACIES)
+    few = [adaptive[0.2], adaptive[0.1]]
+    assert not any("degree" in o for v in few for o in v.overrides(sweep.scene))
+    sweep = chart.Sweep(sweep.scene, tuple(few[:1]), sweep.references, ())
+    list(chart.chart(config, tmp_path, sweep))
+    begun = chart.read(tmp_path / "frontier.csv")
+    sweep = chart.Sweep(sweep.scene, tuple(few), sweep.references, ())
+    told = [p.text for p in chart.chart(config, tmp_path, sweep, resume=True)]
+    assert not any(text.startswith("reference:") for text in told)
+    rows = chart.read(tmp_path / "frontier.csv")
+    assert rows[0] == begun[0]
+    for row, asked in zip(rows, (0.2, 0.1), strict=True):
+        assert row["method"] == f"contact-app accuracy {asked:g}"
+        assert 0.3 * asked < row["error_energy"] < asked
+        assert row["degree"] == 2
+
+
+def test_only_the_same_chart_goes_on(tmp_path: Path) -> None:
+    kept = Kept(tmp_path, ["one", "scene"], resume=False)
+    kept.reference(0).touch()
+    kept.add("a point", {"seconds": 1.0})
+    kept.add("another", "not done after 1 s")
+    same = Kept(tmp_path, ["one", "scene"], resume=True)
+    assert same.points == kept.points
+    assert same.rows() == [{"seconds": 1.0}]
+    assert same.reference(0).exists()
+    assert not Kept(tmp_path, ["another", "scene"], resume=True).points
+    assert not same.reference(0).exists()
 
 
 def test_an_interrupted_chart_leaves_what_it_had(
