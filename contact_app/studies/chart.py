@@ -354,8 +354,8 @@ def _reference(
         if ruler is None:
             watched = []
             meshes = fields.meshes(variant.cell, lattices)
-            for body, (lattice, mesh) in enumerate(zip(lattices, meshes, strict=True)):
-                mine = fields.body(body)
+            for place, (lattice, mesh) in enumerate(zip(lattices, meshes, strict=True)):
+                mine = fields.body(place)
                 seen = lattice.evaluate(mesh, fields.points[mine], fields.watched[mine] * 1.0)
                 watched.append(seen.ravel() > 0.5)
             ruler = Ruler(scene, tuple(lattices), watched)
