@@ -49,6 +49,23 @@ def layer_errors(solved: SolvedScene, grids: Sequence[Sequence[Array]]) -> list[
     return [[model.comm.allreduce(part, op=MPI.SUM) for part in axes] for axes in sums]
 
 
+def evenness(squares: Sequence[Sequence[Array]]) -> float:
+    """Least error that new grid lines alone could leave, over the present one: 1 where none do.
+
+    By the law above, and along the one axis of each body that gains most.
+
+    Parameters
+    ----------
+    squares
+        η² of each layer, by body and axis.
+    """
+    total = sum(float(axes[0].sum()) for axes in squares)
+    left = 0.0
+    for axes in squares:
+        left += min(float(np.cbrt(s).sum() ** 3 / len(s) ** 2) for s in axes)
+    return float(np.sqrt(left / total)) if total > 0.0 else 1.0
+
+
 def graded(grid: Array, squares: Array, layers: int, fixed: Array, degree: int = 1) -> Array:
     """New grid coordinates.
 

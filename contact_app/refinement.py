@@ -10,10 +10,12 @@ same: where a scene uses one, only those are taken.
 Where the file names no degree, meshes after the first are of degree 2: smooth answers converge
 faster, singular ones have less error on as many nodes, graded cells far less (docs/accuracy.md).
 
-Where two levels show that a singularity holds the rate down, equal cells are given up: from then
-on the grid lines of each box are laid by the error of the last mesh (`grading`), and the error
-falls at the rate of smooth answers again. Coordinates of the start stay grid lines where a scene
-picks nodes by an expression.
+Where the layers of cells of degree 2 have shares of the error that are far from even, or two levels
+show that a singularity holds the rate down, equal cells are given up: from then on the grid lines
+of each box are laid by the error of the last mesh (`grading`), and the error falls at the rate of
+smooth answers again. New lines alone, no more of them, take off about the root of what they could
+at best, since each set shows better where the error is; only what is missing beyond that makes a
+mesh larger. Coordinates of the start stay grid lines where a scene picks nodes by an expression.
 
 Where a body comes from a file, the cells that carry the error are refined
 (`local_refinement`), and the degree stays.
@@ -33,7 +35,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.grading import graded, layer_errors
+from contact_app.grading import evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.scene import Box, Decomposition, Scene
@@ -64,6 +66,16 @@ WHOLE = {2: 500_000, 3: 80_000}
 
 SINGULAR = {1: 0.75, 2: 1.1}
 """Rates by degree below which cells are graded."""
+
+UNEVEN = 0.7
+"""Least error of the best grid lines over that of equal ones, from which on those of degree 2 are
+kept."""
+
+LEAST = 1.1
+"""Smallest step between graded meshes whose grid lines have settled."""
+
+SETTLED = 0.85
+"""Error that new grid lines are expected to leave from which on they have."""
 
 MOST_LEVELS = 12
 
@@ -163,20 +175,19 @@ def solve_to_accuracy(
             factor = last if whole or not _even(current) else 0.5 * last
             factors, following = [], refined(scene, factor)
         else:
+            lines = equal_lines(current) if grids is None else grids
+            squares = layer_errors(solved, lines)
             slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
-            if grids is None and slow:
-                factors, errors = [], []
-                tell("a singularity holds the error up: cells are graded from here on")
-                grids = _uniform(scene, current)
+            if grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):
+                tell("the error is in few places: cells are graded from here on")
+                grids = lines
             if grids is None:
                 factor = next_factor(factors, errors, target, whole, degree)
                 following = refined(scene, factor)
             else:
-                factor = last
-                if factors:
-                    factor = next_factor(factors, errors, target, False, degree, graded=True)
-                grids = _regraded(scene, solved, grids, factor)
-                following = _on_grids(scene, grids, solved.model.comm.size)
+                factor = last * graded_step(levels[-1].total, evenness(squares), target, degree)
+                grids = regraded(scene, squares, grids, factor)
+                following = on_lines(scene, grids, solved.model.comm.size)
         dofs = sum(body.nodes for body in following.bodies) * scene.dimension
         needed = needed_bytes(dofs)
         available = solved.model.comm.allreduce(available_bytes(), op=MPI.MIN)
@@ -192,11 +203,9 @@ def solve_to_accuracy(
         del solved  # its factors make room for the next
 
 
-def rate_of(
-    factors: list[float], errors: list[float], degree: int = 1, graded: bool = False
-) -> float:
+def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float:
     """p of e ~ s^-p between the last two meshes, between 0.4 and the best, which it is of one."""
-    fastest = (GRADED if graded else FASTEST)[degree]
+    fastest = FASTEST[degree]
     if len(factors) < 2:
         return fastest
     if errors[-1] >= errors[-2] or factors[-1] <= factors[-2]:
@@ -211,7 +220,6 @@ def next_factor(
     target: float,
     whole: bool = False,
     degree: int = 1,
-    graded: bool = False,
 ) -> float:
     """How many cells for one of the start the next mesh has along an edge.
 
@@ -221,7 +229,7 @@ def next_factor(
         Of the meshes so far; the last error is above the target.
     whole
         Whether only whole numbers will do.
-    degree, graded
+    degree
         Of the cells.
 
     Examples
@@ -231,10 +239,33 @@ def next_factor(
     >>> next_factor([1.0], [0.5], 0.01)
     2.0
     """
-    rate = rate_of(factors, errors, degree, graded)
+    rate = rate_of(factors, errors, degree)
     step = (errors[-1] / (MARGIN * target)) ** (1.0 / rate)
-    factor = factors[-1] * min(step, PATIENT if graded and degree == 2 else FARTHEST)
+    factor = factors[-1] * min(step, FARTHEST)
     return float(math.ceil(factor - 1e-9)) if whole else factor
+
+
+def graded_step(error: float, even: float, target: float, degree: int) -> float:
+    """How many layers for one of the last the next graded mesh has.
+
+    Parameters
+    ----------
+    error
+        Of the last, above the target.
+    even
+        Its `grading.evenness`.
+
+    Examples
+    --------
+    >>> graded_step(0.19, 0.25, 0.1, 2), graded_step(0.19, 0.25, 0.01, 2)  # new lines will do
+    (1.0, 1.5)
+    >>> round(graded_step(0.02, 1.0, 0.01, 2), 3)
+    1.436
+    """
+    left = math.sqrt(even)
+    step = (error * left / (MARGIN * target)) ** (1.0 / GRADED[degree])
+    least = LEAST if left > SETTLED else 1.0
+    return min(max(step, least), PATIENT if degree == 2 else FARTHEST)
 
 
 def _free_degree(scene: Scene) -> bool:
@@ -265,10 +296,10 @@ def refined(scene: Scene, factor: float) -> Scene:
     return replace(scene, bodies=tuple(bodies))
 
 
-def _uniform(scene: Scene, current: Scene) -> Grids:
+def equal_lines(scene: Scene) -> Grids:
     """Grid coordinates of boxes of equal cells, by body and axis."""
     grids = []
-    for body in current.bodies:
+    for body in scene.bodies:
         assert isinstance(body.mesh, Box)
         box = body.mesh
         corners = zip(box.lower, box.upper, box.cells, strict=True)
@@ -276,10 +307,9 @@ def _uniform(scene: Scene, current: Scene) -> Grids:
     return grids
 
 
-def _regraded(scene: Scene, solved: SolvedScene, grids: Grids, factor: float) -> Grids:
-    """New grids with so many layers for one of the start, by the error of the last."""
-    squares = layer_errors(solved, grids)
-    starts = _uniform(scene, scene)
+def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> Grids:
+    """New grids with so many layers for one of the start, by the η² of the last ones' layers."""
+    starts = equal_lines(scene)
     whole = needs_multiples(scene)
     return [
         [
@@ -291,7 +321,7 @@ def _regraded(scene: Scene, solved: SolvedScene, grids: Grids, factor: float) ->
     ]  # fmt: skip
 
 
-def _on_grids(scene: Scene, grids: Grids, ranks: int) -> Scene:
+def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
     """The scene with graded boxes; slivers cut at random converge slowly, so bodies stay whole."""
     bodies = tuple(
         replace(body, mesh=graded_box(body.mesh.cell, axes))

@@ -37,6 +37,7 @@ from contact_app.refinement import FASTEST, solve_to_accuracy
 from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import BodyMesh, Box, Scene, build_scene
 from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
+from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
 
@@ -328,7 +329,9 @@ def _answer(case: Case, cells: int) -> _Answer:
 class Reached:
     """A run to an accuracy: `error` is measured.
 
-    `equal_dofs` is what equal cells of degree 1 need, by the rate of the sweep.
+    `best_dofs` is what the best mesh of the sweep takes whose measured error meets the target,
+    `knowable_dofs` of those whose estimate does, which is all a run can know; `equal_dofs` what
+    equal cells of degree 1 need, by the rate of their sweep. `all_dofs` is the sum over the levels.
     """
 
     scene: str
@@ -337,28 +340,34 @@ class Reached:
     levels: int
     dofs: int
     degree: int
+    best_dofs: int
+    best: str
+    knowable_dofs: int
     equal_dofs: int
     estimate: float
     error: float
+    all_dofs: int
     hessian_multiplications: int
     seconds: float
     missed: str
 
 
-START = 8
-"""Cells along an edge where runs to an accuracy begin."""
+START = {2: 8, 3: 4}
+"""Cells along an edge where runs to an accuracy begin, by dimension."""
+
+LAYERS = {
+    2: (3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 28, 32),
+    3: (2, 3, 4, 5, 6, 7, 8, 10, 12, 14),
+}
+"""Cells along an edge of graded meshes of the sweep, by dimension."""
 
 
-def reach(case: Case, target: float, known: Sweep) -> Reached:
-    """Ask for an accuracy and measure what came out.
+def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
+    """Relative error of an answer on any mesh of a case.
 
-    On curved obstacles the error is that to a mesh twice as fine, which leaves out a part that
-    the rate of such cells tells.
+    On curved obstacles it is that to a mesh twice as fine, which leaves out a part that the rate
+    of such cells tells.
     """
-    scene = case.scene_of(START, f"accuracy={target}")
-    found = solve_to_accuracy(scene, partial(solve_scene, comm=MPI.COMM_SELF))
-    levels, last = found.levels, found.levels[-1]
-    solved = found.solved
     degree = solved.model.scene.bodies[0].degree
     answer = _Answer(replace(case, degree=degree), 0, solved)
     if case.conforming:
@@ -368,11 +377,41 @@ def reach(case: Case, target: float, known: Sweep) -> Reached:
         on_finer = answer.on((len(finer.displacement) - 1) // degree)
         error = finer.product(finer.displacement - on_finer) ** 0.5
         error /= (1.0 - 4.0 ** -FASTEST[degree]) ** 0.5
-    finest, dimension = known.rows[-1], scene.dimension
+    return float(error / answer.norm)
+
+
+def all_meshes(case: Case, sweeps: dict[Case, Sweep]) -> list[Mesh]:
+    """Equal cells of degree 1 and 2 that were swept, and graded ones of degree 2."""
+    meshes = [
+        Mesh(f"{row.cells} {row.element}s", row.dofs, row.error, row.estimate)
+        for other, found in sweeps.items()
+        if (other.scene, other.cell, other.mean_dilatation) == (case.scene, case.cell, False)
+        for row in found.rows
+    ]
+    dimension = case.scene_of(2).dimension
+    start = case.scene_of(START[dimension], "accuracy=0.1")
+    for cells in LAYERS[dimension]:
+        scene = replace(case, degree=2).scene_of(cells, "accuracy=0.1")
+        meshes += graded_meshes(start, scene, cells, lambda s: measured(case, s, sweeps[case]))
+    return meshes
+
+
+def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> Reached:
+    """Ask for an accuracy, measure what came out, and compare with the best of all meshes."""
+    dimension = case.scene_of(2).dimension
+    scene = case.scene_of(START[dimension], f"accuracy={target}")
+    found = solve_to_accuracy(scene, partial(solve_scene, comm=MPI.COMM_SELF))
+    levels, last = found.levels, found.levels[-1]
+    solved = found.solved
+    finest = known.rows[-1]
     cells = finest.cells * (finest.estimate / target) ** (1.0 / known.rate)
+    best = smallest(meshes, target)
     return Reached(
-        case.scene, case.cell, target, len(levels), last.dofs, degree,
-        round(dimension * (cells + 1) ** dimension), last.total, error / answer.norm,
+        case.scene, case.cell, target, len(levels), last.dofs,
+        solved.model.scene.bodies[0].degree, best.dofs, best.name,
+        smallest(meshes, target, by_estimate=True).dofs,
+        round(dimension * (cells + 1) ** dimension), last.total, measured(case, solved, known),
+        sum(level.dofs for level in levels),
         sum(level.hessian_multiplications for level in levels),
         sum(level.seconds for level in levels), found.missed,
     )  # fmt: skip
@@ -395,16 +434,16 @@ def _halved_cells(scene: Scene) -> Scene:
 
 
 def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[str]:
-    """Write ``effectivity.csv`` and ``targets.csv``; yields their rows as tables for a page."""
+    """Write ``effectivity.csv``, ``meshes.csv`` and ``targets.csv``; yields tables for a page."""
     rows: list[Row] = []
     reached: list[Reached] = []
     yield "| scene | cell | cells | unknowns | error | estimate | effectivity | error known to |"
     yield "|---|---|---|---|---|---|---|---|"
-    sweeps = []
+    sweeps: dict[Case, Sweep] = {}
     for case in cases:
-        sweeps.append(sweep(case))
-        rows += sweeps[-1].rows
-        for r in sweeps[-1].rows:
+        sweeps[case] = sweep(case)
+        rows += sweeps[case].rows
+        for r in sweeps[case].rows:
             yield (
                 f"| {r.scene} | {r.element} | {r.cells} | {r.dofs:,} | {100 * r.error:.2f} % | "
                 f"{100 * r.estimate:.2f} % | {r.effectivity:.2f} | "
@@ -412,25 +451,33 @@ def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[st
             )
     yield ""
     yield (
-        "| scene | cell | asked for | levels | degree | unknowns | equal cells of degree 1 need | "
-        "estimate | error | Hessian multiplications | seconds |"
+        "| scene | asked for | levels | unknowns | best by estimate | ratio | best by error | "
+        "ratio | equal cells of degree 1 | estimate | error | unknowns of all levels | "
+        "Hessian multiplications | seconds |"
     )
-    yield "|---|---|---|---|---|---|---|---|---|---|---|"
-    for case, known in zip(cases, sweeps, strict=True):
+    yield "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"
+    every: list[Any] = []
+    for case, known in sweeps.items():
+        meshes = all_meshes(case, sweeps) if case.targets else []
+        every += [{"scene": case.scene, **asdict(mesh)} for mesh in meshes]
         for target in case.targets:
-            run = reach(case, target, known)
+            run = reach(case, target, known, meshes)
             reached.append(run)
             yield (
-                f"| {run.scene} | {run.cell} | {100 * run.target:g} % | {run.levels} | "
-                f"{run.degree} | {run.dofs:,} | {run.equal_dofs:,} | {100 * run.estimate:.2f} % | "
-                f"{100 * run.error:.2f} % | {run.hessian_multiplications} | {run.seconds:.1f} | "
+                f"| {run.scene} | {100 * run.target:g} % | {run.levels} | {run.dofs:,} | "
+                f"{run.knowable_dofs:,} | {run.dofs / run.knowable_dofs:.2f} | "
+                f"{run.best_dofs:,} ({run.best}) | {run.dofs / run.best_dofs:.2f} | "
+                f"{run.equal_dofs:,} | {100 * run.estimate:.2f} % | {100 * run.error:.2f} % | "
+                f"{run.all_dofs:,} | {run.hessian_multiplications} | {run.seconds:.1f} | "
                 f"{run.missed}"
             )
     directory.mkdir(parents=True, exist_ok=True)
-    tables: dict[str, list[Any]] = {"effectivity": rows, "targets": reached}
+    tables: dict[str, list[Any]] = {"effectivity": [asdict(row) for row in rows],
+                                    "meshes": every,
+                                    "targets": [asdict(run) for run in reached]}  # fmt: skip
     for name, table in tables.items():
         with (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(asdict(table[0])))
+            writer = csv.DictWriter(file, list(table[0]))
             writer.writeheader()
-            writer.writerows(asdict(row) for row in table)
+            writer.writerows(table)
         yield f"wrote {directory / f'{name}.csv'}"

@@ -1,0 +1,71 @@
+"""The best mesh of a sweep: what an accuracy takes at least, of equal and of graded cells.
+
+Equal cells of degree 1 and 2 come from the sweeps of `effectivity`. Graded ones of degree 2 are
+made for every number of layers from equal ones, by laying the grid lines anew by the error of the
+last mesh, again and again: the best of these lines, not those of one way through the levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+from contact_app.grading import layer_errors
+from contact_app.refinement import equal_lines, on_lines, regraded
+from contact_app.run import SolvedScene, solve_scene
+from contact_app.scene import Box, Scene
+
+REGRADES = 5
+"""How often grid lines are laid anew; after five they hardly move."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh of a sweep: what it is, unknowns, and its errors, measured and estimated."""
+
+    name: str
+    dofs: int
+    error: float
+    estimate: float
+
+
+def graded_meshes(
+    start: Scene, scene: Scene, cells: int, error: Callable[[SolvedScene], float]
+) -> list[Mesh]:
+    """Meshes of one number of cells along an edge with grid lines laid anew.
+
+    Parameters
+    ----------
+    start
+        The scene on the mesh whose grid lines stay where it picks nodes by an expression.
+    scene
+        The same on equal cells of degree 2, so many along an edge.
+    error
+        Measures an answer.
+    """
+    box = start.bodies[0].mesh
+    assert isinstance(box, Box)
+    solved = solve_scene(scene, MPI.COMM_SELF)
+    lines = equal_lines(scene)
+    result = []
+    for number in range(1, REGRADES + 1):
+        lines = regraded(start, layer_errors(solved, lines), lines, cells / box.cells[0])
+        solved = solve_scene(on_lines(scene, lines, 1), MPI.COMM_SELF)
+        estimate = solved.accuracy.discretisation
+        name = f"{cells} layers, laid {number}x"
+        result.append(Mesh(name, solved.model.dofs, error(solved), estimate))
+    return result
+
+
+def smallest(meshes: Iterable[Mesh], target: float, by_estimate: bool = False) -> Mesh:
+    """The mesh with the fewest unknowns whose error is at most the target.
+
+    Raises
+    ------
+    ValueError
+        There is none.
+    """
+    fitting = [m for m in meshes if (m.estimate if by_estimate else m.error) <= target]
+    return min(fitting, key=lambda m: m.dofs)
