@@ -151,8 +151,7 @@ def certify(
     imbalance, energy = _equilibrium(problem, multiplier, displacements)
     contact_forces = multiplier[contact] * problem.spread[contact]
     load = _load(problem, multiplier, contact_forces)
-    closed = worth_closing(problem, multiplier, residual)
-    ways = [_way(problem, multiplier, interface, rows) for rows in (closed, None)]
+    ways = _ways(problem, multiplier, interface, residual)
     complementarity = float(np.abs(contact_forces * slack[contact]).sum())
     work = float(multiplier @ residual)
     costs = [opened + motion_energy(problem, change) for change, opened in ways]
@@ -176,6 +175,27 @@ def certify(
         round_off=_round_off(problem, displacements) / (load or 1.0),
     )
     return numbers.judged(tolerance), Measures(largest, load, energy, gap)
+
+
+def nearest_admissible(
+    problem: DualProblem, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """The admissible û whose duality gap is least, on the interface; elsewhere it is u."""
+    interface = problem.on_interface(displacements)
+    ways = _ways(problem, multiplier, interface, problem.residual(interface))
+    costs = [opened + motion_energy(problem, change) for change, opened in ways]
+    return interface + ways[int(np.argmin(problem.comm.allreduce(np.array(costs))))][0]
+
+
+def _ways(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    interface: NDArray[np.float64],
+    residual: NDArray[np.float64],
+) -> list[tuple[NDArray[np.float64], float]]:
+    """Ways to admissible û, one that closes what is worth closing and one that does not."""
+    closed = worth_closing(problem, multiplier, residual)
+    return [_way(problem, multiplier, interface, rows) for rows in (closed, None)]
 
 
 def _way(

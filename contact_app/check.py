@@ -19,6 +19,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from rich.console import Console
 
+from contact_app.box_surface import refuse_unguaranteed
 from contact_app.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.distant import distant
 from contact_app.memory import available_bytes, needed_bytes
@@ -71,6 +72,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     if scene.symmetry:
         scene = halving.scene
     known = outline(scene, comm, needed="estimated")
+    refuse_unguaranteed(scene, known.partition)
     lines = describe(scene, known)
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]

@@ -321,6 +321,16 @@ _TOLERANCE: TypeAdapter[float] = TypeAdapter(
 )
 
 
+class Certificate(Model):
+    """What the certificate holds beyond what it always does."""
+
+    guaranteed: bool = Field(
+        False,
+        description="Bound the error of mesh and solver together, guaranteed, by a stress in "
+        "equilibrium: boxes of degree 1 and flat obstacles parallel to their faces.",
+    )
+
+
 class Output(Model):
     """What is written."""
 
@@ -357,6 +367,9 @@ class Configuration(Model):
     )
     solver: Solver = Field(
         Solver.model_validate({}), description="Tolerance and method of the solver."
+    )
+    certificate: Certificate = Field(
+        Certificate.model_validate({}), description="What to certify beyond the usual."
     )
     output: Output = Field(Output.model_validate({}), description="Files and fields to write.")
 

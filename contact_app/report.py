@@ -192,6 +192,13 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
     accuracy = summary["accuracy"]
     row("error of the mesh (estimate)", _percent(accuracy["discretisation"]))
     row("error of the solver (bound)", _percent(accuracy["algebraic"]))
+    if "guaranteed" in accuracy:
+        bound = accuracy["guaranteed"]
+        row(
+            "error of both (guaranteed bound)",
+            "none" if bound is None else at_most(bound),
+            _verdict(bound is not None),
+        )
     if "target" in accuracy:
         row("error of both", _percent(accuracy["total"]), _verdict(bool(accuracy["met"])))
         for level in summary["levels"]:
@@ -212,6 +219,12 @@ def _number(value: float | None) -> str:
 
 def _percent(value: float | None) -> str:
     return "unknown" if value is None else f"{100.0 * value:.2g} %"
+
+
+def at_most(value: float) -> str:
+    """A bound in percent, three digits, rounded up."""
+    digits = 2 - math.floor(math.log10(100.0 * value)) if value > 0.0 else 0
+    return f"{math.ceil(100.0 * value * 10.0**digits) / 10.0**digits:.3g} %"
 
 
 def _verdict(met: bool | None) -> Text:

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from contact_app.box_surface import refuse_unguaranteed
 from contact_app.candidates import Needed, more_needed
 from contact_app.check import modelled_lines
 from contact_app.checkpoint import Checkpoint
@@ -23,6 +24,7 @@ from contact_app.environment import environment, slow_blas_warning
 from contact_app.error_estimate import ErrorEstimator
 from contact_app.errors import ConfigurationError, ContactError
 from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
+from contact_app.guarantee import guarantee, with_guarantee
 from contact_app.history import History
 from contact_app.limits import model_warnings
 from contact_app.mirror import whole_summary
@@ -142,6 +144,13 @@ def run(
             checkpoint.remove()
         for note in solved.model.notes:
             log.info("%s", note)
+        guaranteed = None
+        if scene.guaranteed:
+            progress.stage("bounding the error")
+            with solved.timings.measure("estimate"):
+                guaranteed = guarantee(solved.model, solved.solution)
+            if first:
+                log.info("%s", guaranteed)
         files = [directory / "summary.json", directory / "history.csv", directory / "run.log"]
         if scene.output.xdmf:
             progress.stage("writing")
@@ -151,13 +160,15 @@ def run(
         summary = {**solved.summary, "timings": solved.timings.as_dict()}
         if refined is not None:
             summary = with_levels(summary, refined)
+        if guaranteed is not None:
+            summary = with_guarantee(summary, guaranteed)
         if first:
             for warning in summary["certificate"]["warnings"]:
                 log.warning("%s", warning)
             write_summary(directory / "summary.json", summary)
     if first:
         print_summary(summary, solved.solution.tolerance, files)
-    reached = refined is None or not refined.missed
+    reached = (refined is None or not refined.missed) and not (guaranteed and guaranteed.missing)
     return CERTIFIED if solved.solution.converged and reached else NOT_CERTIFIED
 
 
@@ -176,7 +187,8 @@ def _ending_together(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def _log_model(scene: Scene, known: Outline) -> None:
-    """What is modelled and what is left out, as `check` says it (collective)."""
+    """What is modelled and what is left out, as `check` says and refuses it (collective)."""
+    refuse_unguaranteed(scene, known.partition)
     for line in modelled_lines(scene, known):
         if line and known.partition.comm.rank == 0:
             log.info("%s", line)

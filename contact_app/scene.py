@@ -174,7 +174,8 @@ class Body:
     boundaries
         Those defined by an expression.
     degree_given
-        Whether the file names a degree: else a run to an accuracy chooses one.
+        Whether the file names a degree or asks for what holds for degree 1 alone: else a run to an
+        accuracy chooses one.
     """
 
     name: str
@@ -307,6 +308,8 @@ class Scene:
     ----------
     symmetry
         Whether the scene may be cut at planes it mirrors about.
+    guaranteed
+        Whether a guaranteed bound of the error is asked for.
     mirrors
         The planes at which it was cut: the bodies are what is left below them.
     """
@@ -327,6 +330,7 @@ class Scene:
     output: OutputOptions
     source: Path
     symmetry: bool = False
+    guaranteed: bool = False
     mirrors: tuple[Mirror, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
@@ -398,6 +402,7 @@ class _Builder:
             output=OutputOptions(self.c.output.xdmf, tuple(dict.fromkeys(self.c.output.fields))),
             source=self.c.source,
             symmetry=self.c.symmetry == "allow",
+            guaranteed=self.c.certificate.guaranteed,
             places=self._places(),
         )
 
@@ -417,6 +422,7 @@ class _Builder:
         keys += [("contacts", i) for i in range(len(self.c.contacts))]
         places = {f"{name}[{i}]": self.c.where((name, i)) for name, i in keys}
         places["accuracy"] = self.c.where(("accuracy",))
+        places["certificate.guaranteed"] = self.c.where(("certificate", "guaranteed"))
         places["decomposition"] = self.c.where(("decomposition",))
         return places
 
@@ -484,7 +490,7 @@ class _Builder:
             degree=body.degree,
             materials=materials,
             boundaries=boundaries,
-            degree_given="degree" in body.model_fields_set,
+            degree_given="degree" in body.model_fields_set or self.c.certificate.guaranteed,
         )
 
     def _materials(
