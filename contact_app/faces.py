@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -27,17 +28,22 @@ from solver.tfeti.coarse import RangeOperator
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
 from solver.tfeti.preconditioner import FacePreconditioner
-from solver.tfeti.recovery import add_motions, interface_displacements
+from solver.tfeti.recovery import add_motions
 
 FIRST_LOOK, NEXT_LOOK = 0.4, 0.1
-"""Reduction of the residual before the first look at a face and between later ones: a look costs a
-product, a face that is left late costs more."""
+"""Reduction of the residual before the first look at a face and between later ones."""
 
 LOOKS = 3
 """Looks at a face before it is solved to the end."""
 
 SIGNIFICANT = 0.1
-"""Forces and distances that change a face, relatively, over its relative residual."""
+"""Forces and distances that change a face, relatively, over the estimate of its error."""
+
+FIRST = 0.02
+"""Share of the load, from where it first closes a contact on, whose contacts the first face has."""
+
+ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
+"""Rounding errors of F λ over ‖F‖ ‖λ‖."""
 
 MARGIN, TIGHTEN = 0.7, 0.3
 """Share of the largest jump allowed at which an answer is shown; factor on the residual where it
@@ -130,23 +136,21 @@ class Face:
         multiplier: NDArray[np.float64] | None = None,
     ) -> None:
         self.problem, self.touching = problem, touching
-        self.glued = problem.face(touching)
+        self.glued = problem.face(touching, multiplier)
         assert self.glued.coarse is not None
-        outside = np.empty(problem.size)
-        self.glued.coarse.apply(self.glued.rhs, outside)
+        rhs, outside = self.glued.rhs, np.empty(problem.size)
+        self.glued.coarse.apply(rhs, outside)
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does
         preconditioner = FacePreconditioner(self.glued, math.inf)
-        x0 = None
-        if multiplier is not None:
-            x0 = np.where(problem.inequality & ~touching, 0.0, multiplier) - self.glued.offset
-            self.glued.coarse.project(x0, x0)
-        qp = BoxQP(RangeOperator(self.glued.F, self.glued.coarse), self.glued.rhs)
-        self._iterate = it = Iterate(qp, x0, preconditioner=preconditioner)
+        qp = BoxQP(RangeOperator(self.glued.F, self.glued.coarse), rhs)
+        self._iterate = it = Iterate(qp, preconditioner=preconditioner)
         it.measure_b()
-        it.evaluate()
+        it.begin()
+        it.counts.hessian += 1  # of the right-hand side
         self._floor = max(self.glued.round_off, OUTSIDE * it.reduction.norm(outside))
+        self._weight = it.reduction.norm(self.glued.offset - problem.offset)
         self._before = it.reduction.collectives
 
     def _check_coarse_problem(self) -> None:
@@ -167,10 +171,29 @@ class Face:
         return it.projected_gradient_norm / (it.b_norm or 1.0)
 
     @property
+    def error(self) -> float:
+        """Estimate of the error of the multipliers in energy norm, over that of the strains.
+
+        The preconditioner M stands for F⁻¹ in rᵀ F⁻¹ r, the square of the error.
+        """
+        it, glued = self._iterate, self.glued
+        assert it.image is not None
+        strained = glued.strain_energy(
+            glued.offset + it.x, glued.displacements_of_offset - it.image
+        )
+        square = self.problem.comm.allreduce(float(it.z @ it.free))
+        return math.sqrt(max(square, 0.0) / strained) if strained > 0.0 else 1.0
+
+    @property
     def at_round_off(self) -> bool:
         """Whether no step can make the residual smaller."""
         it = self._iterate
-        return it.at_round_off() or it.projected_gradient_norm <= self._floor
+        return it.at_round_off() or it.projected_gradient_norm <= self._smallest
+
+    @property
+    def _smallest(self) -> float:
+        """Residual that round-off leaves: of the right-hand side, and of what it was made of."""
+        return max(self._floor, ROUNDED * self._iterate.largest * self._weight)
 
     @property
     def counts(self) -> Counts:
@@ -182,7 +205,7 @@ class Face:
         """Go on to a relative residual, directions kept; `inner` limits all iterations of it."""
 
         def stop(it: Iterate) -> Reason | None:
-            tolerance = max(aim * it.b_norm, self._floor)
+            tolerance = max(aim * it.b_norm, self._smallest)
             if it.projected_gradient_norm <= tolerance and it.drift > 0.5 * tolerance:
                 it.evaluate()  # recurrences lost what the tolerance asks for
             return Reason.CONVERGED if it.projected_gradient_norm <= tolerance else None
@@ -192,15 +215,15 @@ class Face:
     def look(self) -> tuple[State, NDArray[np.bool_]]:
         """What the iterate means for the whole problem, and the contact rows that touch next.
 
-        Takes one product, which counts.
+        Takes no product: the directions' displacements were kept.
         """
         problem, it = self.problem, self._iterate
         coarse, own = problem.coarse, self.glued.coarse
         assert coarse is not None
         assert own is not None
         multiplier = self.glued.offset + it.x
-        u = interface_displacements(problem, multiplier, np.zeros(len(problem.e)))
-        it.counts.hessian += 1
+        assert it.image is not None
+        u = self.glued.displacements_of_offset - it.image
         residual = problem.residual(u)  # d - F λ
         alpha = -own.coefficients(residual)
         # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
@@ -211,11 +234,29 @@ class Face:
         add_motions(problem, alpha, u)
         distance = (residual + kernel_part) / problem.spread
         distance /= largest_magnitude(problem.comm, u) or 1.0
-        error = SIGNIFICANT * self.residual
+        error = SIGNIFICANT * self.error
         strongest = largest_magnitude(problem.comm, multiplier[self.touching])
         stays = multiplier > -error * strongest
         following = problem.inequality & np.where(self.touching, stays, distance > error)
+        if not problem.comm.allreduce(int(self.touching.sum())):
+            following &= self._reached_first(residual + kernel_part, following)
         return State(multiplier - problem.offset, force, self.touching, distance), following
+
+    def _reached_first(
+        self, jumps: NDArray[np.float64], crossed: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Crossed rows that a growing load closes first: the others may stay open with these closed.
+
+        Parameters
+        ----------
+        jumps : (dual,)
+            B u - c of the full load without contact; B u grows with the load.
+        """
+        gaps = np.maximum(self.problem.c, 0.0)
+        moved = np.where(crossed, jumps + self.problem.c, 1.0)
+        share = np.where(crossed, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
+        first = self.problem.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
+        return np.asarray(share <= first + FIRST * (1.0 - first))
 
     def worst(self, state: State) -> float:
         """Largest jump or penetration, over the largest displacement."""

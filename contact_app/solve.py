@@ -2,8 +2,7 @@
 
 What a scene needs decides the method: no contact rows, projected conjugate gradients; no coarse
 problem, MPRGP on the contact rows alone; no rows at all, one solve. A scene with both is solved on
-faces (`contact_app.faces`), from the one without contact on where the bodies are held without it,
-else from what touches when all subdomains are rigid, on springs. Where faces do not settle
+faces (`contact_app.faces`), from what touches when all subdomains are rigid, on springs, on. Where faces do not settle
 SMALBE-M, whose convergence is proved, goes on to the end. Each ends when the answer, not a dual
 residual, meets the tolerance: an approximate answer is recovered and certified, and if it falls
 short the solve goes on from where it stands.
@@ -294,12 +293,11 @@ def _from_first_face(
 ) -> tuple[Outcome, Solution | None]:
     """Faces from a first one on, or from where a stopped solve had come to.
 
-    The first is the one without contact, which is the answer where it crosses no obstacle; where
-    contact alone keeps a body in place it is what touches when all are rigid, on springs.
+    The first is what touches when all subdomains are rigid, on springs.
     """
     assert problem.lower is not None
     multiplier, touching, before = None, np.zeros(problem.size, bool), Counts()
-    if restart is None and not problem.held_without_contact:
+    if restart is None:
         touching = bedded(problem)
     if restart is not None:
         multiplier, before = problem.offset + restart.x, restart.counts

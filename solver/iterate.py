@@ -146,6 +146,13 @@ class Iterate:
         self.drift = 0.0
         self.restart(subtract_b=True)
 
+    def begin(self) -> None:
+        """The gradient -b of x = 0, which takes no product, and the first directions."""
+        self.g.fill(0.0)
+        image = self._image_of_last()
+        self.image = None if image is None else np.zeros_like(image)
+        self.restart(subtract_b=True)
+
     def restart(self, *, subtract_b: bool = False) -> None:
         """Split the gradient g as it stands and restart the directions."""
         sums = np.zeros(5)

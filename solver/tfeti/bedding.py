@@ -1,4 +1,4 @@
-"""A first guess of what touches, where contact alone keeps a body in place.
+"""A first guess of what touches.
 
 Rigid subdomains on springs: the dual operator F is replaced by its diagonal, each row a spring
 between subdomains (gluing) or to an obstacle (contact, pushing only). What is left of
@@ -31,8 +31,8 @@ way, too."""
 RIGID_STEPS = 40
 """Steps of Newton's method, each with a coarse factor."""
 
-BALANCED = 1e-6
-"""Relative residual of equilibrium at which they end."""
+BALANCED = 1e-2
+"""Relative residual of equilibrium at which they end: the springs are no better than that."""
 
 FAINT = 1e-3
 """Weight of springs that do not touch, which keeps the coarse factor from being singular."""

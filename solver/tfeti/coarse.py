@@ -12,14 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from copy import copy
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.operators import Operator
 from solver.tfeti.matrix import ConstraintMatrix, scale_rows
+
+if TYPE_CHECKING:
+    from solver.tfeti.dual import DualOperator
 
 SHARED = 20_000
 """Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather of the
@@ -317,13 +320,23 @@ class RangeOperator:
     """P F on the range of P, where it is P F P with one projection less.
 
     Conjugate gradients that start there and are preconditioned within it stay there.
+
+    Attributes
+    ----------
+    image : (interface,)
+        K⁺ Bᵀ x of the last vector x the operator was applied to.
     """
 
-    def __init__(self, F: Operator, coarse: CoarseProblem) -> None:
+    def __init__(self, F: DualOperator, coarse: CoarseProblem) -> None:
         self.F = F
         self.coarse = coarse
         self.comm = coarse.comm
         self.size = coarse.size
+
+    @property
+    def image(self) -> NDArray[np.float64]:
+        """Overwritten by the next product."""
+        return self.F.displacements
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """P F x."""

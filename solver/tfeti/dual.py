@@ -44,14 +44,14 @@ class DualOperator:
         self.classes = classes
         self.size, self.interface = B.rows, B.columns
         self._loads = np.empty(self.interface)
-        self._displacements = np.empty(self.interface)
+        self.displacements = np.zeros(self.interface)
         self._slices = interface_slices(classes)
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """F x."""
         self.B.apply_transpose(x, self._loads)
-        self.solve_interface(self._loads, self._displacements)
-        self.B.apply(self._displacements, out)
+        self.solve_interface(self._loads, self.displacements)
+        self.B.apply(self.displacements, out)
 
     def solve_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """K⁺ between interface vectors."""
@@ -148,17 +148,38 @@ class DualProblem:
         return int(self.comm.allreduce(int((self.kinds == kind).sum())))
 
     @cached_property
-    def free_displacements(self) -> NDArray[np.float64]:
-        """K⁺ f on the interface; members without a load are not solved for."""
-        result = np.zeros(self.B.columns)
+    def _free(self) -> tuple[NDArray[np.float64], float]:
+        """K⁺ f on the interface and fᵀ K⁺ f on this rank; members without a load are left out."""
+        result, work = np.zeros(self.B.columns), 0.0
         for cls, part, load in zip(
             self.classes, interface_slices(self.classes), self.loads, strict=True
         ):
             loaded = np.flatnonzero(load.any(axis=0))
             if len(loaded):
                 mine = result[part].reshape(cls.members, -1)
-                mine[loaded] = cls.solve(load[:, loaded])[cls.interface].T
-        return result
+                u = cls.solve(load[:, loaded])
+                mine[loaded] = u[cls.interface].T
+                work += float(np.vdot(load[:, loaded], u))
+        return result, work
+
+    @property
+    def free_displacements(self) -> NDArray[np.float64]:
+        """K⁺ f on the interface."""
+        return self._free[0]
+
+    def strain_energy(
+        self, multiplier: NDArray[np.float64], displacements: NDArray[np.float64]
+    ) -> float:
+        """a(u, u) = (f - Bᵀ λ)ᵀ K⁺ (f - Bᵀ λ), twice the energy of the strains.
+
+        Parameters
+        ----------
+        displacements : (interface,)
+            K⁺ (f - Bᵀ λ).
+        """
+        free, work = self._free
+        own = work - float(self.constraint_forces(multiplier) @ (free + displacements))
+        return float(self.comm.allreduce(own))
 
     @cached_property
     def d(self) -> NDArray[np.float64]:
@@ -182,6 +203,13 @@ class DualProblem:
         return result
 
     @cached_property
+    def displacements_of_offset(self) -> NDArray[np.float64]:
+        """K⁺ (f - Bᵀ λ̃) on the interface."""
+        result = np.empty_like(self.free_displacements)
+        self.F.solve_interface(self.constraint_forces(self.offset), result)
+        return np.subtract(self.free_displacements, result, out=result)
+
+    @cached_property
     def projected(self) -> ProjectedOperator | DualOperator:
         """P F P, or F where no subdomain floats."""
         return self.F if self.coarse is None else ProjectedOperator(self.F.apply, self.coarse)
@@ -191,17 +219,14 @@ class DualProblem:
         """P (d - F λ̃), the right-hand side of the homogenised problem."""
         if self.coarse is None:
             return self.d
-        result = self._displacements_of_offset.copy()
+        result = self._residual_of_offset.copy()
         self.coarse.project(result, result)
         return result
 
     @cached_property
-    def _displacements_of_offset(self) -> NDArray[np.float64]:
+    def _residual_of_offset(self) -> NDArray[np.float64]:
         """d - F λ̃, before projection."""
-        result = np.empty(self.size)
-        self.F.apply(self.offset, result)
-        np.subtract(self.d, result, out=result)
-        return result
+        return self.residual(self.displacements_of_offset)
 
     @cached_property
     def round_off(self) -> float:
@@ -210,7 +235,7 @@ class DualProblem:
         Where rigid motions alone meet the conditions, the projected right-hand side vanishes and
         what is left of it has no digits.
         """
-        full = self.d if self.coarse is None else self._displacements_of_offset
+        full = self.d if self.coarse is None else self._residual_of_offset
         square = self.comm.allreduce(float(full @ full) + float(self.d @ self.d))
         return 1e-14 * float(np.sqrt(square))
 
@@ -242,7 +267,9 @@ class DualProblem:
         self.B.apply_transpose(multiplier, result)
         return result
 
-    def face(self, touching: NDArray[np.bool_]) -> DualProblem:
+    def face(
+        self, touching: NDArray[np.bool_], near: NDArray[np.float64] | None = None
+    ) -> DualProblem:
         """The problem in which these contact rows hold with equality and the others are empty.
 
         Without touching rows that is the problem without contact. Only where the bodies are
@@ -252,6 +279,8 @@ class DualProblem:
         ----------
         touching : (dual,)
             Contact rows kept as equalities.
+        near : (dual,)
+            λ̃ is the multiplier in equilibrium next to this one, instead of the smallest.
         """
         keep = np.where(self.inequality & ~touching, 0.0, 1.0)
         face = replace(
@@ -262,7 +291,13 @@ class DualProblem:
             contact=self.contact.none(),
             coarse=None if self.coarse is None else self.coarse.weighted(keep),
         )
-        vars(face)["free_displacements"] = self.free_displacements  # the loads are the same
+        vars(face)["_free"] = self._free  # the loads are the same
+        if near is not None and face.coarse is not None:
+            missing, change = np.empty_like(self.e), np.empty(self.size)
+            face.coarse.restrict(near * keep, missing)
+            face.coarse.solve(self.e - missing, missing)
+            face.coarse.extend(missing, change)
+            vars(face)["offset"] = near * keep + change
         return face
 
     def kernel_slices(self) -> list[slice]:

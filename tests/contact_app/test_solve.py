@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app import faces
 from contact_app.configuration import load
@@ -134,13 +135,15 @@ def test_a_face_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatc
 def test_active_sets_that_come_back_are_decided_later(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second face is made to ask for the first again, as one left too early may."""
     looks: list[float] = []
+    sets: list[NDArray[np.bool_]] = []
     decide = faces.decide
 
     def hasty(face: Face, *arguments: Any) -> faces.Outcome:
         looks.append(arguments[5])
+        sets.append(face.touching)
         found = decide(face, *arguments)
         if len(looks) == 2:
-            found = replace(found, reason=None, following=np.zeros_like(face.touching))
+            found = replace(found, reason=None, following=sets[0])
         return found
 
     monkeypatch.setattr(faces, "decide", hasty)
