@@ -245,7 +245,7 @@ class Face:
     def _reached_first(
         self, jumps: NDArray[np.float64], crossed: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Crossed rows that a growing load closes first: the others may stay open with these closed.
+        """Crossed rows that a growing load closes first; with them closed others may stay open.
 
         Parameters
         ----------

@@ -2,10 +2,10 @@
 
 What a scene needs decides the method: no contact rows, projected conjugate gradients; no coarse
 problem, MPRGP on the contact rows alone; no rows at all, one solve. A scene with both is solved on
-faces (`contact_app.faces`), from what touches when all subdomains are rigid, on springs, on. Where faces do not settle
-SMALBE-M, whose convergence is proved, goes on to the end. Each ends when the answer, not a dual
-residual, meets the tolerance: an approximate answer is recovered and certified, and if it falls
-short the solve goes on from where it stands.
+faces (`contact_app.faces`), beginning with what touches when all subdomains are rigid, on springs.
+Where faces do not settle SMALBE-M, whose convergence is proved, goes on to the end. Each ends when
+the answer, not a dual residual, meets the tolerance: an approximate answer is recovered and
+certified, and if it falls short the solve goes on from where it stands.
 """
 
 from __future__ import annotations
