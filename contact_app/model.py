@@ -38,7 +38,7 @@ from contact_app.scene import (
     Traction,
 )
 from contact_app.timings import Timings
-from meshes import Partition, Subdomain, decompose
+from meshes import Partition, Reference, Subdomain, decompose
 from solver.tfeti.classes import subdomain_class
 from solver.tfeti.coarse import CoarseProblem
 from solver.tfeti.constraints import (
@@ -803,7 +803,7 @@ def _dual_problem(
     columns = np.full(touched.shape, -1, np.int64)
     classes, class_loads, class_lifts = [], [], []
     size = 0
-    alike = comm.size > 1 and len(set(comm.allgather(len(groups)))) == 1
+    alike = _meshed_by_all(comm, [elements[key[0]].reference for key in groups])
     for number, (key, members) in enumerate(groups.items()):
         place[members, 0], place[members, 1] = number, np.arange(len(members))
         lifted, local_nodes = lifting[members[0]], surface.local[members[0]]
@@ -812,7 +812,7 @@ def _dual_problem(
             touched_by_any |= touched[surface.copies(local)]
         with timings.measure("assembly"):
             stiffness = elements[key[0]].stiffness(key[1], scene.plane)
-        sharing = comm if alike and _made_by_all(comm, stiffness, lifted) else None
+        sharing = comm if alike[number] and _made_by_all(comm, stiffness, lifted) else None
         if sharing is not None:
             comm.Allreduce(MPI.IN_PLACE, touched_by_any, op=MPI.LOR)
         node, component = np.nonzero(touched_by_any)
@@ -874,6 +874,17 @@ def _dual_problem(
         held_without_contact=held_without_contact,
     )
     return problem, place, list(groups)
+
+
+def _meshed_by_all(comm: MPI.Intracomm, references: Sequence[Reference]) -> list[bool]:
+    """Which of this rank's meshes all ranks hold in the same place of their lists."""
+    if comm.size == 1:
+        return [False] * len(references)
+    mine = [sha1(r.points.tobytes(), usedforsecurity=False).digest() for r in references]
+    of_ranks = comm.allgather(mine)
+    shortest = min(map(len, of_ranks))
+    same = [len(set(places)) == 1 for places in zip(*of_ranks, strict=False)]
+    return same + [False] * (len(references) - shortest)
 
 
 def _made_by_all(

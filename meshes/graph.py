@@ -63,11 +63,11 @@ def split_by_graph(mesh: CellMesh, parts: int) -> list[Piece]:
     through facets.
     """
     topology = mesh.topology
-    nodes = mesh.points[mesh.cells]
+    nodes = mesh.points.T[:, mesh.cells.T]
     if parts == 1:
         part = np.zeros(mesh.total_cells, np.int32)
     elif _is_even(nodes):
-        part = bisected(nodes.mean(axis=1), parts)
+        part = bisected(nodes.mean(axis=1).T, parts)
     else:
         joined = _symmetric(topology.pairs, mesh.total_cells)
         part = versions.scotch_parts((joined.indices, joined.indptr), parts)
@@ -82,8 +82,8 @@ def split_by_graph(mesh: CellMesh, parts: int) -> list[Piece]:
 
 
 def _is_even(nodes: NDArray[np.float64]) -> bool:
-    """Whether cells, given by their nodes, are of much the same size."""
-    size = np.ptp(nodes, axis=1).max(axis=1)
+    """Whether cells, (dimension, nodes, cells), are of much the same size."""
+    size = np.ptp(nodes, axis=1).max(axis=0)
     small, large = np.quantile(size, (0.05, 0.95))
     return bool(large <= EVEN * small)
 
@@ -97,6 +97,7 @@ def bisected(centres: NDArray[np.float64], parts: int) -> NDArray[np.int32]:
     parts
         As equal as they can be.
     """
+    axes = np.ascontiguousarray(centres.T)
     label = np.empty(len(centres), np.int32)
     left = [(np.arange(len(centres)), parts, 0)]
     while left:
@@ -105,7 +106,8 @@ def bisected(centres: NDArray[np.float64], parts: int) -> NDArray[np.int32]:
             label[rows] = first
             continue
         half = count // 2
-        along = centres[rows, int(np.argmax(centres[rows].std(axis=0)))]
+        places = axes[:, rows]
+        along = places[int(np.argmax(places.std(axis=1)))]
         order = np.argpartition(along, len(rows) * half // count)
         below, above = np.split(rows[order], [len(rows) * half // count])
         left += [(below, half, first), (above, count - half, first + half)]
@@ -159,10 +161,14 @@ def _without_crumbs(
     largest = np.zeros(part.max() + 1, np.int64)
     np.maximum.at(largest, part, size)
     crumbs = np.flatnonzero((size < least) & (size < largest[part]))
+    sides = label[pairs]
+    sides = sides[sides[:, 0] != sides[:, 1]]
     for crumb in crumbs[np.argsort(size[crumbs], kind="stable")]:
-        sides = label[pairs]
-        out = sides[(sides == crumb).sum(axis=1) == 1]
-        label[label == crumb] = np.bincount(out[out != crumb]).argmax()
+        own = sides == crumb
+        out = sides[own.any(axis=1)]
+        taker = np.bincount(out[out != crumb]).argmax()
+        sides[own] = taker
+        label[label == crumb] = taker
     kept, label = np.unique(label, return_inverse=True)
     return label.reshape(-1), part[kept]
 

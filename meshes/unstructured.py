@@ -34,11 +34,23 @@ FACETS = {
 
 def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
     """Row of `table` that equals each row of `wanted`; all of them are there, rows are sorted."""
-    _, label = np.unique(np.concatenate([table, wanted]), axis=0, return_inverse=True)
-    label = label.reshape(-1)
-    place = np.empty(len(table) + len(wanted), np.int64)
-    place[label[: len(table)]] = np.arange(len(table))
-    return place[label[len(table) :]]
+    keys = _row_keys(np.concatenate([table, wanted]))
+    order = np.argsort(keys[: len(table)])
+    return order[np.searchsorted(keys[: len(table)], keys[len(table) :], sorter=order)]
+
+
+def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number for each row of non-negative numbers: equal where rows are, in their order."""
+    base = int(rows.max(initial=0)) + 1
+    keys = np.zeros(len(rows), np.int64)
+    span = 1
+    for column in rows.T:
+        if span > np.iinfo(np.int64).max // base:  # what was packed so far is counted instead
+            kept, keys = np.unique(keys, return_inverse=True)
+            span = len(kept)
+        keys = keys * base + column
+        span *= base
+    return keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +80,10 @@ class Topology:
         table = np.array(FACETS[cell])
         facets = cells[:, table].reshape(-1, table.shape[1])
         owner = np.repeat(np.arange(len(cells)), len(table))
-        ordered = np.sort(facets, axis=1)
-        order = np.lexsort(ordered.T[::-1])
-        ordered = ordered[order]
-        new = np.ones(len(ordered), bool)
-        new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-        start = np.flatnonzero(new)
-        count = np.diff(np.append(start, len(ordered)))
+        keys = _row_keys(np.sort(facets, axis=1))
+        order = np.argsort(keys, kind="stable")
+        start = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        count = np.diff(np.append(start, len(keys)))
         single, double = order[start[count == 1]], start[count == 2]
         single.sort()
         on_surface = facets[single]

@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg.blas import daxpy
 
 from solver.errors import IndefiniteError, NotFiniteError, UnboundedError
 from solver.gradients import Block, Scratch, activity_edges
@@ -376,7 +377,7 @@ class Iterate:
     def _step_image(self, alpha: float) -> None:
         """The image of x - αp."""
         if self.image is not None and self._image_p is not None:
-            self.image -= alpha * self._image_p
+            daxpy(self._image_p.ravel(), self.image.ravel(), a=-alpha)  # in place
 
     def settle(self) -> None:
         """Put active components on their bounds exactly."""
