@@ -26,7 +26,9 @@ shear strains are engineering ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -132,98 +134,154 @@ class _Helped:
         targets: NDArray[np.bool_],
         sources: NDArray[np.bool_],
     ) -> None:
-        self._copies, self._cells = copies, cells
+        self._copies = copies
         marked = copies.spread(np.stack([targets, sources], axis=1) * 1.0)
-        self._pairs = []
-        totals = [np.zeros((*m.shape[:2], 1)) for m in marked]
-        for cls, column in copies.place:
-            row, source, weight = cells[cls].neighbour_pairs
-            here = marked[cls][:, column] > 0.0
-            mine = here[row, 0] & here[source, 1]
-            self._pairs.append((row[mine], source[mine], weight[mine]))
-            totals[cls][:, column, 0] = np.bincount(row[mine], weight[mine], len(here))
-        weights = copies.sum(totals)
-        self.targets = targets & (weights[:, 0] > 0.0)
-        self.weight = weights[self.targets]
+        rows, columns, weights, shifts = [], [], [], []
+        for c, start, marks in zip(cells, copies.starts, marked, strict=False):
+            target, source = np.moveaxis(marks > 0.0, 2, 0)
+            members = target.shape[1]
+            row, column, weight = c.neighbour_pairs
+            some = np.flatnonzero(target.any(axis=1)[row] & source.any(axis=1)[column])
+            row, column, weight = row[some], column[some], weight[some]
+            pair, member = np.nonzero(target[row] & source[column])
+            row, column = row[pair].astype(np.int64), column[pair].astype(np.int64)
+            rows.append(start + row * members + member)
+            columns.append(start + column * members + member)
+            weights.append(weight[pair])
+            shifts.append(c.points[row] - c.points[column])
+        row = np.concatenate([np.zeros(0, np.int64), *rows])
+        order = np.argsort(row, kind="stable")
+        self._weight = np.concatenate([np.zeros(0), *weights])[order]
+        self._shift = np.concatenate([np.zeros((0, cells[0].dimension)), *shifts])[order]
+        helped, counts = np.unique(row, return_counts=True)
+        self._starts = np.concatenate([[0], np.cumsum(counts)])
+        helping, column = np.unique(
+            np.concatenate([np.zeros(0, np.int64), *columns]), return_inverse=True
+        )
+        self._columns = column.reshape(-1)[order]
+        self._helped, self._helping = copies.some(helped), copies.some(helping)
+        self._sources = np.searchsorted(copies.known, self._helping.known)
+        self.targets = np.isin(copies.known, self._helped.known)
+        totals = np.zeros((len(helped), 1))
+        np.add.at(totals[:, 0], np.repeat(np.arange(len(helped)), counts), self._weight)
+        self.weight = self._helped.gather(totals)
 
     def continued(self, polynomials: Array) -> Array:
         """Means of the neighbours' polynomials (owned, monomials, k), (targets, monomials, k)."""
-        sums = self._summed(polynomials, lambda T, p: np.swapaxes(T, 1, 2) @ p, 1.0)
-        return sums / self.weight[:, :, None]
-
-    def second(self, A: Array) -> Array:
-        """Σ m mᵀ (targets, monomials, monomials), from those of all owned vertices."""
-        return self._summed(A, lambda T, M: T @ M @ np.swapaxes(T, 1, 2), -1.0)
+        T = translations(self._shift, polynomials.shape[1])
+        return self._summed(polynomials, T) / self.weight[:, :, None]
 
     def first(self, moments: Array) -> Array:
         """Σ m σ (targets, monomials, k), from those of all owned vertices."""
-        return self._summed(moments, lambda T, b: T @ b, -1.0)
+        T = translations(-self._shift, moments.shape[1])
+        return self._summed(moments, np.swapaxes(T, 1, 2))
 
-    def _summed(self, known: Array, moved: Callable[[Array, Array], Array], way: float) -> Array:
-        """Sum over neighbours of what is known of them, moved by `way` times the offset."""
-        size, width = known.shape[1:]
-        spread = self._copies.spread(known.reshape(len(known), size * width))
-        by_class = [np.zeros(part.shape) for part in spread]
-        for (cls, column), (row, source, weight) in zip(
-            self._copies.place, self._pairs, strict=True
-        ):
-            if len(row):
-                points = self._cells[cls].points
-                T = np.swapaxes(translations(way * (points[row] - points[source]), size), 1, 2)
-                values = spread[cls][source, column].reshape(len(row), size, width)
-                incidence = sparse.csr_matrix(
-                    (weight, (row, np.arange(len(row)))), shape=(len(points), len(row))
-                )
-                by_class[cls][:, column] += incidence @ moved(T, values).reshape(len(row), -1)
-        sums = self._copies.sum(by_class)[self.targets]
-        return sums.reshape(len(sums), size, width)
+    def second(self, A: Array) -> Array:
+        """Σ m mᵀ (targets, monomials, monomials), from those of all owned vertices."""
+        size = A.shape[1]
+        T = translations(-self._shift, size)
+        known = self._helping.scatter(A[self._sources].reshape(-1, size**2))[self._columns]
+        moved = np.swapaxes(T, 1, 2) @ known.reshape(-1, size, size) @ T
+        moved *= self._weight[:, None, None]
+        sums = np.add.reduceat(moved, self._starts[:-1]) if len(moved) else moved
+        return self._helped.gather(sums.reshape(len(sums), size**2)).reshape(-1, size, size)
 
-
-class Copies:
-    """Copies of the vertices of this rank's subdomains, by class, and their owners."""
-
-    def __init__(self, model: Model, cells: Sequence[Cells]) -> None:
-        self.place = model.place
-        self.count = len(cells)
-        sizes = [len(cells[cls].vertices) for cls, _ in model.place]
-        self.starts = np.cumsum([0, *sizes])
-        numbers = [
-            s.nodes[cells[cls].vertices]
-            for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True)
-        ]
-        self.exchange = NodeExchange(
-            model.comm, np.concatenate([np.zeros(0, np.int64), *numbers]), model.partition.nodes
+    def _summed(self, known: Array, T: Array) -> Array:
+        """Sum over neighbours of T times what is known of them, (owned, size, k)."""
+        size, k = known.shape[1:]
+        values = self._helping.scatter(known[self._sources].reshape(-1, size * k))
+        blocks = sparse.bsr_matrix(
+            (self._weight[:, None, None] * T, self._columns, self._starts),
+            shape=((len(self._starts) - 1) * size, len(values) * size),
         )
-        self.numbers, at = np.unique(self.exchange.nodes, return_inverse=True)
+        sums = (blocks @ values.reshape(-1, k)).reshape(-1, size * k)
+        return self._helped.gather(sums).reshape(-1, size, k)
+
+
+class Meeting:
+    """Copies of nodes and their owners.
+
+    Parameters
+    ----------
+    numbers : (copies,)
+        The node each copy stands for.
+    total
+        Nodes in all.
+
+    Attributes
+    ----------
+    known : (owned,)
+        Nodes this rank owns that have copies, in order.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, numbers: NDArray[np.int64], total: int) -> None:
+        self._alone = comm.size == 1
+        self._exchange = NodeExchange(comm, numbers, total)
+        self.known, at = np.unique(self._exchange.nodes, return_inverse=True)
         self._at = at.reshape(-1)
         arrived = len(self._at)
-        self._gather = sparse.csr_matrix(
-            (np.ones(arrived), (self._at, np.arange(arrived))), shape=(self.owned, arrived)
+        self._sums = sparse.csr_matrix(
+            (np.ones(arrived), (self._at, np.arange(arrived))), shape=(len(self.known), arrived)
         )
 
-    @property
-    def owned(self) -> int:
-        """Vertices this rank owns."""
-        return len(self.numbers)
+    def gather(self, copies: Array) -> Array:
+        """Sum (copies, width) over the copies of a node, (owned, width)."""
+        return self._sums @ (copies if self._alone else self._exchange.to_owners(copies))
+
+    def scatter(self, values: Array) -> Array:
+        """Bring (owned, width) to the copies, (copies, width)."""
+        copies = values[self._at]
+        return copies if self._alone else self._exchange.from_owners(copies)
+
+
+class Copies(Meeting):
+    """Copies of nodes in this rank's subdomains and their owners.
+
+    Copies are numbered class by class, node by node, member by member.
+
+    Parameters
+    ----------
+    nodes : one (n,) array a class
+        Which of its nodes.
+
+    Attributes
+    ----------
+    count
+        Copies on this rank.
+    starts : (classes + 1,)
+        First copy of each class.
+    shapes : one (n, members) pair a class
+    """
+
+    def __init__(self, model: Model, nodes: Sequence[NDArray[np.int64]]) -> None:
+        members = np.bincount(model.place[:, 0], minlength=len(nodes))
+        self.shapes = [(len(n), int(m)) for n, m in zip(nodes, members, strict=True)]
+        self.starts = np.cumsum([0, *(n * m for n, m in self.shapes)])
+        self.count = int(self.starts[-1])
+        numbers = np.empty(self.count, np.int64)
+        for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+            self.of_class(numbers, cls)[:, column] = s.nodes[nodes[cls]]
+        self._comm, self._numbers, self._total = model.comm, numbers, model.partition.nodes
+        super().__init__(self._comm, numbers, self._total)
+
+    def some(self, copies: NDArray[np.integer[Any]]) -> Meeting:
+        """Of some copies and their owners (collective)."""
+        return Meeting(self._comm, self._numbers[copies], self._total)
+
+    def of_class(self, values: NDArray, cls: int) -> NDArray:
+        """View (n, members, …) of the copies of a class in (count, …)."""
+        mine = values[self.starts[cls] : self.starts[cls + 1]]
+        return mine.reshape(*self.shapes[cls], *values.shape[1:])
 
     def sum(self, by_class: Sequence[Array]) -> Array:
-        """Sum (vertices, members, width) of each class over the copies of a vertex."""
-        width = by_class[0].shape[2] if by_class else 0
-        copies = np.empty((self.starts[-1], width))
-        for local, (cls, column) in enumerate(self.place):
-            copies[self.starts[local] : self.starts[local + 1]] = by_class[cls][:, column]
-        return self._gather @ self.exchange.to_owners(copies)
+        """Sum (n, members, width) of each class over the copies of a node."""
+        parts = [part.reshape(-1, part.shape[2]) for part in by_class]
+        return self.gather(parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def spread(self, values: Array) -> list[Array]:
-        """Bring (owned, width) to (vertices, members, width) of each class."""
-        copies = self.exchange.from_owners(values[self._at])
-        result = []
-        for cls in range(self.count):
-            mine = np.flatnonzero(self.place[:, 0] == cls)
-            mine = mine[np.argsort(self.place[mine, 1])]
-            parts = [copies[self.starts[i] : self.starts[i + 1]] for i in mine]
-            result.append(np.stack(parts, axis=1))
-        return result
+        """Bring (owned, width) to (n, members, width) of each class."""
+        copies = self.scatter(values)
+        return [self.of_class(copies, cls) for cls in range(len(self.shapes))]
 
 
 class StressRecovery:
@@ -244,7 +302,7 @@ class StressRecovery:
         self.averaged = [materials[0].mean_dilatation for materials in model.materials]
         self.V = strain_of_gradient(self.dimension)
         self.size = monomial_count(self.dimension, max(body.degree for body in model.scene.bodies))
-        self._copies = Copies(model, self.cells)
+        self._copies = Copies(model, [c.vertices for c in self.cells])
         self._continuations: list[_Helped] = []
         self._enlarged: _Helped | None = None
         self._fit = self._plan()
@@ -252,15 +310,14 @@ class StressRecovery:
     def _plan(self) -> Array:
         """Operators from moments to polynomials at owned vertices; finds who helps whom."""
         size, copies = self.size, self._copies
-        members = np.bincount(self.model.place[:, 0], minlength=len(self.cells))
         upper = np.triu_indices(size)
         found: dict[int, Array] = {}
         for c in self.cells:
             if id(c) not in found:
                 found[id(c)] = c.second_moments(size)[:, None]
         shared = [
-            np.broadcast_to(found[id(c)], (len(c.points), m, len(upper[0])))
-            for c, m in zip(self.cells, members, strict=True)
+            np.broadcast_to(found[id(c)], (*shape, len(upper[0])))
+            for c, shape in zip(self.cells, copies.shapes, strict=True)
         ]
         sums = copies.sum(shared)
         diagonal = sums[:, upper[0] == upper[1]]
@@ -360,7 +417,7 @@ class StressRecovery:
             Nodes that an obstacle or another body pushes.
         """
         stresses, s = self.samples(displacements), len(self.V)
-        owned = self.model.comm.allreduce(self._copies.owned, op=MPI.MAX)
+        owned = self.model.comm.allreduce(len(self._copies.known), op=MPI.MAX)
         step = max(1, AT_ONCE // (owned * self.size + 1))
         parts = [
             self._polynomials([stress[..., k : k + step] for stress in stresses])
@@ -401,45 +458,49 @@ class StressRecovery:
         self, recovered: Sequence[Array], touching: Sequence[NDArray[np.bool_]]
     ) -> None:
         """Change σ* at surface nodes as little as their tractions ask for, in place."""
-        s = len(self.V)
-        nodes, known, place = [], [np.zeros((0, s * s + s))], self.model.place
-        for local, subdomain in enumerate(self.model.partition.subdomains):
-            cls, column = place[local]
-            facets = subdomain.reference.facets
-            nodes.append(np.unique(facets))
-            sums = np.zeros((len(nodes[-1]), s * s + s))
+        surface, s = self._surface, len(self.V)
+        places, equations = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
+        for subdomain, (cls, column) in zip(
+            self.model.partition.subdomains, self.model.place, strict=True
+        ):
             if len(subdomain.exterior):
-                equations = self._equations(subdomain, self.cells[cls], touching[cls][:, column])
-                at = np.searchsorted(nodes[-1], facets[subdomain.exterior].ravel())
-                incidence = sparse.csr_matrix(
-                    (np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(sums), len(at))
-                )
-                sums = incidence @ equations
-            known.append(sums)
-        numbers = [
-            s.nodes[own] for s, own in zip(self.model.partition.subdomains, nodes, strict=True)
-        ]
-        surface = NodeExchange(self.model.comm, np.concatenate(numbers), self.model.partition.nodes)
-        arrived = surface.to_owners(np.concatenate(known))
-        number, at = np.unique(surface.nodes, return_inverse=True)
-        at = at.reshape(-1)
-        gather = sparse.csr_matrix(
-            (np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(number), len(at))
+                cells = self.cells[cls]
+                equations.append(self._equations(subdomain, cells, touching[cls][:, column]))
+                facets = subdomain.reference.facets[subdomain.exterior]
+                at = np.searchsorted(self._surface_nodes[cls], facets.ravel())
+                places.append(surface.starts[cls] + at * surface.shapes[cls][1] + column)
+        place = np.concatenate(places)
+        incidence = sparse.csr_matrix(
+            (np.ones(len(place)), (place, np.arange(len(place)))), shape=(surface.count, len(place))
         )
-        sums = surface.from_owners((gather @ arrived)[at])
-        P, q = sums[:, : s * s], sums[:, s * s :]
+        sums = surface.gather(incidence @ np.concatenate(equations))
+        known = np.flatnonzero(sums[:, : s * s].any(axis=1))
+        P, q = sums[known, : s * s], sums[known, s * s :]
         # many nodes have the same P: a face or an edge of a box
         key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)
         _, first, kind = np.unique(key, return_index=True, return_inverse=True)
         inverse = np.linalg.pinv(P[first].reshape(-1, s, s), rcond=WEAK, hermitian=True)
-        inverse, P = inverse[kind.reshape(-1)], P.reshape(-1, s, s)
-        start = 0
-        for (cls, column), own in zip(place, nodes, strict=True):
-            part = slice(start, start + len(own))
-            values = recovered[cls][own, column]
-            missing = q[part, :, None] - P[part] @ values[..., None]
-            recovered[cls][own, column] = values + (inverse[part] @ missing)[..., 0]
-            start += len(own)
+        inverse = inverse[kind.reshape(-1)]
+        change = np.zeros_like(sums)  # of σ to σ + q - P σ
+        change[known, : s * s] = (inverse @ P.reshape(-1, s, s)).reshape(-1, s * s)
+        change[known, s * s :] = (inverse @ q[..., None])[..., 0]
+        for values, own, changes in zip(
+            recovered, self._surface_nodes, surface.spread(change), strict=True
+        ):
+            row, member = np.nonzero(changes[:, :, : s * s].any(axis=2))
+            changes, before = changes[row, member], values[own[row], member]
+            taken = changes[:, : s * s].reshape(-1, s, s) @ before[..., None]
+            values[own[row], member] = before - taken[..., 0] + changes[:, s * s :]
+
+    @cached_property
+    def _surface_nodes(self) -> list[NDArray[np.int64]]:
+        """Nodes on the surface of each class."""
+        return [np.unique(cells.element.reference.facets) for cells in self.cells]
+
+    @cached_property
+    def _surface(self) -> Copies:
+        """Their copies (collective)."""
+        return Copies(self.model, self._surface_nodes)
 
     def _equations(self, subdomain: Subdomain, cells: Cells, touch: NDArray[np.bool_]) -> Array:
         """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).

@@ -372,7 +372,7 @@ CASES = (
         "slender body 1:100",
         "bending modes are 1e8 times softer than compression, and one of 200 nodes after the other "
         "peels off the plane",
-        "look without contact first; active sets with a coarse problem of their own",
+        "first what touches on springs; active sets with a coarse problem of their own",
         lambda: slender(100.0, [200, 2]), subdomains=(10, 1), mild=lambda: slender(5.0, [45, 9]),
     ),
     Case(

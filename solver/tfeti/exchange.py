@@ -43,10 +43,14 @@ class NodeExchange:
 
     def to_owners(self, values: NDArray) -> NDArray:
         """Bring one value (or row) a copy to the owners: (copies, …) to (arrived, …)."""
+        if self.comm.size == 1:
+            return values.copy()
         return np.concatenate(self.comm.alltoall(np.split(values[self._order], self._cuts)))
 
     def from_owners(self, values: NDArray) -> NDArray:
         """Bring one value (or row) an arrived copy back: (arrived, …) to (copies, …)."""
+        if self.comm.size == 1:
+            return values.copy()
         returned = np.concatenate(self.comm.alltoall(np.split(values, self._arrived_cuts)))
         result = np.empty_like(returned)
         result[self._order] = returned
