@@ -136,6 +136,49 @@ def test_admissible_stresses_meet_all_their_data(cells: tuple[int, ...]) -> None
     assert np.abs(field.edges[0, d - 1][-1]).max() == 0.0  # frictionless, and free at the top
 
 
+@pytest.mark.parametrize("cells", [(4, 3), (3, 4, 2)])
+def test_held_faces_work_on_their_displacement(cells: tuple[int, ...]) -> None:
+    """A body moved as a whole: J* changes by the work of all its loads, whatever the stress."""
+    d, moved = len(cells), np.arange(0.3, len(cells))
+    axes, energies = uneven(cells), []
+    force = np.arange(1.0, d + 1.0)
+    for by in (0.0 * moved, moved):
+        faces = free_faces(cells)
+        faces[0].held[...] = True
+        faces[0].displacement[...] = by
+        faces[2].held[..., 1] = True
+        faces[2].displacement[..., 1] = by[1]
+        faces[1].traction[..., 0] = -4.0
+        faces[3].contact[...] = True
+        faces[3].gap[...] = by[1]
+        stresses = AdmissibleStresses(axes, compliance(d), faces, force)
+        start = np.random.default_rng(7).normal(size=stresses.space.size)
+        found = stresses.search(start, [face.contact for face in faces], np.inf)
+        energies.append(found.energy)
+    sides = [x[-1] - x[0] for x in axes]
+    total = force * np.prod(sides)
+    total[0] -= 4.0 * np.prod(sides[1:])
+    assert energies[1] - energies[0] == pytest.approx(moved @ total, rel=1e-9)
+
+
+def test_what_would_pull_is_left() -> None:
+    """A beam clamped at its foot and pushed at its top bends away from the wall below."""
+    cells = (2, 8)
+    axes = [np.linspace(0.0, 1.0, 3), np.linspace(0.0, 4.0, 9)]
+    faces = free_faces(cells)
+    faces[2].held[...] = True
+    faces[0].traction[6:, 0] = 1.0
+    faces[0].traction[:3, 0] = -1.0
+    faces[1].contact[...] = True
+    stresses = AdmissibleStresses(axes, compliance(2), faces, np.zeros(2))
+    touching = [face.contact for face in faces]
+    found = stresses.search(np.zeros(stresses.space.size), touching, -np.inf)
+    assert found.residual < 1e-14
+    assert found.pressures[1].min() == 0.0
+    assert (found.pressures[1] == 0.0).sum() >= 2
+    assert found.pressures[1][-1] > 0.1
+
+
 def test_the_search_finds_the_least_energy() -> None:
     """Against the same quadratic programme by dense linear algebra, its pressed facets given."""
     cells = (4, 3)
