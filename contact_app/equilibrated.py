@@ -6,15 +6,16 @@ that obey, one is wanted whose energy
 
     J*(σ) = ½ ∫ σ : C⁻¹ : σ - ∫_D σn · u_D + ∫_C p g
 
-is small: conjugate gradients, preconditioned by the diagonal of the energy on the subspace B s = 0
-(one sparse factor of B diag⁻¹ Bᵀ), take the same few steps on every grid. Every iterate is in
-equilibrium, so they may end where they pay no longer. Facets that would pull are then left free of
-pressure, and the search goes on without them.
+is small: conjugate gradients, preconditioned by the diagonal of the energy on the subspace B s = 0,
+take the same few steps on every grid, each with a solve of B diag⁻¹ Bᵀ, by a factor where that is
+cheap and by the iterations of `separable` elsewhere. They end where they pay no longer. Facets that
+would pull are then left free of pressure, others that would lower the energy by one get it, and the
+search goes on. At its end equilibrium is restored to rounding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,15 +24,22 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.grid_stress import GridStress, GridStresses
+from contact_app.separable import EquilibriumPreconditioner, conjugate_gradients
 from solver.tfeti.generalised_inverse import CholeskyFactor
 
 Array = NDArray[np.float64]
 
-SHIFT = 1e-10
-"""Of the factored matrix, over its diagonal: it is singular where a body is not held."""
+SOLVED = 1e-4
+"""Residual of a projection, over what is projected."""
 
-REFINEMENTS = 3
-"""Of a solve, to undo shift and rounding."""
+MOST_ITERATIONS = 1000
+"""Of one projection."""
+
+BALANCINGS = 8
+"""Projections after which nothing but rounding is left of a residual."""
+
+UNBALANCED = 0.01
+"""Residual of equilibrium after two projections where none can be had."""
 
 MOST_STEPS = 300
 """Conjugate gradient steps of one search."""
@@ -41,6 +49,18 @@ LOOK_BACK = 3
 
 WORTH = 0.02
 """Share of J(û) + J*(σ) these steps have to gain."""
+
+WORTH_PRESSING = 1e-3
+"""Share of J(û) + J*(σ) that pressures on further facets have to gain at first sight."""
+
+MOST_SETS, GROWING_SETS = 40, 15
+"""Sets of pressed facets that are tried, and how many of them may be joined by others."""
+
+DIRECT = {2: 200_000, 3: 12_000}
+"""Equations by dimension up to which they are factored: beyond, factors fill up."""
+
+SHIFT = 1e-10
+"""Of a matrix that is factored, over its diagonal: it is singular where a body is not held."""
 
 ROUNDED = 1e-24
 """Squares of the gradient, over the first, that are rounding."""
@@ -223,7 +243,8 @@ class AdmissibleStresses:
         start : (size,)
             Where to begin, in equilibrium or not.
         touching
-            Facets of each face that may be pressed; all may if these cannot carry the loads.
+            Facets of each face that may be pressed, those that the start presses if it presses
+            any; all may if these cannot carry the loads.
         other_energy
             J(û) of an admissible displacement, which -J*(σ) cannot exceed.
 
@@ -236,25 +257,45 @@ class AdmissibleStresses:
         for number, facets in enumerate(touching):
             pressed[self.space.rows_on_face(number // 2, number)] |= facets
         pressed &= self._contact
-        s, steps, widened = start, 0, bool((pressed == self._contact).all())
-        while True:
+        if (pushing := pressed & (start < self._load)).any():
+            pressed = pushing
+        s, steps = start, 0
+        for attempt in range(MOST_SETS):
             fixed = self._known | (self._contact & ~pressed)
             s = np.where(fixed, np.where(self._known, self._low, self._load), s)
             subspace = _Subspace(self, ~fixed)
-            s = subspace.balanced(s)
-            if subspace.residual(s) > BALANCED:
-                if widened:
-                    raise NoAdmissibleStressError(
-                        "no pressures on the facets of the contact keep the loads in equilibrium"
-                    )
-                pressed, widened = self._contact.copy(), True
+            s = subspace.balanced(s, 2)
+            if subspace.residual(s) > UNBALANCED:
+                if (pressed == self._contact).all():
+                    break
+                pressed = self._contact.copy()
                 continue
             s, taken = self._descended(subspace, s, other_energy)
             steps += taken
-            pulling = pressed & (s > self._load)
-            if not pulling.any():
-                return self._found(subspace, s, steps)
-            pressed &= ~pulling
+            pulling, missing = pressed & (s > self._load), np.zeros_like(pressed)
+            if attempt < GROWING_SETS:
+                missing = self._missing(subspace, s, self._contact & ~pressed, other_energy)
+            if not (pulling | missing).any():
+                s = subspace.balanced(s)
+                pulling = pressed & (s > self._load)
+                if not pulling.any():
+                    return self._found(subspace, s, steps)
+            pressed = (pressed & ~pulling) | missing
+        raise NoAdmissibleStressError(
+            "no pressures were found on the facets of the contact that keep the loads in "
+            "equilibrium"
+        )
+
+    def _missing(
+        self, subspace: _Subspace, s: Array, empty: NDArray[np.bool_], other_energy: float
+    ) -> NDArray[np.bool_]:
+        """Of facets without pressure those where one would lower the energy worth mentioning."""
+        slope = np.where(empty, subspace.slope(self.matrix @ s - self._work), 0.0)
+        missing = slope > 0.0
+        gain = 0.5 * float((slope**2 / self.matrix.diagonal())[missing].sum())
+        if gain <= WORTH_PRESSING * (other_energy + self.energy(s)):
+            missing[:] = False
+        return missing
 
     def _descended(self, subspace: _Subspace, s: Array, other_energy: float) -> tuple[Array, int]:
         """Conjugate gradients in equilibrium."""
@@ -274,7 +315,7 @@ class AdmissibleStresses:
             gradient, z = subspace.projected(gradient + length * moved)
             before, square = square, float(gradient @ z)
             direction = square / before * direction - z
-        return subspace.balanced(s), step
+        return s, step
 
     def _found(self, subspace: _Subspace, s: Array, steps: int) -> Found:
         pressure = np.where(self._contact, self._load - s, 0.0)
@@ -282,7 +323,9 @@ class AdmissibleStresses:
             pressure[self.space.rows_on_face(number // 2, number)]
             for number in range(2 * self.space.dimension)
         ]
-        change = subspace.balanced(s) - s
+        if subspace.residual(s) > BALANCED:
+            raise NoAdmissibleStressError("equilibrium was not reached")
+        change = subspace.balanced(s, 1) - s
         slip = max(float(change @ (self.matrix @ change)), 0.0) ** 0.5
         return Found(self.space.stress(s), self.energy(s), faces, subspace.residual(s), slip, steps)
 
@@ -294,24 +337,37 @@ class _Subspace:
         self._B, self._wanted, self._free = stresses.space.divergence, stresses.wanted, free
         self._inverse = np.where(free, 1.0 / stresses.matrix.diagonal(), 0.0)
         self._S = sparse.csr_matrix(self._B @ sparse.diags(self._inverse) @ self._B.T)
-        diagonal = self._S.diagonal()
-        shift = SHIFT * np.where(diagonal > 0.0, diagonal, diagonal.max(initial=1e-300))
-        self._factor = CholeskyFactor(self._S + sparse.diags(shift))
+        self._preconditioner: Callable[[Array], Array]
+        if len(self._wanted) <= DIRECT[stresses.space.dimension]:
+            diagonal = self._S.diagonal()
+            shift = SHIFT * np.where(diagonal > 0.0, diagonal, diagonal.max(initial=1e-300))
+            factor = CholeskyFactor(self._S + sparse.diags(shift))
+            self._preconditioner = lambda right: factor.solve(right[:, None])[:, 0]
+        else:
+            self._preconditioner = EquilibriumPreconditioner(stresses.space, self._inverse)
 
-    def balanced(self, s: Array) -> Array:
-        """The nearest stress in equilibrium."""
-        for _ in range(2):
-            missing = self._wanted - self._B @ s
-            s = s + self._inverse * (self._B.T @ self._solved(missing, REFINEMENTS))
+    def balanced(self, s: Array, most: int = BALANCINGS) -> Array:
+        """The nearest stress in equilibrium, by so many projections at most."""
+        missing = self._wanted - self._B @ s
+        for _ in range(most):
+            better = s + self._inverse * (self._B.T @ self._solved(missing))
+            left = self._wanted - self._B @ better
+            if np.linalg.norm(left) >= 0.5 * np.linalg.norm(missing):
+                break
+            s, missing = better, left
         return s
+
+    def slope(self, gradient: Array) -> Array:
+        """A gradient without what equilibrium takes of it, known values included."""
+        y = self._solved(self._B @ (self._inverse * gradient))
+        return np.asarray(gradient - self._B.T @ y)
 
     def projected(self, gradient: Array) -> tuple[Array, Array]:
         """What of a gradient equilibrium leaves, and the steepest way along which that holds.
 
         Iterations go on from the former: what was taken off it would only bring rounding.
         """
-        y = self._solved(self._B @ (self._inverse * gradient), 1)
-        left = np.where(self._free, gradient - self._B.T @ y, 0.0)
+        left = np.where(self._free, self.slope(gradient), 0.0)
         return left, self._inverse * left
 
     def residual(self, s: Array) -> float:
@@ -320,8 +376,8 @@ class _Subspace:
         scale = float((np.abs(self._wanted) + abs(self._B) @ np.abs(s)).max())
         return left / scale if scale > 0.0 else 0.0
 
-    def _solved(self, right: Array, refinements: int) -> Array:
-        y = self._factor.solve(right[:, None])[:, 0]
-        for _ in range(refinements):
-            y += self._factor.solve((right - self._S @ y)[:, None])[:, 0]
-        return y
+    def _solved(self, right: Array) -> Array:
+        """Solve B diag⁻¹ Bᵀ y = right, to a small part of it."""
+        return conjugate_gradients(
+            self._S.__matmul__, self._preconditioner, right, SOLVED, MOST_ITERATIONS
+        )

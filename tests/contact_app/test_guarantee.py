@@ -86,6 +86,22 @@ def test_own_weight_against_the_exact_solution(cell: str) -> None:
     assert np.log2(bounds[-2] / bounds[-1]) == pytest.approx(1.0, abs=0.1)
 
 
+def test_a_slender_beam_that_comes_to_lie_on_the_floor() -> None:
+    """Which facets press is found anew: those that û touches would pull on the beam."""
+    body = scenes.block("quadrilateral", 6, upper=(100.0, 1.0, 1.0))
+    body["mesh"]["box"]["cells"] = [300, 6]
+    made = scenes.config(
+        "quadrilateral",
+        [body],
+        [scenes.clamp("quadrilateral", "block.x-"), {"on": "block.y+", "traction": [0, -1e-5]}],
+        [{"on": "block.y-", "obstacle": scenes.plane("quadrilateral", (0, 0, -1e-3), (0, 0, 1))}],
+    )
+    solved, found = bounded(made)
+    assert found.bound is not None
+    assert solved.summary["solution"]["contact_force"][1] > 1e-4
+    assert solved.accuracy.discretisation < found.bound < 2.0 * solved.accuracy.discretisation
+
+
 def random_scene(seed: int, cells: int) -> scenes.Config:
     """A box of random sides, material, loads, held at one face, with obstacles at two others."""
     random = np.random.default_rng(seed)
