@@ -357,7 +357,7 @@ START = {2: 8, 3: 4}
 
 LAYERS = {
     2: (3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 28, 32),
-    3: (2, 3, 4, 5, 6, 7, 8, 10, 12, 14),
+    3: (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16),
 }
 """Cells along an edge of graded meshes of the sweep, by dimension."""
 

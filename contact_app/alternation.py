@@ -1,0 +1,154 @@
+"""What alternates in a nodal pressure of degree 2, on facets that are lines or quadrilaterals.
+
+Along a line of nodes through facets, ends and middles in turn, a pressure that is right in the mean
+but alternates is p + 2ε at the ends and p - ε in the middles. It shows in fourth differences,
+
+    S = (q₋₂ - 4q₋₁ + 6q₀ - 4q₁ + q₂)/16 = (D₋₁ - 2D₀ + D₁)/16,   D = q₋₁ - 2q₀ + q₁,
+
+as 3ε/2 at the ends and -3ε/2 in the middles; of a smooth pressure they are of fourth order in the
+size of facets. So 4/3 S is taken off at the ends and 2/3 S in the middles, along each of the two
+axes of a face, which takes off the alternation whole and, where lines go on, no force: the sum of
+the S is zero. Where facets differ in size D is weighted so that linear and quadratic pressures have
+S = 0 at the ends.
+
+Only lines that touch with all three nodes take part: beside the edge of the contact p falls like a
+root, and fourth differences across it would be taken for an alternation. A node between two middles
+that touch counts as touching: an alternation opens it, the edge of the contact does not. At the
+ends of the lines, and where they do not go on straight, D is that of the other end of the facet,
+and S that of the middle with the other sign; half of that at the edge of the contact, towards which
+an alternation fades. The axes are told apart by the largest component of a line's direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+LINES = {
+    3: ((0, 2, 1),),
+    9: ((0, 4, 1), (5, 8, 6), (2, 7, 3), (0, 5, 2), (4, 8, 7), (1, 6, 3)),
+}
+"""End, middle and end of the lines of nodes of a facet, in dolfinx's order, by its nodes."""
+
+STRAIGHT = 0.3
+"""Largest length of the mean of the unit vectors to both sides of a node on a line."""
+
+END, MIDDLE, FADED = 4.0 / 3.0, 2.0 / 3.0, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines of nodes of facets.
+
+    Attributes
+    ----------
+    nodes : (lines, 3)
+        Copies of nodes: end, middle, end.
+    along : (lines, 3)
+        Unit vectors.
+    weight : (lines,)
+        One over the length.
+    """
+
+    nodes: Numbers
+    along: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, facets: Sequence[Numbers], points: Array) -> Lines:
+        """Lines of facets (facets, nodes) among copies of nodes at points (copies, 3)."""
+        parts = [np.zeros((0, 3), np.int64)]
+        parts += [nodes[:, list(line)] for nodes in facets for line in LINES[nodes.shape[1]]]
+        nodes = np.concatenate(parts)
+        along = points[nodes[:, 2]] - points[nodes[:, 0]]
+        length = np.linalg.norm(along, axis=1)
+        return cls(nodes, along / length[:, None], 1.0 / length)
+
+    def chosen(self, rows: NDArray[np.bool_] | Numbers) -> Lines:
+        """Some of them."""
+        return Lines(self.nodes[rows], self.along[rows], self.weight[rows])
+
+
+def alternation(lines: Lines, q: Array, meet: Callable[[Array], Array]) -> Array:
+    """What to take off a pressure at copies of nodes, (copies,) (collective).
+
+    Parameters
+    ----------
+    lines
+        Of the whole boundary.
+    q : (copies,)
+        0 where nothing touches.
+    meet
+        Sums values at copies (copies,) over those of a node, for all of them (collective).
+    """
+    result = np.zeros(len(q))
+    axes = np.abs(lines.along).argmax(axis=1)
+    for axis in range(3):
+        along = lines.chosen(axes == axis)
+        every = _Ends(along, len(q), meet)
+        some = along.chosen(_touching(along, every, q))
+        result += _along(some, every, q, meet)
+    return result
+
+
+class _Ends:
+    """Sums over the ends of lines along one axis, at copies of nodes."""
+
+    def __init__(self, lines: Lines, copies: int, meet: Callable[[Array], Array]) -> None:
+        self._nodes = np.concatenate([lines.nodes[:, 0], lines.nodes[:, 2]])
+        self._copies, self._meet = copies, meet
+        sides = np.concatenate([lines.along, -lines.along]).T
+        self.count = self.sums(np.ones(len(self._nodes)))
+        length = np.linalg.norm([self.sums(side) for side in sides], axis=0)
+        self.go_on = (self.count > 0.0) & (length < STRAIGHT * self.count)
+
+    def sums(self, values: NDArray[Any]) -> Array:
+        """Of values at the first ends, then the last ones."""
+        return self._meet(_sum(self._nodes, values, self._copies))
+
+
+def _sum(nodes: Numbers, values: NDArray[Any], size: int) -> Array:
+    """Values summed by node, (size,)."""
+    return np.bincount(nodes, values, size).astype(np.float64)
+
+
+def _touching(lines: Lines, ends: _Ends, q: Array) -> NDArray[np.bool_]:
+    """Which lines along one axis touch with all their nodes."""
+    first, middle, last = lines.nodes.T
+    touches = q[middle] > 0.0
+    between = ends.go_on & (ends.sums(np.tile(touches, 2).astype(float)) == ends.count)
+    inside = (q > 0.0) | between
+    return touches & inside[first] & inside[last]
+
+
+def _along(lines: Lines, every: _Ends, q: Array, meet: Callable[[Array], Array]) -> Array:
+    """The alternation along one axis of lines that touch, among every line there."""
+    first, middle, last = lines.nodes.T
+    ends = _Ends(lines, len(q), meet)
+    weight = np.tile(lines.weight, 2)
+    total = ends.sums(weight)
+    mean = np.divide(1.0, total, out=np.zeros(len(q)), where=total > 0.0)
+    own = q[first] - 2.0 * q[middle] + q[last]
+    rise = np.concatenate([q[middle] - q[first], q[middle] - q[last]])
+    across = 2.0 * mean * ends.sums(weight * rise)
+    inside = (mean * ends.sums(weight * np.tile(own, 2)) - across) / 8.0
+
+    a, b = ends.go_on[first], ends.go_on[last]
+    one = np.where(a, across[first], across[last])
+    other = np.where(b, across[last], across[first])
+    known = a | b
+    fourth = np.where(known, one - 2.0 * own + other, 0.0) / 16.0
+    count = meet(_sum(middle, np.ones(len(middle)), len(q)))
+    amid = meet(_sum(middle, fourth, len(q))) / np.maximum(count, 1.0)
+    seen = ends.sums(weight * np.tile(known, 2))
+    outside = -ends.sums(weight * np.tile(fourth, 2))
+    outside[every.count > ends.count] *= FADED
+    outside = np.divide(outside, seen, out=np.zeros(len(q)), where=seen > 0.0)
+    return END * np.where(ends.go_on, inside, outside) + MIDDLE * amid
