@@ -39,7 +39,7 @@ from solver.tfeti.costs import Group, run_seconds
 CELL_RATE = 8e-6
 """Seconds for error estimate, fields and output of a cell."""
 
-STARTED = 0.1
+STARTED = 0.08
 """Seconds of a run beside, whatever its size."""
 
 LEFT_OUT = (

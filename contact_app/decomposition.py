@@ -15,13 +15,13 @@ from itertools import product
 from meshes.box import BoxShape
 from solver.tfeti.costs import Group, run_seconds
 
-PRODUCTS_GLUED, PRODUCTS_WHOLE = 50.0, 35.0
+PRODUCTS_GLUED, PRODUCTS_WHOLE = 30.0, 30.0
 """Applications of the dual operator a solve takes about, with gluing and without."""
 
 EDGE = 8.0
 """Cells along the edge of a sub-box at which gluing takes `PRODUCTS_GLUED`; they grow slowly."""
 
-WORTH_SPLITTING = 0.7
+WORTH_SPLITTING = 0.8
 """Time of the best split over that of one subdomain above which the box stays whole."""
 
 SLENDER = 20.0

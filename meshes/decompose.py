@@ -21,7 +21,7 @@ from meshes.unstructured import CellMesh
 Shape = BoxShape | CellMesh
 """What a body is made of."""
 
-PIECE_NODES = {2: 20_000, 3: 600}
+PIECE_NODES = {2: 20_000, 3: 500}
 """Nodes of a subdomain that `auto` makes of a mesh, by dimension: each has a factor of its own.
 
 About the fastest in sweeps over the bracket, the ball and cubes of tetrahedra with 3,000 to 50,000

@@ -113,10 +113,14 @@ class SubdomainClass:
         if self.block is not None:
             self.block.apply(loads, out)
             return
-        place = np.searchsorted(self.free, self.interface)
         full = np.zeros((len(self.free), len(loads)), order="F")
-        full[place] = loads.T
-        out[:] = self.inverse.solve(full)[place].T
+        full[self._place] = loads.T
+        out[:] = self.inverse.solve(full)[self._place].T
+
+    @cached_property
+    def _place(self) -> NDArray[np.int64]:
+        """Of the interface among the free unknowns."""
+        return np.searchsorted(self.free, self.interface)
 
 
 def subdomain_class(
