@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from contact_app.box_surface import BoxSurface, FacetsOnFace
 from contact_app.certificate import nearest_admissible
 from contact_app.equilibrated import Found, NoAdmissibleStressError
+from contact_app.error_estimate import STRAINLESS
 from contact_app.model import Model
 from contact_app.patches import Cells
 from contact_app.report import at_most
@@ -70,6 +71,8 @@ class Guarantee:
         ‖û - u‖ is at most this, relative to ‖û‖ (energy norms); None where there is none.
     missing
         Why there is none.
+    norm
+        ‖û‖ itself.
     residual
         Largest force left in a cell, over the largest sum of magnitudes that cancel in one.
     steps
@@ -78,6 +81,7 @@ class Guarantee:
 
     bound: float | None
     missing: str = ""
+    norm: float = 0.0
     residual: float = 0.0
     steps: int = 0
 
@@ -169,12 +173,20 @@ class _Answer:
         ]  # fmt: skip
         square, norm = self._distances(found)
         square += 2.0 * max(self._open_work(found), 0.0)
-        if norm == 0.0:
-            return Guarantee(0.0)
         slip = sum(one.slip**2 for one in found) ** 0.5
+        if norm <= (rounding := STRAINLESS * self._scale()):
+            if square + slip**2 <= rounding:
+                return Guarantee(0.0)
+            raise NoAdmissibleStressError("nothing is strained that an error could be relative to")
         bound = (square**0.5 + slip) / norm**0.5
         residual = max(one.residual for one in found)
-        return Guarantee(bound, "", residual, sum(one.steps for one in found))
+        return Guarantee(bound, "", norm**0.5, residual, sum(one.steps for one in found))
+
+    def _scale(self) -> float:
+        """Σ K_ii u_i², beside which strains that are rounding are small."""
+        parts = zip(self.problem.classes, self.displacements, strict=True)
+        own = sum(float(np.sum(cls.stiffness.diagonal()[:, None] * u**2)) for cls, u in parts)
+        return float(self.comm.allreduce(own))
 
     def _energies(self) -> list[float]:
         """J(û) of each body."""
