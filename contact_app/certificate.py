@@ -151,17 +151,10 @@ def certify(
     imbalance, energy = _equilibrium(problem, multiplier, displacements)
     contact_forces = multiplier[contact] * problem.spread[contact]
     load = _load(problem, multiplier, contact_forces)
-    ways = _ways(problem, multiplier, interface, residual)
+    gap = duality_gap(problem, multiplier, interface, relaxations)
     complementarity = float(np.abs(contact_forces * slack[contact]).sum())
-    work = float(multiplier @ residual)
-    costs = [opened + motion_energy(problem, change) for change, opened in ways]
-    *costs, complementarity, work = (
-        float(v) for v in comm.allreduce(np.array([*costs, complementarity, work]))
-    )
-    gap = min(costs)
-    if relaxations:
-        change, opened = ways[int(np.argmin(costs))]
-        gap = comm.allreduce(opened + motion_energy(problem, change, relaxations))
+    sums = np.array([complementarity, multiplier @ residual])
+    complementarity, work = (float(v) for v in comm.allreduce(sums))
     energy += work + gap
 
     numbers = Certificate(
@@ -182,20 +175,49 @@ def nearest_admissible(
 ) -> NDArray[np.float64]:
     """The admissible û whose duality gap is least, on the interface; elsewhere it is u."""
     interface = problem.on_interface(displacements)
-    ways = _ways(problem, multiplier, interface, problem.residual(interface))
-    costs = [opened + motion_energy(problem, change) for change, opened in ways]
-    return interface + ways[int(np.argmin(problem.comm.allreduce(np.array(costs))))][0]
+    return interface + _nearest(problem, multiplier, interface)[0]
 
 
-def _ways(
+def duality_gap(
     problem: DualProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
-    residual: NDArray[np.float64],
-) -> list[tuple[NDArray[np.float64], float]]:
-    """Ways to admissible û, one that closes what is worth closing and one that does not."""
-    closed = worth_closing(problem, multiplier, residual)
-    return [_way(problem, multiplier, interface, rows) for rows in (closed, None)]
+    relaxations: int = 0,
+    rest: float = 0.0,
+) -> float:
+    """J(û) - D(λ) of what λ and u on the interface stand for, in units of energy.
+
+    Parameters
+    ----------
+    multiplier : (dual,)
+        λ ≥ 0 on contact rows, in equilibrium with the loads.
+    relaxations
+        As for `certify`.
+    rest
+        As for `feasible_displacements`.
+    """
+    change, opened, gap = _nearest(problem, multiplier, interface, rest)
+    if relaxations:
+        gap = problem.comm.allreduce(opened + motion_energy(problem, change, relaxations))
+    return float(gap)
+
+
+def _nearest(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    interface: NDArray[np.float64],
+    rest: float = 0.0,
+) -> tuple[NDArray[np.float64], float, float]:
+    """The cheapest way û - u to an admissible û, λᵀ (c - B û) on this rank, and the gap.
+
+    One way closes the contact rows that are worth it, another does not.
+    """
+    closed = worth_closing(problem, multiplier, problem.residual(interface))
+    ways = [_way(problem, multiplier, interface, rows, rest) for rows in (closed, None)]
+    costs = [opened + motion_energy(problem, change) for change, opened in ways]
+    costs = problem.comm.allreduce(np.array(costs))
+    best = int(np.argmin(costs))
+    return *ways[best], float(costs[best])
 
 
 def _way(
@@ -203,9 +225,10 @@ def _way(
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
     closed: NDArray[np.bool_] | None,
+    rest: float,
 ) -> tuple[NDArray[np.float64], float]:
     """The way û - u to an admissible û that closes some contact rows, and λᵀ (c - B û)."""
-    change, residual = feasible_displacements(problem, interface, closed)
+    change, residual = feasible_displacements(problem, interface, closed, rest)
     contact = problem.inequality
     change -= interface
     return change, -float(multiplier[contact] @ np.minimum(residual[contact], 0.0))

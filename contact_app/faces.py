@@ -33,6 +33,9 @@ from solver.tfeti.recovery import add_motions
 FIRST_LOOK, NEXT_LOOK = 0.4, 0.1
 """Reduction of the residual before the first look at a face and between later ones."""
 
+EAGER_LOOK = 0.5
+"""The same between looks that may end a solve before it is settled what touches."""
+
 LOOKS = 3
 """Looks at a face before it is solved to the end."""
 
@@ -75,12 +78,25 @@ class State:
         Contact rows of the face.
     distance : (dual,)
         Jumps, and the penetration of contact rows; over the largest displacement.
+    displacements : (interface,)
+        u.
+    strained
+        a(u, u), twice the energy of the strains.
     """
 
     x: NDArray[np.float64]
     equality_force: NDArray[np.float64]
     touching: NDArray[np.bool_]
     distance: NDArray[np.float64]
+    displacements: NDArray[np.float64]
+    strained: float
+
+    def worst(self, problem: DualProblem) -> float:
+        """Largest jump or penetration, over the largest displacement."""
+        one_sided = problem.inequality & ~self.touching
+        return largest_magnitude(
+            problem.comm, np.where(one_sided, np.maximum(self.distance, 0.0), self.distance)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +122,9 @@ class Outcome:
 Accept = Callable[[State], bool]
 """The caller's own test of a face's solution; the same on all ranks."""
 
-Early = Callable[[State, float], bool]
-"""The same of a face that asks for another, told the largest jump or penetration."""
+Lacks = Callable[[State], float]
+"""Factor by which the error of a state has to fall before it is worth a test; one or less where it
+is worth one as it stands."""
 
 Keep = Callable[[State, Counts], None]
 """Told of each state, and of the work up to it."""
@@ -170,17 +187,12 @@ class Face:
         it = self._iterate
         return it.projected_gradient_norm / (it.b_norm or 1.0)
 
-    @property
-    def error(self) -> float:
+    def error(self, strained: float) -> float:
         """Estimate of the error of the multipliers in energy norm, over that of the strains.
 
         The preconditioner M stands for F⁻¹ in rᵀ F⁻¹ r, the square of the error.
         """
-        it, glued = self._iterate, self.glued
-        assert it.image is not None
-        strained = glued.strain_energy(
-            glued.offset + it.x, glued.displacements_of_offset - it.image
-        )
+        it = self._iterate
         square = self.problem.comm.allreduce(float(it.z @ it.free))
         return math.sqrt(max(square, 0.0) / strained) if strained > 0.0 else 1.0
 
@@ -224,6 +236,7 @@ class Face:
         multiplier = self.glued.offset + it.x
         assert it.image is not None
         u = self.glued.displacements_of_offset - it.image
+        strained = problem.strain_energy(multiplier, u)
         residual = problem.residual(u)  # d - F λ
         alpha = -own.coefficients(residual)
         # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
@@ -234,13 +247,14 @@ class Face:
         add_motions(problem, alpha, u)
         distance = (residual + kernel_part) / problem.spread
         distance /= largest_magnitude(problem.comm, u) or 1.0
-        error = SIGNIFICANT * self.error
+        error = SIGNIFICANT * self.error(strained)
         strongest = largest_magnitude(problem.comm, multiplier[self.touching])
         stays = multiplier > -error * strongest
         following = problem.inequality & np.where(self.touching, stays, distance > error)
         if not problem.comm.allreduce(int(self.touching.sum())):
             following &= self._reached_first(residual + kernel_part, following)
-        return State(multiplier - problem.offset, force, self.touching, distance), following
+        x = multiplier - problem.offset
+        return State(x, force, self.touching, distance, u, strained), following
 
     def _reached_first(
         self, jumps: NDArray[np.float64], crossed: NDArray[np.bool_]
@@ -258,34 +272,26 @@ class Face:
         first = self.problem.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
         return np.asarray(share <= first + FIRST * (1.0 - first))
 
-    def worst(self, state: State) -> float:
-        """Largest jump or penetration, over the largest displacement."""
-        open_rows = self.problem.inequality & ~self.touching
-        return largest_magnitude(
-            self.problem.comm, np.where(open_rows, np.maximum(state.distance, 0.0), state.distance)
-        )
-
 
 def decide(
     face: Face,
     inner: MPRGP,
-    tolerance: Callable[[], float],
+    lacks: Lacks,
     accept: Accept,
     monitor: Monitor | None,
     keep: Keep | None = None,
     first_look: float = FIRST_LOOK,
-    early: Early | None = None,
+    eager: bool = False,
 ) -> Outcome:
     """Solve a face until it asks for another, or its answer is accepted.
 
     Parameters
     ----------
-    tolerance
-        Largest jump that an answer may leave, over the largest displacement; asked again after
-        each answer that is not accepted.
+    lacks
+        Asked again after each answer that is not accepted.
     first_look
         Reduction of the residual before the first look.
-    early
+    eager
         Whether an answer will do although the face asks for another.
     """
     aim, looks = first_look * face.residual, 0
@@ -296,21 +302,22 @@ def decide(
             return Outcome(ended, state, following, face.counts)
         if keep is not None:
             keep(state, face.counts)
-        worst, allowed = face.worst(state), tolerance()
-        if face.problem.comm.allreduce(int((following != face.touching).sum())):
-            done = early is not None and early(state, worst)
-            reason = Reason.ACCEPTED if done else None
-            return Outcome(reason, state, following, face.counts)
-        needed = MARGIN * face.residual * min(1.0, allowed / worst if worst else 1.0)
-        if worst <= allowed or face.at_round_off:
+        changes = face.problem.comm.allreduce(int((following != face.touching).sum()))
+        lack = lacks(state) if eager or not changes else math.inf
+        if lack <= 1.0 or (face.at_round_off and not changes):
             if accept(state):
                 return Outcome(Reason.ACCEPTED, state, following, face.counts)
-            if face.at_round_off:
+            if face.at_round_off and not changes:
                 return Outcome(Reason.ROUND_OFF, state, following, face.counts)
-            if tolerance() == allowed:
-                needed = TIGHTEN * face.residual
+            lack = max(lacks(state), MARGIN / TIGHTEN)
+        if changes:
+            return Outcome(None, state, following, face.counts)
         looks += 1
-        aim = needed if looks >= LOOKS else max(needed, NEXT_LOOK * face.residual)
+        needed = MARGIN * face.residual / max(lack, 1.0)
+        if eager:
+            aim = max(needed, EAGER_LOOK * face.residual)
+        else:
+            aim = needed if looks >= LOOKS else max(needed, NEXT_LOOK * face.residual)
 
 
 def follow(
@@ -318,11 +325,11 @@ def follow(
     inner: MPRGP,
     multiplier: NDArray[np.float64] | None,
     touching: NDArray[np.bool_],
-    tolerance: Callable[[], float],
+    lacks: Lacks,
     accept: Accept,
     monitor: Monitor | None,
     keep: Keep | None = None,
-    early: Early | None = None,
+    eager: bool = False,
 ) -> Outcome:
     """Active sets from the contact rows that touch, until an answer is accepted.
 
@@ -330,7 +337,7 @@ def follow(
     ----------
     multiplier : (dual,)
         Where the first face begins; as for `Face`.
-    tolerance, early
+    lacks, eager
         As in `decide`.
 
     Returns
@@ -354,8 +361,8 @@ def follow(
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
         try:
             found = decide(
-                face, left, tolerance, accept, monitor,
-                keep and partial(_kept, keep, counts), first_look, early,
+                face, left, lacks, accept, monitor,
+                keep and partial(_kept, keep, counts), first_look, eager,
             )  # fmt: skip
         except QPError:  # the rows that touch keep a body so badly that rounding lets it go
             counts = counts + face.counts

@@ -272,7 +272,7 @@ class SolverOptions:
     """
 
     tolerance: float | Literal["auto"] = 1e-6
-    tightest: float = 1e-3
+    tightest: float = 1e-4
     expansion: str = "projcg-safe"
     alpha_u: float = 1.9
     gamma: float = 1.0

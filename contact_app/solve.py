@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.certificate import certify
+from contact_app.certificate import certify, duality_gap
 from contact_app.checkpoint import Checkpoint
 from contact_app.faces import Keep, Outcome, State, follow
 from contact_app.scene import SolverOptions
@@ -43,6 +44,9 @@ NORM_ACCURACY = 1e-2
 
 ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
 """Why faces end a solve; for other reasons SMALBE goes on."""
+
+LOOSE = 1e-2
+"""Share of an iterate's jumps that is left where its duality gap only tells how far it is."""
 
 PATIENCE = 16
 """Outer iterations after which a slow SMALBE hands its active set over once more."""
@@ -116,18 +120,16 @@ def _on_faces(
         answer = _answer_of(problem, target, state)
         return answer.converged
 
-    def early(state: State, worst: float) -> bool:
-        nonlocal answer
-        if not target.worth_trying(worst):
-            return False
-        found = _answer(problem, target, state.x, state.equality_force, state.touching)
-        answer = target.try_early(found)
-        return answer.converged
+    def lacks(state: State) -> float:
+        worst = state.worst(problem)
+        multiplier = problem.offset + state.x
+        multiplier[problem.inequality] = np.maximum(multiplier[problem.inequality], 0.0)
+        gap = partial(
+            duality_gap, problem, multiplier, state.displacements, target.relaxations, LOOSE
+        )
+        return target.lacks(worst, state.strained, gap)
 
-    found = follow(
-        problem, inner, multiplier, touching, lambda: target.tolerance, accept, monitor, keep,
-        early if target.eager else None,
-    )  # fmt: skip
+    found = follow(problem, inner, multiplier, touching, lacks, accept, monitor, keep, target.eager)
     if found.reason not in ENDS:
         return found, None
     if found.reason is not Reason.ACCEPTED:

@@ -7,9 +7,8 @@ stresses of the iterate itself. That tenth is the tolerance chosen, which the ce
 numbers meet as well. Squares of errors add up: the total is then half a percent above what the
 mesh alone would leave.
 
-The estimate costs a fraction of a solve's outer iteration or two. It is made once penetration and
-jumps are below the loosest tolerance; an iterate's algebraic error, a tenth of it at the end,
-hardly disturbs it.
+The estimate is made once jumps and error of an answer are below the loosest tolerance, and again
+only where the error of the solver disturbed it.
 """
 
 from __future__ import annotations
@@ -31,8 +30,12 @@ NEARLY = 1.2
 """Gap over that which a tenth of the mesh's last known error allows, above which no new estimate
 of that error is made."""
 
-GAIN = 4.0
-"""What the next set of touching rows takes off the error at best."""
+AGAIN = 0.7
+"""Factor on what is asked of the next answer of a face after one that held less than promised."""
+
+STEADY = 0.5
+"""Algebraic error over that of the mesh below which the latter's estimate is not made again: it is
+right to a few per cent then: squares add up, and of the solver's the estimate sees little."""
 
 Assess = Callable[[Solution], Accuracy]
 
@@ -59,13 +62,19 @@ class Target:
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
 
-    def worth_trying(self, worst: float) -> bool:
-        """Whether an answer with that largest jump has a chance before contact is settled."""
-        return self.eager and worst <= self.tolerance
+    def lacks(self, worst: float, strained: float, gap: Callable[[], float]) -> float:
+        """Factor by which the error of an answer has to fall before it is worth a certificate.
 
-    def try_early(self, solution: Solution) -> Solution:
-        """As `judge`, without consequence where it fails."""
-        return self.judge(solution)
+        Parameters
+        ----------
+        worst
+            Largest jump or penetration, over the largest displacement.
+        strained
+            Twice the energy of its strains.
+        gap
+            Tells the duality gap, where contact forces that pull are left out.
+        """
+        return worst / self.tolerance
 
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate; may tighten the tolerance."""
@@ -92,27 +101,17 @@ class AutomaticTarget(Target):
         super().__init__(LOOSEST)
         self._assess, self._tightest = assess, tightest
         self._enough: tuple[float, float] | None = None
-        self._left_out = 0
+        self._chosen = self._limit = LOOSEST
+        self._demand = 1.0
+        self._assessed: tuple[Accuracy, float] | None = None
 
-    def worth_trying(self, worst: float) -> bool:
-        """Whether an answer has a chance; after one that failed badly some are passed over."""
-        chosen = self._enough[0] if self._enough else LOOSEST
-        if worst > chosen or self._left_out:
-            self._left_out = max(self._left_out - 1, 0)
-            return False
-        return True
-
-    def try_early(self, solution: Solution) -> Solution:
-        """As `judge`, without consequence where it fails but a wait."""
-        tolerance, enough = self.tolerance, self._enough
-        judged = self.judge(solution)
-        if not judged.converged:
-            self.tolerance = tolerance
-            known = self._enough or enough
-            allowed = known[1] if known else LOOSEST**2 * abs(solution.measures.energy)
-            excess = math.sqrt(max(solution.measures.gap / (allowed or 1.0), 1.0))
-            self._left_out = int(math.log(excess) / math.log(GAIN))
-        return judged
+    def lacks(self, worst: float, strained: float, gap: Callable[[], float]) -> float:
+        """As of a tolerance that is given: of jumps, and of the error that the gap bounds."""
+        lack = worst / self._chosen
+        if lack <= 1.0 and strained > 0.0:
+            error = math.sqrt(2.0 * max(gap(), 0.0) / strained)
+            lack = max(lack, error / self._limit)
+        return lack / self._demand
 
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate, which fails until enough is enough.
@@ -120,6 +119,13 @@ class AutomaticTarget(Target):
         The error of the mesh is estimated where a first certificate passes loosely, and again
         where the gap that it then asked for is met.
         """
+        limit = self._limit
+        judged = self._judge(solution)
+        known = limit == self._limit  # what was asked for is what the mesh asks for
+        self._demand = AGAIN * self._demand if known and not judged.converged else 1.0
+        return judged
+
+    def _judge(self, solution: Solution) -> Solution:
         gap = solution.measures.gap
         if self._enough is None:
             loosely = super().judge(solution)
@@ -135,9 +141,10 @@ class AutomaticTarget(Target):
             if gap > NEARLY * enough:
                 self._tighten(math.sqrt(gap / enough))
                 return replace(loosely, certificate=replace(loosely.certificate, passed=False))
-        accuracy = self._assess(solution)
+        accuracy = self._accuracy(solution)
         limit = max(SHARE * accuracy.discretisation, self._tightest)
         chosen = min(limit, LOOSEST)
+        self._chosen, self._limit = chosen, limit
         judged = solution.certificate.judged(chosen)
         if accuracy.algebraic > limit:
             judged = replace(judged, passed=False)
@@ -146,6 +153,23 @@ class AutomaticTarget(Target):
             self._tighten(accuracy.algebraic / limit)
             self.tolerance = min(chosen, self.tolerance)
         return replace(solution, certificate=judged, tolerance=chosen, accuracy=accuracy)
+
+    def _accuracy(self, solution: Solution) -> Accuracy:
+        """Errors of an answer; that of the mesh as it was where the last answer told it well."""
+        gap = solution.measures.gap
+        if self._assessed is None or self._assessed[0].algebraic > STEADY * (
+            self._assessed[0].discretisation
+        ):
+            accuracy = self._assess(solution)
+        else:
+            last, its_gap = self._assessed
+            algebraic = (
+                last.algebraic * math.sqrt(max(gap, 0.0) / its_gap) if its_gap > 0.0 else 0.0
+            )
+            total = math.hypot(last.discretisation, algebraic)
+            accuracy = Accuracy(last.discretisation, algebraic, total)
+        self._assessed = accuracy, gap
+        return accuracy
 
     def _tighten(self, excess: float) -> None:
         """Ask for residuals that are smaller by as much as the error has to fall."""

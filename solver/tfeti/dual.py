@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from solver.tfeti.classes import SubdomainClass
 from solver.tfeti.coarse import CoarseProblem, ProjectedOperator
@@ -141,6 +142,28 @@ class DualProblem:
         """
         result = np.ones(self.size)
         result[self.inequality] = self.contact.spread
+        return result
+
+    @cached_property
+    def overlap(self) -> NDArray[np.float64]:
+        """Row sums of |B Bᵀ| over contact rows, 1 for other rows.
+
+        They bound what the corrections of rows that are not orthogonal add up to.
+        """
+        result = np.ones(self.size)
+        B = self.B.matrix
+        first = B.getOwnershipRange()[0]
+        rows = (first + np.flatnonzero(self.inequality)).astype(PETSc.IntType)
+        columns = np.arange(*B.getOwnershipRangeColumn(), dtype=PETSc.IntType)
+        contact = B.createSubMatrix(
+            *(PETSc.IS().createGeneral(i, comm=self.comm) for i in (rows, columns))
+        )
+        product = contact.matMult(contact.transpose(PETSc.Mat()))
+        starts, _, values = product.getValuesCSR()
+        sums = np.bincount(
+            np.repeat(np.arange(len(rows)), np.diff(starts)), np.abs(values), minlength=len(rows)
+        )
+        result[self.inequality] = np.maximum(sums, 1.0)
         return result
 
     def count(self, kind: RowKind) -> int:

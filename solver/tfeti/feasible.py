@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from solver.tfeti.classes import SubdomainClass
 from solver.tfeti.dual import DualProblem, interface_slices
@@ -80,6 +79,7 @@ def feasible_displacements(
     problem: DualProblem,
     displacements: NDArray[np.float64],
     closed: NDArray[np.bool_] | None = None,
+    rest: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The admissible û nearest to u, both on the interface, and B û - c.
 
@@ -91,17 +91,21 @@ def feasible_displacements(
     ----------
     closed : (dual,)
         Contact rows whose gaps are closed as well, as far as that leaves û admissible.
+    rest
+        Share of the largest violation that may be left.
     """
-    damping = _overlap(problem)
+    damping = problem.overlap
     repaired = displacements.copy()
     residual = problem.residual(repaired)
     tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, displacements))
     one_sided = problem.inequality if closed is None else problem.inequality & ~closed
     for rows in (one_sided, problem.inequality)[closed is None :]:
         previous = np.inf
-        for _ in range(200):
+        for attempt in range(200):
             violation = np.where(rows, np.maximum(residual, 0.0), residual)
             size = largest_magnitude(problem.comm, violation)
+            if attempt == 0:
+                tolerance = max(tolerance, rest * size)
             if size <= tolerance or size > 0.99 * previous:
                 break
             repaired -= problem.constraint_forces(violation / damping)
@@ -140,8 +144,9 @@ def worth_closing(
 def motion_energy(problem: DualProblem, motion: NDArray[np.float64], relaxations: int = 0) -> float:
     """½ wᵀ K w on this rank, w moving the interface by `motion` and the inside little.
 
-    Inside the subdomains w is zero, or what some steps of conjugate gradients, preconditioned by
-    the diagonal, make of that towards the least energy.
+    Inside the subdomains w is zero, or follows the interface: as far as it wants to where a Schur
+    complement is at hand, else as far as some steps of conjugate gradients, preconditioned by the
+    diagonal, come.
 
     Parameters
     ----------
@@ -151,6 +156,11 @@ def motion_energy(problem: DualProblem, motion: NDArray[np.float64], relaxations
     energy = 0.0
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
         moved = motion[part].reshape(cls.members, -1)
+        if relaxations and cls.schur_complement is not None:
+            forces = np.empty_like(moved)
+            cls.schur_complement.apply(moved, forces)
+            energy += 0.5 * float(np.vdot(moved, forces))
+            continue
         for members in cls.batches():
             some = moved[members].T.copy()
             energy += 0.5 * float(np.vdot(some, cls.interface_stiffness @ some))
@@ -183,28 +193,6 @@ def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> fl
         ratio = np.divide(square, before, out=np.zeros_like(gain), where=before > 0.0)
         direction = residual / diagonal + ratio * direction
     return float(gain.sum())
-
-
-def _overlap(problem: DualProblem) -> NDArray[np.float64]:
-    """Row sums of |B Bᵀ| over contact rows, 1 for other rows.
-
-    They bound what the corrections of rows that are not orthogonal add up to.
-    """
-    result = np.ones(problem.size)
-    B = problem.B.matrix
-    first = B.getOwnershipRange()[0]
-    rows = (first + np.flatnonzero(problem.inequality)).astype(PETSc.IntType)
-    columns = np.arange(*B.getOwnershipRangeColumn(), dtype=PETSc.IntType)
-    contact = B.createSubMatrix(
-        *(PETSc.IS().createGeneral(i, comm=problem.comm) for i in (rows, columns))
-    )
-    product = contact.matMult(contact.transpose(PETSc.Mat()))
-    starts, _, values = product.getValuesCSR()
-    sums = np.bincount(
-        np.repeat(np.arange(len(rows)), np.diff(starts)), np.abs(values), minlength=len(rows)
-    )
-    result[problem.inequality] = np.maximum(sums, 1.0)
-    return result
 
 
 def largest_magnitude(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
