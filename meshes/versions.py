@@ -12,7 +12,7 @@ import basix
 import dolfinx
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, geometry
 from mpi4py import MPI
 from numpy.typing import NDArray
 
@@ -145,3 +145,24 @@ def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32
     listing = make(links.astype(np.int64), offsets.astype(np.int32))
     destinations = partition(MPI.COMM_SELF, parts, listing, False)
     return np.asarray(destinations.array, dtype=np.int32)
+
+
+def cells_at(mesh: Any, points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """A cell of a mesh on this process that holds each point (n, 3), or the nearest, (n,)."""
+    d = mesh.topology.dim
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if _MODERN:
+        tree = geometry.bb_tree(mesh, d)
+        boxes = geometry.compute_collisions_points(tree, points)
+    else:
+        tree = geometry.BoundingBoxTree(mesh, d)
+        boxes = geometry.compute_collisions(tree, points)
+    cells, offsets = adjacency(geometry.compute_colliding_cells(mesh, boxes, points))
+    found = np.full(len(points), -1, np.int32)
+    some = np.diff(offsets) > 0
+    found[some] = cells[offsets[:-1][some]]
+    if not some.all():
+        every = np.arange(mesh.topology.index_map(d).size_local, dtype=np.int32)
+        middles = geometry.create_midpoint_tree(mesh, d, every)
+        found[~some] = geometry.compute_closest_entity(tree, middles, mesh, points[~some])
+    return found

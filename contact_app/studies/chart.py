@@ -1,11 +1,12 @@
 """Speed against accuracy: which settings of a scene nothing beats.
 
 Every point is a real run in a process of its own; seconds count from the mesh to the certified
-solution. Meshes are those of the scene's boxes with cells halved and doubled; on them vary the
-degree, the cell, the tolerance, the expansion, the decomposition and, as peers, PETSc's
-bound-constrained solvers. What the schema of a scene does not allow is left out and said, so a
-new option of the schema takes part as soon as it is there. Errors are measured against the
-extrapolated answer of `reference`.
+solution. Meshes are those of the scene's boxes with cells halved and doubled, and those of files
+with edges halved; on them vary the degree, the cell, the tolerance, the expansion, the
+decomposition and, as peers, PETSc's bound-constrained solvers. From the coarsest the scene is
+refined to accuracies. What the schema of a scene does not allow is left out and said, so a new
+option of the schema takes part as soon as it is there. Errors are measured against the extrapolated
+answer of `reference`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene import CELLS, Box, Scene, build_scene
 from contact_app.studies.frontier import frontier
 from contact_app.studies.kept import Kept
-from contact_app.studies.lattice import Lattice
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import QUANTITIES, Fields, ReferenceAnswer, Ruler
@@ -49,7 +49,8 @@ PARTS = (1, 2, 4)
 ACCURACIES = (0.2, 0.1, 0.05, 0.03)
 """Errors in energy norm that scenes are refined to."""
 SMALLEST, LARGEST = Fraction(1, 8), 8
-REFERENCE_DOFS = 2_500_000
+EVEN, UNEVEN = 2_500_000, 700_000
+"""Most degrees of freedom of a reference: of boxes, and of meshes from files."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +63,15 @@ class Variant:
         Cells along each axis relative to the scene's.
     decomposition, expansion
         None: the scene's own.
+    degree
+        None: left to the scene and its refinement.
     accuracy
-        Error to which the scene is refined from this mesh on, the degree being left to the
-        refinement; None: it is not.
+        Error to which the scene is refined from this mesh on; None: it is not.
     """
 
     factor: Fraction
     cell: str
-    degree: int = 1
+    degree: int | None = 1
     tolerance: float | str = USUAL
     method: str = OURS
     decomposition: str | None = None
@@ -82,17 +84,23 @@ class Variant:
         kind = self.expansion or (f"accuracy {self.accuracy:g}" if self.accuracy else "")
         return f"{self.method} {kind}".strip()
 
-    def overrides(self, scene: Scene) -> list[str]:
-        """Changes of the scene's file."""
+    @property
+    def halvings(self) -> int:
+        """How often edges of meshes from files are halved."""
+        return int(math.log2(self.factor))
+
+    def overrides(self, scene: Scene, refine: Sequence[int] = ()) -> list[str]:
+        """Changes of the scene's file, whose bodies have edges halved so often."""
         result = []
         for number, body in enumerate(scene.bodies):
-            assert isinstance(body.mesh, Box)
-            cells = ",".join(str(n) for n in scaled(body.mesh.cells, self.factor))
-            result += [
-                f"bodies.{number}.mesh.box.cells=[{cells}]",
-                f"bodies.{number}.mesh.box.cell={self.cell}",
-            ]
-            if not self.accuracy:
+            if isinstance(body.mesh, Box):
+                cells = ",".join(str(n) for n in scaled(body.mesh.cells, self.factor))
+                result.append(f"bodies.{number}.mesh.box.cells=[{cells}]")
+                result.append(f"bodies.{number}.mesh.box.cell={self.cell}")
+            else:
+                times = refine[number] + self.halvings
+                result.append(f"bodies.{number}.mesh.refine={times}")
+            if self.degree is not None:
                 result.append(f"bodies.{number}.degree={self.degree}")
         if self.method in METHODS:
             result.append("decomposition=auto")
@@ -107,10 +115,12 @@ class Variant:
     def describe(self, scene: Scene) -> str:
         """In a few words."""
         mesh = scene.bodies[0].mesh
-        assert isinstance(mesh, Box)
-        cells = "x".join(str(n) for n in scaled(mesh.cells, self.factor))
+        if isinstance(mesh, Box):
+            cells = "x".join(str(n) for n in scaled(mesh.cells, self.factor))
+        else:
+            cells = f"halved {self.halvings} times" if self.halvings else "as given"
         where = f", {self.decomposition}" if self.decomposition else ""
-        degree = "" if self.accuracy else f", degree {self.degree}"
+        degree = "" if self.degree is None else f", degree {self.degree}"
         return f"{self.name}{degree}, {self.cell} {cells}, {self.tolerance}{where}"
 
 
@@ -140,12 +150,19 @@ class Sweep:
         Three of them, cells halved from one to the next.
     left_out
         What the scene does not allow, a sentence each.
+    refine
+        How often the scene itself halves the edges of each body's mesh from a file.
     """
 
     scene: Scene
     variants: tuple[Variant, ...]
     references: tuple[Variant, ...]
     left_out: tuple[str, ...]
+    refine: tuple[int, ...] = ()
+
+    def overrides(self, variant: Variant) -> list[str]:
+        """Changes of the scene's file that make a variant."""
+        return variant.overrides(self.scene, self.refine)
 
 
 def plan(
@@ -161,74 +178,82 @@ def plan(
     Raises
     ------
     ConfigurationError
-        The scene is wrong, or its meshes are no boxes that can be refined.
+        The scene is wrong, its bodies have different cells, or its meshes are too fine.
     """
-    scene = build_scene(load(config, overrides))
-    boxes = [body.mesh for body in scene.bodies if isinstance(body.mesh, Box)]
-    if len(boxes) < len(scene.bodies):
-        raise ConfigurationError(f"{config}: a chart refines its meshes, which boxes allow only")
-    own = boxes[0].cell
-    if any(box.cell != own for box in boxes):
+    configuration = load(config, overrides)
+    scene = build_scene(configuration)
+    refine = tuple(body.mesh.refine for body in configuration.bodies)
+    own = scene.bodies[0].mesh.cell
+    if any(body.mesh.cell != own for body in scene.bodies):
         raise ConfigurationError(f"{config}: a chart needs bodies of one kind of cell")
+    files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
     left_out: list[str] = []
 
     def allowed(variant: Variant, what: str) -> bool:
         try:
-            settings = [*variant.overrides(scene), f"solver.tolerance={variant.tolerance}"]
+            settings = [*variant.overrides(scene, refine), f"solver.tolerance={variant.tolerance}"]
             build_scene(load(config, [*overrides, *settings]))
         except ConfigurationError as error:
             left_out.append(f"{what}: {str(error).splitlines()[0]}")
             return False
         return True
 
-    levels = _levels(boxes, scene.dimension, largest)
+    levels = _levels(scene, largest)
     coarse, fine = levels[0], levels[-1]
-    cells = [c for c in sorted(CELLS[scene.dimension], key=lambda c: c != own)
-             if c == own or allowed(Variant(coarse, c), c)]  # fmt: skip
+    cells = [own]
+    if files:
+        left_out.append("other cells and coarser meshes: a mesh from a file has its own")
+    else:
+        cells += [c for c in CELLS[scene.dimension] if c != own and allowed(Variant(coarse, c), c)]
     degrees = [1, *(p for p in DEGREES[1:] if allowed(Variant(coarse, own, p), f"degree {p}"))]
     variants = [
         Variant(f, c, p)
         for f, c, p in itertools.product(levels, cells, degrees)
-        if _dofs(boxes, f, p) <= largest
+        if _dofs(scene, f, p) <= largest
     ]
     for p in degrees:
         swept = [t for t in TOLERANCES if allowed(Variant(coarse, own, p, t), f"degree {p} to {t}")]
-        fitting = [f for f in levels if _dofs(boxes, f, p) <= largest]
+        fitting = [f for f in levels if _dofs(scene, f, p) <= largest]
         variants += [Variant(f, own, p, t) for f in fitting[-2:] for t in swept]
     variants += [Variant(fine, own, expansion=e) for e in EXPANSIONS if e != scene.solver.expansion]
     for n in PARTS:
-        parts = "{subdomains: [" + ",".join([str(n)] * scene.dimension) + "]}"
-        variant = Variant(fine, own, decomposition=parts)
-        if allowed(variant, f"{n} subdomains along each axis"):
+        number = str(n**scene.dimension) if files else str([n] * scene.dimension)
+        variant = Variant(fine, own, decomposition=f"{{subdomains: {number}}}")
+        if allowed(variant, f"{n}^{scene.dimension} subdomains"):
             variants.append(variant)
     if peers and len(scene.bodies) > 1:
         left_out.append("peers: they take scenes of one body")
+    elif peers and files:
+        left_out.append("peers: they take boxes")
     elif peers:
         names = [name for name, method in METHODS.items() if method.contact]
         for m, p in itertools.product(names, degrees):
-            fitting = [f for f in levels if _dofs(boxes, f, p) <= largest]
+            fitting = [f for f in levels if _dofs(scene, f, p) <= largest]
             variants += [Variant(f, own, p, USUAL, m) for f in fitting]
             variants += [Variant(f, own, p, LOOSE, m) for f in fitting[-1:]]
     variants += [
         variant
-        for variant in (Variant(coarse, own, tolerance="auto", accuracy=a) for a in ACCURACIES)
+        for variant in (
+            Variant(coarse, own, p, "auto", accuracy=a)
+            for a in ACCURACIES
+            for p in (degrees if files else [None])
+        )
         if allowed(variant, f"refinement to an error of {variant.accuracy:g}")
     ]
     order = sorted(range(len(variants)), key=lambda i: variants[i].factor)
-    finest = _reference_factor(boxes, levels, degrees[-1])
-    references = tuple(
-        Variant(finest / 2**k, own, degrees[-1], min(1e-8, USUAL)) for k in (2, 1, 0)
-    )
-    return Sweep(scene, tuple(variants[i] for i in order), references, tuple(left_out))
+    finest, degree = _reference_mesh(scene, levels, degrees, UNEVEN if files else EVEN)
+    references = tuple(Variant(finest / 2**k, own, degree, min(1e-8, USUAL)) for k in (2, 1, 0))
+    return Sweep(scene, tuple(variants[i] for i in order), references, tuple(left_out), refine)
 
 
-def _levels(boxes: Sequence[Box], dimension: int, largest: int) -> list[Fraction]:
+def _levels(scene: Scene, largest: int) -> list[Fraction]:
     """Factors of the meshes of the sweep, coarsest first."""
+    boxes = [body.mesh for body in scene.bodies if isinstance(body.mesh, Box)]
     levels = []
-    factor = SMALLEST
-    while factor <= LARGEST and _dofs(boxes, factor, 1) <= largest:
+    factor = SMALLEST if len(boxes) == len(scene.bodies) else Fraction(1)
+    while factor <= LARGEST and _dofs(scene, factor, 1) <= largest:
         try:
-            smallest = min(n for box in boxes for n in scaled(box.cells, factor))
+            smallest = min((n for box in boxes for n in scaled(box.cells, factor)), default=2)
         except ValueError:
             smallest = 0
         if smallest >= 2:
@@ -242,18 +267,40 @@ def _levels(boxes: Sequence[Box], dimension: int, largest: int) -> list[Fraction
     return levels
 
 
-def _dofs(boxes: Sequence[Box], factor: Fraction, degree: int) -> int:
-    nodes = (math.prod(int(n * factor) * degree + 1 for n in box.cells) for box in boxes)
-    return sum(nodes) * len(boxes[0].cells)
+def _dofs(scene: Scene, factor: Fraction, degree: int) -> int:
+    """Unknowns of a mesh of the sweep; of files that are halved twice or more about so many."""
+    nodes, d = 0, scene.dimension
+    for body in scene.bodies:
+        mesh = body.mesh
+        if isinstance(mesh, Box):
+            nodes += math.prod(int(n * factor) * degree + 1 for n in mesh.cells)
+        else:
+            times = int(math.log2(factor)) + degree - 1
+            nodes += mesh.nodes_of(2) * 2 ** (d * (times - 1)) if times else mesh.nodes_of(1)
+    return nodes * d
 
 
-def _reference_factor(boxes: Sequence[Box], levels: Sequence[Fraction], degree: int) -> Fraction:
-    """Finest mesh of the reference: two levels of nodes beyond the sweep, or one.
+def _reference_mesh(
+    scene: Scene, levels: Sequence[Fraction], degrees: Sequence[int], most: int
+) -> tuple[Fraction, int]:
+    """Finest mesh of the reference and its degree: two levels of nodes beyond the sweep, or one.
 
-    A quarter of its cells are whole numbers, too.
+    A quarter of its cells are whole numbers, too, and no fewer than the coarsest mesh's.
+
+    Raises
+    ------
+    ConfigurationError
+        It has too many unknowns.
     """
-    least = max(2 * levels[-1] / degree, 4 * levels[0])
-    return 2 * least if _dofs(boxes, 2 * least, degree) <= REFERENCE_DOFS else least
+    for degree in reversed(degrees):
+        least = max(2 * levels[-1] / degree, 4 * levels[0])
+        for factor in (2 * least, least):
+            if _dofs(scene, factor, degree) <= most:
+                return factor, degree
+    raise ConfigurationError(
+        f"the reference of a chart needs the mesh twice halved, which has more than {most:,} "
+        "degrees of freedom; coarsen it"
+    )
 
 
 @dataclass(frozen=True)
@@ -331,18 +378,13 @@ def _reference(
     config: Path, sweep: Sweep, overrides: Sequence[str], kept: Kept
 ) -> Generator[Progress, None, ReferenceAnswer]:
     """Solve the three finest meshes and extrapolate."""
-    scene, finest = sweep.scene, sweep.references[-1]
+    scene = sweep.scene
     sampled, ruler = [], None
-    lattices = []
-    for body in scene.bodies:
-        assert isinstance(body.mesh, Box)
-        cells = scaled(body.mesh.cells, finest.factor * finest.degree)
-        lattices.append(Lattice(body.mesh.lower, body.mesh.upper, cells))
     for number, variant in enumerate(reversed(sweep.references)):
         file = kept.reference(number)
         if not file.exists():
             yield Progress(f"reference: {variant.describe(scene)}")
-            settings = [*overrides, *variant.overrides(scene)]
+            settings = [*overrides, *sweep.overrides(variant)]
             new = file.with_suffix(".new.npz")
             try:
                 run_one(OURS, config, settings, variant.tolerance, fields=new)
@@ -351,15 +393,8 @@ def _reference(
             new.replace(file)
             kept.save()
         fields = Fields.load(str(file))
-        if ruler is None:
-            watched = []
-            meshes = fields.meshes(variant.cell, lattices)
-            for place, (lattice, mesh) in enumerate(zip(lattices, meshes, strict=True)):
-                mine = fields.body(place)
-                seen = lattice.evaluate(mesh, fields.points[mine], fields.watched[mine] * 1.0)
-                watched.append(seen.ravel() > 0.5)
-            ruler = Ruler(scene, tuple(lattices), watched)
-        sampled.append(ruler.sample(fields, variant.cell))
+        ruler = ruler or Ruler.of(scene, fields)
+        sampled.append(ruler.sample(fields))
     assert ruler is not None
     return ReferenceAnswer.of(ruler, sampled[::-1])
 
@@ -374,10 +409,10 @@ def _point(
     reference: ReferenceAnswer,
 ) -> dict[str, Any]:
     """Run one variant and measure its errors."""
-    settings = [*overrides, *variant.overrides(sweep.scene)]
+    settings = [*overrides, *sweep.overrides(variant)]
     found = run_one(variant.method, config, settings, variant.tolerance, limit, file)
     fields = Fields.load(str(file))
-    errors = reference.errors(reference.ruler.sample(fields, variant.cell))
+    errors = reference.errors(reference.ruler.sample(fields))
     return {
         "method": variant.name,
         "degree": int(fields.degree.min()),

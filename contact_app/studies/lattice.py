@@ -13,6 +13,7 @@ what a graded mesh has between two of its points is not seen.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -24,6 +25,7 @@ from scipy import sparse
 
 from contact_app.assembly import Element
 from contact_app.scene import Material
+from contact_app.studies.cloud import BodyNodes
 from meshes.subdomains import Reference
 
 Array = NDArray[np.float64]
@@ -70,6 +72,14 @@ class Mesh:
             inner = (x[:-1, None] + parts * np.diff(x)[:, None]).ravel()
             result.append(np.append(inner, x[-1]))
         return result
+
+    @property
+    def first_order(self) -> Mesh:
+        """The mesh of degree 1 through the same nodes."""
+        if self.degree == 1:
+            return self
+        lines = tuple(tuple(float(x) for x in grid) for grid in self.grids)
+        return Mesh(self.cell, 1, tuple(len(x) - 1 for x in lines), lines)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -141,8 +151,18 @@ class Lattice:
             result = np.multiply.outer(result, line)
         return result.ravel()
 
-    def energy(self, field: Array, material: Material, plane: str | None) -> float:
+    def sample(self, body: BodyNodes, values: Array, first_order: bool = False) -> Array:
+        """Evaluate a field (nodes, k) of a body, or its first-order interpolant, on the lattice."""
+        mesh = Mesh.through(body.cell, body.degree, self.places(body.points))
+        return self.evaluate(mesh.first_order if first_order else mesh, body.points, values)
+
+    def volume(self, field: Array) -> float:
+        """∫ |e|² of a field (lattice points, dimension)."""
+        return float(self.weights @ (field**2).sum(axis=1))
+
+    def energy(self, field: Array, materials: Sequence[Material], plane: str | None) -> float:
         """a(e, e) of a field (lattice points, dimension)."""
+        material = materials[0]
         d = len(self.cells)
         steps = np.subtract(self.upper, self.lower) / self.cells
         stiffness, corners = _cell_stiffness(tuple(steps), material, plane)

@@ -41,6 +41,7 @@ from petsc4py import PETSc
 
 from contact_app.environment import peak_rss_gb
 from contact_app.scene import Scene
+from contact_app.studies.reference import Fields
 from contact_app.studies.whole import WholeSystem, assemble
 
 Answer = tuple[PETSc.Vec, int, int, bool]
@@ -205,15 +206,15 @@ def _save(scene: Scene, system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
         points, displacement, pressure, watched = (
             np.concatenate(part) for part in zip(*gathered, strict=True)
         )
-        np.savez(
-            path,
+        Fields(
             points=points,
             displacement=displacement,
             pressure=pressure,
             watched=watched,
             first_node=np.array([0, len(points)]),
             degree=np.array([body.degree for body in scene.bodies]),
-        )
+            cell=np.array([body.mesh.cell for body in scene.bodies]),
+        ).save(path)
 
 
 def main() -> None:

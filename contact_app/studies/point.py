@@ -14,9 +14,45 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.configuration import load
+from contact_app.model import facets_of
 from contact_app.refinement import solve_to_accuracy, with_levels
-from contact_app.run import solve_scene
+from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import build_scene
+from contact_app.studies.reference import Fields
+
+
+def fields_of(solved: SolvedScene) -> Fields:
+    """The answer at the nodes of all bodies, with their cells (one rank)."""
+    nodes, model = solved.nodes, solved.model
+    scene, partition = model.scene, model.partition
+    cells, tags, facets = [], [], []
+    for b in range(len(scene.bodies)):
+        first = partition.first_node[b]
+        mine = [s for s in partition.subdomains if s.body == b]
+        cells.append(np.concatenate([s.nodes[s.reference.cells] for s in mine]) - first)
+        tags.append(np.concatenate([s.reference.tags for s in mine]))
+        touching = [np.zeros((0, mine[0].reference.facets.shape[1]), np.int64)]
+        for contact in scene.touching:
+            if contact.body == b:
+                chosen = facets_of(scene, partition, b, contact.boundary)
+                touching += [
+                    s.nodes[s.reference.facets[rows]] - first
+                    for s, rows in zip(partition.subdomains, chosen, strict=True)
+                    if len(rows)
+                ]
+        facets.append(np.concatenate(touching))
+    return Fields(
+        points=nodes.points,
+        displacement=nodes.displacement,
+        pressure=nodes.contact_pressure,
+        watched=~np.isnan(nodes.gap),
+        first_node=partition.first_node,
+        degree=np.array([body.degree for body in scene.bodies]),
+        cell=np.array([body.mesh.cell for body in scene.bodies]),
+        cells=cells,
+        tags=tags,
+        facets=facets,
+    )
 
 
 def main() -> None:
@@ -35,16 +71,7 @@ def main() -> None:
         solved = refined.solved
         summary = with_levels(solved.summary, refined)
     if arguments.fields:
-        nodes, bodies = solved.nodes, solved.model.scene.bodies
-        np.savez(
-            arguments.fields,
-            points=nodes.points,
-            displacement=nodes.displacement,
-            pressure=nodes.contact_pressure,
-            watched=~np.isnan(nodes.gap),
-            first_node=solved.model.partition.first_node,
-            degree=np.array([body.degree for body in bodies]),
-        )
+        fields_of(solved).save(arguments.fields)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(summary), flush=True)
 

@@ -1,6 +1,6 @@
 """An extrapolated answer of stated accuracy, and how far other answers are from it.
 
-A scene of boxes is solved on three meshes, each with cells half as long as the one before. The
+A scene is solved on three meshes, each with cells half as long as the one before. The
 distances of neighbours, e₁ of the two finest and e₂ of the two coarser, give the rate 2ᵖ = e₂/e₁
 and with it what is left between the finest and the limit,
 
@@ -15,12 +15,14 @@ square over volume and contact boundary. An error near r says no more than that 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene import Scene
+from contact_app.scene import Box, Scene
+from contact_app.studies.cloud import BodyNodes, Cloud
 from contact_app.studies.lattice import Lattice, Mesh
 
 Array = NDArray[np.float64]
@@ -42,6 +44,9 @@ class Fields:
         Nodes with a contact row.
     first_node : (bodies + 1,)
     degree : (bodies,)
+    cell : (bodies,)
+    cells, tags, facets
+        Of each body, as `cloud.BodyNodes` has them; empty for peers, whose body is a box.
     """
 
     points: Array
@@ -50,23 +55,46 @@ class Fields:
     watched: NDArray[np.bool_]
     first_node: NDArray[np.int64]
     degree: NDArray[np.int64]
+    cell: NDArray[np.str_]
+    cells: list[NDArray[np.int64]] = field(default_factory=list)
+    tags: list[NDArray[np.int32]] = field(default_factory=list)
+    facets: list[NDArray[np.int64]] = field(default_factory=list)
+
+    LISTS = ("cells", "tags", "facets")
 
     @classmethod
     def load(cls, path: str) -> Fields:
         """Read what a run of a study left."""
         with np.load(path) as data:
-            return cls(**{name: data[name] for name in cls.__dataclass_fields__})
+            single = {name: data[name] for name in data if "_0" not in name}
+            found = cls(**single)
+            for name in cls.LISTS:
+                keys = sorted(key for key in data if key.startswith(f"{name}_0"))
+                getattr(found, name).extend(data[key] for key in keys)
+            return found
 
-    def meshes(self, cell: str, lattices: Sequence[Lattice]) -> list[Mesh]:
-        """Meshes of the bodies, all of one kind of cell."""
-        return [
-            Mesh.through(cell, int(degree), lattice.places(self.points[self.body(number)]))
-            for number, (degree, lattice) in enumerate(zip(self.degree, lattices, strict=True))
-        ]
+    def save(self, path: Path) -> None:
+        """Write them for `load`."""
+        named = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        for name in self.LISTS:
+            named |= {f"{name}_0{i:03}": part for i, part in enumerate(named.pop(name))}
+        np.savez(path, **named)
 
     def body(self, number: int) -> slice:
         """Nodes of one body."""
         return slice(int(self.first_node[number]), int(self.first_node[number + 1]))
+
+    def nodes(self, number: int) -> BodyNodes:
+        """Nodes of one body and, unless it is a box of equal cells, its cells."""
+        none = np.zeros((0, 0), np.int64)
+        return BodyNodes(
+            cell=str(self.cell[number]),
+            degree=int(self.degree[number]),
+            points=self.points[self.body(number)],
+            cells=self.cells[number] if self.cells else none,
+            tags=self.tags[number] if self.tags else none[0:0].astype(np.int32),
+            facets=self.facets[number] if self.facets else none,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,33 +107,51 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Ruler:
-    """Measures distances of answers on one lattice a body.
+    """Measures distances of answers at the points of one lattice or cloud a body.
 
     Attributes
     ----------
-    watched
-        Lattice points with a contact row, by body.
+    areas
+        Weights of squares of pressures at the points, by body.
     """
 
     scene: Scene
-    lattices: tuple[Lattice, ...]
-    watched: list[NDArray[np.bool_]]
+    places: tuple[Lattice | Cloud, ...]
+    areas: list[Array]
 
-    def sample(self, fields: Fields, cell: str) -> Sampled:
-        """Evaluate an answer on cells of one kind on the lattices.
+    @classmethod
+    def of(cls, scene: Scene, finest: Fields) -> Ruler:
+        """The ruler whose points are the nodes of a finest answer."""
+        places: list[Lattice | Cloud] = []
+        areas = []
+        for number, body in enumerate(scene.bodies):
+            nodes = finest.nodes(number)
+            if isinstance(body.mesh, Box):
+                shape = Mesh.through(nodes.cell, nodes.degree, _unit(body.mesh, nodes.points)).shape
+                lattice = Lattice(body.mesh.lower, body.mesh.upper, tuple(n - 1 for n in shape))
+                watched = finest.watched[finest.body(number)].astype(float)
+                places.append(lattice)
+                areas.append(lattice.weights * (lattice.sample(nodes, watched).ravel() > 0.5))
+            else:
+                cloud = Cloud(nodes)
+                places.append(cloud)
+                areas.append(cloud.areas)
+        return cls(scene, tuple(places), areas)
+
+    def sample(self, fields: Fields) -> Sampled:
+        """Evaluate an answer at the points; pressures are linear between nodes.
 
         Where a facet has nodes without a contact row, held ones for instance, the pressure of the
         others is continued, instead of falling to a zero that means nothing.
         """
         displacement, pressure = [], []
-        meshes = fields.meshes(cell, self.lattices)
-        for number, (lattice, mesh) in enumerate(zip(self.lattices, meshes, strict=True)):
-            mine = fields.body(number)
+        for number, place in enumerate(self.places):
+            mine, nodes = fields.body(number), fields.nodes(number)
+            displacement.append(place.sample(nodes, fields.displacement[mine]))
             known = fields.watched[mine] | (fields.pressure[mine] > 0.0)
-            values = np.column_stack([fields.displacement[mine], fields.pressure[mine], known])
-            found = lattice.evaluate(mesh, fields.points[mine], values)
-            displacement.append(found[:, :-2])
-            pressure.append(found[:, -2] / np.where(found[:, -1] > LEAST_KNOWN, found[:, -1], 1.0))
+            values = np.column_stack([fields.pressure[mine], known])
+            p, weight = place.sample(nodes, values, first_order=True).T
+            pressure.append(p / np.where(weight > LEAST_KNOWN, weight, 1.0))
         return Sampled(displacement, pressure)
 
     def norms(self, one: Sampled, other: Sampled | None = None) -> Array:
@@ -114,16 +160,20 @@ class Ruler:
         Of the difference, or of `one` alone.
         """
         squares = np.zeros(3)
-        for number, lattice in enumerate(self.lattices):
+        for number, place in enumerate(self.places):
             u, p = one.displacement[number], one.pressure[number]
             if other is not None:
                 u, p = u - other.displacement[number], p - other.pressure[number]
-            material = self.scene.bodies[number].materials[0]
-            squares[0] += lattice.energy(u, material, self.scene.plane)
-            squares[1] += lattice.weights @ (u**2).sum(axis=1)
-            seen = self.watched[number]
-            squares[2] += lattice.weights[seen] @ p[seen] ** 2
+            squares[0] += place.energy(u, self.scene.bodies[number].materials, self.scene.plane)
+            squares[1] += place.volume(u)
+            squares[2] += self.areas[number] @ p**2
         return np.sqrt(squares)
+
+
+def _unit(box: Box, points: Array) -> Array:
+    """Places of points along each axis of a box, from 0 to 1."""
+    lower, upper = np.array(box.lower), np.array(box.upper)
+    return np.asarray((points[:, : len(lower)] - lower) / (upper - lower))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -15,12 +16,14 @@ from contact_app.configuration import load
 from contact_app.errors import ConfigurationError
 from contact_app.scene import Material, build_scene
 from contact_app.studies import chart
+from contact_app.studies.cloud import BodyNodes, Cloud
 from contact_app.studies.frontier import frontier
 from contact_app.studies.kept import Kept
 from contact_app.studies.lattice import Lattice, Mesh
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import Fields, ReferenceAnswer, Ruler, Sampled, extrapolate
-from tests import scenes
+from meshes.graded import graded_box
+from tests import meshfiles, scenes
 from tests.reference import solve as solve_reference
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -121,8 +124,8 @@ def test_energy_and_volume_of_the_lattice() -> None:
     stretch = np.zeros_like(points)
     stretch[:, 0] = 0.1 * points[:, 0]
     modulus = 210.0 * 0.7 / (1.3 * 0.4)
-    assert lattice.energy(stretch, material, None) == pytest.approx(2.0 * modulus * 0.01)
-    assert lattice.energy(np.ones_like(points), material, None) == pytest.approx(0.0, abs=1e-10)
+    assert lattice.energy(stretch, (material,), None) == pytest.approx(2.0 * modulus * 0.01)
+    assert lattice.energy(np.ones_like(points), (material,), None) == pytest.approx(0.0, abs=1e-10)
     assert lattice.weights.sum() == pytest.approx(2.0)
 
 
@@ -135,9 +138,9 @@ def test_pressure_is_continued_to_nodes_without_a_row() -> None:
     floor = points[:, 1] == 0.0
     watched = floor & (points[:, 0] > 0.0)
     fields = Fields(points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
-                    np.array([1]))  # fmt: skip
+                    np.array([1]), np.array(["quadrilateral"]))  # fmt: skip
     ruler = Ruler(scene, (lattice,), [])
-    found = ruler.sample(fields, "quadrilateral").pressure[0].reshape(9, 9)
+    found = ruler.sample(fields).pressure[0].reshape(9, 9)
     assert found[1:, 0] == pytest.approx(5.0)
     assert found[0, 0] == 0.0
 
@@ -146,7 +149,7 @@ def test_extrapolation_finds_rate_and_rest() -> None:
     scene = build_scene(load(CONFIGS / "block_2d.yaml"))
     box = scene.bodies[0].mesh
     lattice = Lattice(box.lower, box.upper, (4, 4))
-    ruler = Ruler(scene, (lattice,), [np.ones(25, bool)])
+    ruler = Ruler(scene, (lattice,), [lattice.weights])
     limit = np.random.default_rng(0).normal(size=(25, 3))
     drift = np.random.default_rng(1).normal(size=(25, 3))
 
@@ -163,6 +166,69 @@ def test_extrapolation_finds_rate_and_rest() -> None:
     assert reference.errors(answer(0.1))[0] == pytest.approx(reference.accuracy[0])
     assert "rate 2.00" in reference.describe()
     assert extrapolate(np.ones(3), np.ones(3))[0] == pytest.approx(0.25)
+
+
+# --- clouds, for meshes from files
+
+
+def _body(cell: str, degree: int, cells: int) -> BodyNodes:
+    """A box [0, 2] x [0, 1] (x [0, 1]) whose grid lines are not even; y = 0 is its contact."""
+    d = 3 if cell in ("hexahedron", "tetrahedron") else 2
+    lines = [np.linspace(0.0, length, cells + 1) ** 1.3 for length in (2.0 ** (1 / 1.3), 1.0, 1.0)]
+    mesh = graded_box(cell, lines[:d]).shape(degree)
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
+    facets = mesh.topology.facets[mesh.sides["y-"]]
+    return BodyNodes(cell, degree, points, mesh.cells, np.zeros(len(mesh.cells), np.int32), facets)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_clouds_hold_polynomials(cell: str, degree: int) -> None:
+    """Evaluated exactly on another mesh; energy, volume and area of fields known."""
+    coarse, fine = _body(cell, degree, 2), _body(cell, degree, 3)
+    d, cloud = fine.dimension, Cloud(fine)
+
+    def field(x: np.ndarray) -> np.ndarray:
+        line = x[:, :d] @ np.array([1.0, -3.0, 0.7])[:d] + 2.0
+        return np.column_stack([line**degree, -line])
+
+    found = cloud.sample(coarse, field(coarse.points))
+    assert found == pytest.approx(field(fine.points), abs=1e-10)
+    linear = cloud.sample(coarse, field(coarse.points)[:, 1], first_order=True)
+    assert linear[:, 0] == pytest.approx(field(fine.points)[:, 1], abs=1e-10)
+    stretch = np.zeros((len(fine.points), d))
+    stretch[:, 0] = 0.1 * fine.points[:, 0]
+    modulus = 210.0 * 0.7 / (1.3 * 0.4)
+    energy = cloud.energy(stretch, (Material(210.0, 0.3),), "plane_strain" if d == 2 else None)
+    assert energy == pytest.approx(2.0 * modulus * 0.01)
+    assert cloud.volume(stretch) == pytest.approx(0.01 * 8.0 / 3.0)
+    assert cloud.areas.sum() == pytest.approx(2.0)
+    assert cloud.areas @ fine.points[:, 0] == pytest.approx(2.0, rel=1e-9)
+
+
+def test_a_chart_of_a_mesh_from_a_file(tmp_path: Path) -> None:
+    """Halved once the error is less, and refined where it is for as much takes fewer unknowns."""
+    made = scenes.wall("triangle", 4)
+    file = meshfiles.write(meshfiles.block("triangle", 8), tmp_path / "block.msh")
+    made["bodies"][0] |= {
+        "mesh": {"file": str(file)},
+        "material": {
+            "soft": {"young": 500, "poisson": 0.3},
+            "hard": {"young": 1e3, "poisson": 0.3},
+        },
+    }
+    config = scenes.write(made, tmp_path / "block.yaml")
+    sweep = chart.plan(config, largest=1_000)
+    assert any("mesh from a file" in sentence for sentence in sweep.left_out)
+    assert any("peers" in sentence for sentence in sweep.left_out)
+    usual = [v for v in sweep.variants if v == chart.Variant(v.factor, v.cell)]
+    usual += [v for v in sweep.variants if v.accuracy == 0.05 and v.degree == 2]
+    list(chart.chart(config, tmp_path, replace(sweep, variants=tuple(usual))))
+    given, halved, adaptive = chart.read(tmp_path / "frontier.csv")
+    assert adaptive["method"] == "contact-app accuracy 0.05"
+    assert 0.4 < halved["error_energy"] / given["error_energy"] < 0.8
+    assert 0.1 < halved["error_displacement"] / given["error_displacement"] < 0.6
+    assert adaptive["error_energy"] < 0.05
 
 
 # --- charts
