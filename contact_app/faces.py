@@ -24,11 +24,11 @@ from solver import MPRGP, BoxQP, Counts, Reason
 from solver.errors import QPError
 from solver.iterate import Iterate
 from solver.result import Monitor
-from solver.tfeti.coarse import RangeOperator
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
 from solver.tfeti.preconditioner import FacePreconditioner
 from solver.tfeti.recovery import add_motions
+from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
 
 FIRST_LOOK, NEXT_LOOK = 0.4, 0.1
 """Reduction of the residual before the first look at a face and between later ones."""
@@ -139,6 +139,8 @@ class Face:
         Contact rows that hold with equality.
     multiplier : (dual,)
         Where to begin: the nearest multiplier in equilibrium; at the smallest one unless given.
+    directions
+        Of earlier faces, which serve again; those of this one join them.
 
     Raises
     ------
@@ -151,18 +153,25 @@ class Face:
         problem: DualProblem,
         touching: NDArray[np.bool_],
         multiplier: NDArray[np.float64] | None = None,
+        directions: Directions | None = None,
     ) -> None:
         self.problem, self.touching = problem, touching
+        directions = directions or Directions(problem)
+        recycled = Recycled(directions, touching)
         self.glued = problem.face(touching, multiplier)
         assert self.glued.coarse is not None
+        if not recycled.empty:
+            self.glued.move_offset(*recycled.best(self.glued.rhs))
         rhs, outside = self.glued.rhs, np.empty(problem.size)
         self.glued.coarse.apply(rhs, outside)
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does
-        preconditioner = FacePreconditioner(self.glued, math.inf)
-        qp = BoxQP(RangeOperator(self.glued.F, self.glued.coarse), rhs)
+        own = FacePreconditioner(self.glued, math.inf)
+        preconditioner = own if recycled.empty else DeflatedPreconditioner(own, recycled)
+        qp = BoxQP(RecordedOperator(self.glued, directions), rhs)
         self._iterate = it = Iterate(qp, preconditioner=preconditioner)
+        it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
         it.measure_b()
         it.begin()
         it.counts.hessian += 1  # of the right-hand side
@@ -347,7 +356,7 @@ def follow(
     counts = Counts()
     seen: set[int] = set()
     found = Outcome(None, None, touching, counts)
-    first_look = FIRST_LOOK
+    first_look, directions = FIRST_LOOK, Directions(problem)
     for _ in range(FACES):
         fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
         if fingerprint in seen:  # decided too early, or the sets do not settle
@@ -355,7 +364,7 @@ def follow(
             seen.clear()
         seen.add(fingerprint)
         try:
-            face = Face(problem, touching, multiplier)
+            face = Face(problem, touching, multiplier, directions)
         except ArithmeticError:  # a body is kept by rows that have opened
             break
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)

@@ -323,6 +323,21 @@ class DualProblem:
             vars(face)["offset"] = near * keep + change
         return face
 
+    def move_offset(self, change: NDArray[np.float64], displacements: NDArray[np.float64]) -> None:
+        """Begin elsewhere: add to λ̃ what keeps G λ̃ = e.
+
+        Parameters
+        ----------
+        change : (dual,)
+        displacements : (interface,)
+            K⁺ Bᵀ times it.
+        """
+        known = vars(self)
+        known["displacements_of_offset"] = self.displacements_of_offset - displacements
+        known["offset"] = self.offset + change
+        for name in ("rhs", "_residual_of_offset", "lower", "round_off"):
+            known.pop(name, None)
+
     def kernel_slices(self) -> list[slice]:
         """Where the kernels of each class live in a coarse vector."""
         ends = np.cumsum([0, *(c.members * c.kernel.shape[1] for c in self.classes)])

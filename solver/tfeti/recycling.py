@@ -1,0 +1,196 @@
+"""Directions of conjugate gradients kept from face to face, where they need no second product.
+
+Faces differ in which contact rows are left out, the operator F is one. Directions p of earlier
+faces, all with G p = 0, span a space V; those of its vectors that vanish on the rows that are open
+now lie in the face, and F is known on them. On a face
+
+    C = Z (Zᵀ VᵀFV Z)⁻¹ Zᵀ,  Z a basis of the y with V y = 0 on open rows,
+
+gives the best multiplier V C Vᵀ r they hold for a residual r, and makes what a preconditioner
+answers F-orthogonal to them, z - V C (F V)ᵀ z (Y. Saad, M. Yeung, J. Erhel, F. Guyomarc'h, *A
+deflated version of the conjugate gradient algorithm*, 2000; P. Gosselet, C. Rey, J. Pebrel, *Total
+and selective reuse of Krylov subspaces for the resolution of sequences of nonlinear structural
+problems*, 2013). A row that opens costs one dimension, one that closes none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.tfeti.coarse import RangeOperator
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.preconditioner import FacePreconditioner
+
+DIRECTIONS = 100
+"""Directions kept, the last ones."""
+
+FEWEST = 6
+"""Directions from which on they serve: where faces take few there is little to save."""
+
+BYTES = 2**27
+"""Memory a rank spends on them; large problems keep none."""
+
+DEPENDENT = 1e-6
+"""Eigenvalues of the scaled VᵀFV, relative to the largest, below which directions repeat others."""
+
+ABSENT = 1e-10
+"""Singular values of V on open rows, relative to the largest, that are none."""
+
+
+class Directions:
+    """Vectors p of earlier products, F p on all rows, and K⁺ Bᵀ p on the interface.
+
+    Parameters
+    ----------
+    problem
+        With all its contact rows.
+
+    Attributes
+    ----------
+    largest
+        Largest ‖F p‖/‖p‖ of them: a lower bound of ‖F‖.
+    """
+
+    def __init__(self, problem: DualProblem) -> None:
+        self.problem, self.comm = problem, problem.comm
+        self._contact = np.flatnonzero(problem.inequality)
+        room = BYTES // (8 * (2 * problem.size + problem.B.columns) or 1)
+        self.capacity = int(self.comm.allreduce(min(DIRECTIONS, room), op=MPI.MIN))
+        self.vectors, self.products = np.zeros((0, problem.size)), np.zeros((0, problem.size))
+        self.motions = np.zeros((0, problem.B.columns))
+        self._gram = np.zeros((0, 0))
+        self.largest = 0.0
+        self._fresh: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+
+    def keep(self, vector: NDArray[np.float64], motion: NDArray[np.float64]) -> None:
+        """Remember a product: x and K⁺ Bᵀ x."""
+        if self.capacity:
+            self._fresh = self._fresh[-self.capacity + 1 :]
+            self._fresh.append((vector.copy(), motion.copy()))
+
+    @property
+    def serve(self) -> bool:
+        """Whether there are enough."""
+        return len(self.vectors) + len(self._fresh) >= FEWEST
+
+    def settle(self) -> None:
+        """Take in what was kept since."""
+        fresh, self._fresh = self._fresh, []
+        if not fresh:
+            return
+        vectors, motions = np.array([v for v, _ in fresh]), np.array([m for _, m in fresh])
+        products = np.empty_like(vectors)
+        for motion, product in zip(motions, products, strict=True):
+            self.problem.B.apply(motion, product)
+        energy, lengths, forces = self.comm.allreduce(
+            np.array(
+                [
+                    np.einsum("ij,ij->i", a, b)
+                    for a, b in ((vectors, products), (vectors, vectors), (products, products))
+                ]
+            )
+        )
+        good = energy > 0.0
+        if good.any():
+            self.largest = max(self.largest, float(np.sqrt(forces[good] / lengths[good]).max()))
+        scale = 1.0 / np.sqrt(energy[good])[:, None]
+        vectors, products, motions = (a[good] * scale for a in (vectors, products, motions))
+        mixed = self.comm.allreduce(vectors @ np.concatenate([self.products, products]).T)
+        old = len(self._gram)
+        gram = np.block([[self._gram, mixed[:, :old].T], [mixed[:, :old], mixed[:, old:]]])
+        last = slice(-self.capacity, None)
+        self._gram = 0.5 * (gram + gram.T)[last, last]
+        self.vectors = np.concatenate([self.vectors, vectors])[last]
+        self.products = np.concatenate([self.products, products])[last]
+        self.motions = np.concatenate([self.motions, motions])[last]
+
+    def on_face(self, touching: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """C, (k, k), for the face of these contact rows (collective)."""
+        k = len(self.vectors)
+        open_rows = self._contact[~touching[self._contact]]
+        values = self.vectors[:, open_rows].T
+        triangle = np.zeros((k, k))
+        if len(open_rows):
+            part = np.linalg.qr(values, mode="r")
+            triangle[: len(part)] = part
+        parts = np.concatenate(self.comm.allgather(triangle))
+        result = np.zeros((k, k))
+        if k and not self.comm.rank:
+            _, sizes, basis = np.linalg.svd(parts)
+            rank = int((sizes > ABSENT * sizes.max(initial=0.0)).sum())
+            result = _inverse_on(basis[rank:].T, self._gram)
+        return np.asarray(self.comm.bcast(result))
+
+
+def _inverse_on(basis: NDArray[np.float64], gram: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Z (Zᵀ A Z)⁻¹ Zᵀ on what is independent to working precision."""
+    small = basis.T @ gram @ basis
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(small), np.finfo(np.float64).tiny))
+    sizes, modes = np.linalg.eigh(0.5 * (small + small.T) * scale * scale[:, None])
+    good = sizes > DEPENDENT * sizes.max(initial=0.0)
+    half = basis @ ((scale[:, None] * modes[:, good]) / np.sqrt(sizes[good]))
+    return np.asarray(half @ half.T)
+
+
+class RecordedOperator(RangeOperator):
+    """A face's operator that keeps the directions it is applied to."""
+
+    def __init__(self, face: DualProblem, directions: Directions) -> None:
+        assert face.coarse is not None
+        super().__init__(face.F, face.coarse)
+        self._directions = directions
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """P F x."""
+        super().apply(x, out)
+        self._directions.keep(x, self.image)
+
+
+class Recycled:
+    """What directions of earlier faces do on one face.
+
+    Parameters
+    ----------
+    touching : (dual,)
+        Its contact rows.
+    """
+
+    def __init__(self, directions: Directions, touching: NDArray[np.bool_]) -> None:
+        if directions.serve:
+            directions.settle()
+        self._of, self._comm = directions, directions.comm
+        self._closed = ~directions.problem.inequality | touching
+        self._inverse = directions.on_face(touching)
+
+    @property
+    def empty(self) -> bool:
+        """Whether none lies in the face."""
+        return not self._inverse.any()
+
+    def best(
+        self, residual: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The best change of the multiplier for a residual, and its K⁺ Bᵀ."""
+        y = self._inverse @ self._comm.allreduce(self._of.vectors @ residual)
+        return (y @ self._of.vectors) * self._closed, y @ self._of.motions
+
+    def orthogonalise(self, z: NDArray[np.float64]) -> None:
+        """Make z F-orthogonal to them."""
+        y = self._inverse @ self._comm.allreduce(self._of.products @ z)
+        z -= (y @ self._of.vectors) * self._closed
+
+
+class DeflatedPreconditioner:
+    """A face's preconditioner, without what earlier directions have done already."""
+
+    def __init__(self, base: FacePreconditioner, recycled: Recycled) -> None:
+        self._base, self._recycled = base, recycled
+
+    def apply(
+        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
+    ) -> None:
+        """Put z into out."""
+        self._base.apply(r, free_mask, out)
+        self._recycled.orthogonalise(out)
