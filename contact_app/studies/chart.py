@@ -452,6 +452,7 @@ TITLES = {
     "displacement": "relative error of displacements (root mean square)",
     "pressure": "relative error of contact pressures (root mean square)",
 }
+REFINED = "D"
 MARKERS = {"hexahedron": "s", "tetrahedron": "^", "quadrilateral": "s", "triangle": "^"}
 
 
@@ -480,8 +481,9 @@ def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) 
             )  # fmt: skip
             for i, point in enumerate(points):
                 degree = int(point["degree"])
+                shape = REFINED if "accuracy" in point["method"] else MARKERS[str(point["cell"])]
                 axes.plot(
-                    seconds[i], errors[i], MARKERS[str(point["cell"])], color=colours(number),
+                    seconds[i], errors[i], shape, color=colours(number),
                     alpha=0.9 if i in best else 0.18, markersize=4 + 2.5 * (degree - 1),
                     markeredgewidth=1.0, markerfacecolor="none" if degree == 2 else None,
                 )  # fmt: skip
@@ -493,6 +495,8 @@ def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) 
     panels[0].legend(fontsize=8)
     cells = dict.fromkeys(str(r["cell"]) for r in rows)
     shapes = ", ".join(f"{'■' if MARKERS[c] == 's' else '▲'} {c}" for c in cells)
+    if any("accuracy" in row["method"] for row in rows):
+        shapes += ", ◆ refined to an accuracy"
     hollow = "; hollow: degree 2" if any(int(r["degree"]) == 2 for r in rows) else ""
     figure.suptitle(f"{title} ({shapes}{hollow}; faint: beaten)\n{sentence}", fontsize=10)
     figure.savefig(path, dpi=130)
