@@ -101,6 +101,8 @@ class Level:
         Relative errors in energy norm.
     hessian_multiplications, seconds
         The price: products, and wall-clock time from the scene to its summary.
+    guaranteed
+        Bound of the error, where one was asked for and found.
     """
 
     cells: int
@@ -110,14 +112,20 @@ class Level:
     total: float
     hessian_multiplications: int
     seconds: float
+    guaranteed: float | None = None
+
+    @property
+    def error(self) -> float:
+        """The error that is held against the target: the bound where there is one."""
+        return self.total if self.guaranteed is None else self.guaranteed
 
     def as_dict(self) -> dict[str, Any]:
         """As `summary.json` holds it."""
-        return asdict(self)
+        return {key: value for key, value in asdict(self).items() if value is not None}
 
     def __str__(self) -> str:
         return (
-            f"{self.dofs:,} degrees of freedom: error {100 * self.total:.2g} %, "
+            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
         )
 
@@ -136,7 +144,9 @@ def solve_to_accuracy(
     solve: Solve,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Refined:
-    """Refine a scene until its total error is below `scene.accuracy` (collective).
+    """Refine a scene until its error is below `scene.accuracy` (collective).
+
+    That is the estimated total error, or its guaranteed bound where the scene asks for one.
 
     Parameters
     ----------
@@ -159,16 +169,16 @@ def solve_to_accuracy(
         tell(f"level {len(levels)}: {levels[-1]}")
         if solved.solution.reason is Reason.STOPPED:
             return Refined(solved, tuple(levels), "the run was interrupted")
-        if levels[-1].total <= target:
+        if levels[-1].error <= target:
             return Refined(solved, tuple(levels))
         if not solved.solution.converged:
             return Refined(solved, tuple(levels), "the solver did not reach its tolerance")
         if len(levels) == MOST_LEVELS:
             return Refined(solved, tuple(levels), f"{MOST_LEVELS} levels were not enough")
         degree = min(body.degree for body in current.bodies)
-        errors = [level.total for level in levels[-len(factors) :]] if factors else []
+        errors = [level.error for level in levels[-len(factors) :]] if factors else []
         if files:
-            factor, following = last, locally_refined(current, solved, target / levels[-1].total)
+            factor, following = last, locally_refined(current, solved, target / levels[-1].error)
         elif degree == 1 and _free_degree(scene):
             scene = quadratic(scene)
             tell("cells of degree 2 from here on")
@@ -185,7 +195,7 @@ def solve_to_accuracy(
                 factor = next_factor(factors, errors, target, whole, degree)
                 following = refined(scene, factor)
             else:
-                factor = last * graded_step(levels[-1].total, evenness(squares), target, degree)
+                factor = last * graded_step(levels[-1].error, evenness(squares), target, degree)
                 grids = regraded(scene, squares, grids, factor)
                 following = on_lines(scene, grids, solved.model.comm.size)
         dofs = sum(body.nodes for body in following.bodies) * scene.dimension
@@ -366,4 +376,5 @@ def _level(solved: SolvedScene) -> Level:
         total=accuracy.total,
         hessian_multiplications=solved.summary["solver"]["hessian_multiplications"],
         seconds=solved.summary["timings"]["total"],
+        guaranteed=solved.guaranteed.bound if solved.guaranteed is not None else None,
     )
