@@ -29,12 +29,16 @@ from solver.tfeti.feasible import largest_magnitude
 from solver.tfeti.preconditioner import FacePreconditioner
 from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
+from solver.tfeti.thinning import RowLevels
 
 FIRST_LOOK, NEXT_LOOK = 0.4, 0.1
 """Reduction of the residual before the first look at a face and between later ones."""
 
 EAGER_LOOK = 0.5
 """The same between looks that may end a solve before it is settled what touches."""
+
+THINNED_LOOK = 0.1
+"""The same where some of the rows stand for all: what a level decides the next has to undo."""
 
 LOOKS = 3
 """Looks at a face before it is solved to the end."""
@@ -141,6 +145,8 @@ class Face:
         Where to begin: the nearest multiplier in equilibrium; at the smallest one unless given.
     directions
         Of earlier faces, which serve again; those of this one join them.
+    levels
+        Which open rows may close; a face that asks for no change goes on to the next level.
 
     Raises
     ------
@@ -154,8 +160,10 @@ class Face:
         touching: NDArray[np.bool_],
         multiplier: NDArray[np.float64] | None = None,
         directions: Directions | None = None,
+        levels: RowLevels | None = None,
     ) -> None:
         self.problem, self.touching = problem, touching
+        self._levels = levels or RowLevels(problem, thinned=False)
         directions = directions or Directions(problem)
         recycled = Recycled(directions, touching)
         self.glued = problem.face(touching, multiplier)
@@ -259,9 +267,15 @@ class Face:
         error = SIGNIFICANT * self.error(strained)
         strongest = largest_magnitude(problem.comm, multiplier[self.touching])
         stays = multiplier > -error * strongest
-        following = problem.inequality & np.where(self.touching, stays, distance > error)
-        if not problem.comm.allreduce(int(self.touching.sum())):
-            following &= self._reached_first(residual + kernel_part, following)
+        for _ in range(2):
+            crossed = self._levels.allowed & (distance > error)
+            if not problem.comm.allreduce(int(self.touching.sum())):
+                crossed &= self._reached_first(residual + kernel_part, crossed)
+            following = problem.inequality & np.where(self.touching, stays, crossed)
+            changes = problem.comm.allreduce(int((following != self.touching).sum()))
+            if changes or self._levels.finest:
+                break
+            self._levels.refine()
         x = multiplier - problem.offset
         return State(x, force, self.touching, distance, u, strained), following
 
@@ -356,7 +370,10 @@ def follow(
     counts = Counts()
     seen: set[int] = set()
     found = Outcome(None, None, touching, counts)
-    first_look, directions = FIRST_LOOK, Directions(problem)
+    directions = Directions(problem)
+    levels = RowLevels(problem, thinned=problem.held_without_contact and multiplier is None)
+    touching = touching & levels.allowed
+    first_look = FIRST_LOOK if levels.finest else THINNED_LOOK
     for _ in range(FACES):
         fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
         if fingerprint in seen:  # decided too early, or the sets do not settle
@@ -364,7 +381,7 @@ def follow(
             seen.clear()
         seen.add(fingerprint)
         try:
-            face = Face(problem, touching, multiplier, directions)
+            face = Face(problem, touching, multiplier, directions, levels)
         except ArithmeticError:  # a body is kept by rows that have opened
             break
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)

@@ -1,0 +1,90 @@
+"""Contact rows from few to all: where contact peels off, a front moves a row a face.
+
+Active sets see a front from about the thickness of a body away, and where it is slender they move
+it by so much a face. On every eighth row they find it within eight rows in a few faces, and each
+finer level has to move it by one or two: nested iteration (A. Brandt, C. W. Cryer, *Multigrid
+algorithms for the solution of linear complementarity problems arising from free boundary problems*,
+1983), on contact rows alone. What a level finds closed stays in question on the next.
+
+Rows closer than the thickness need no levels, so that only slender bodies have any: n nodes under m
+contact rows are about n/m rows thick.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.tfeti.dual import DualProblem
+
+FEWEST = 8
+"""Rows of the coarsest level, for each contact."""
+
+MOST = 0.7
+"""Share of all rows above which a level is none."""
+
+HALVINGS = 20
+"""Levels tried: cells of a millionth of the contacts' extent."""
+
+
+class RowLevels:
+    """Which contact rows may close, level by level.
+
+    Attributes
+    ----------
+    allowed : (dual,)
+        Contact rows of the level.
+    """
+
+    def __init__(self, problem: DualProblem, thinned: bool) -> None:
+        self._levels = _levels(problem) if thinned else []
+        self._all = problem.inequality
+        self.refine()
+
+    @property
+    def finest(self) -> bool:
+        """Whether all rows are allowed."""
+        return self.allowed is self._all
+
+    def refine(self) -> None:
+        """Go to the next level."""
+        self.allowed = self._levels.pop(0) if self._levels else self._all
+
+
+def _levels(problem: DualProblem) -> list[NDArray[np.bool_]]:
+    """Masks (dual,), coarsest first: of each cell of a grid the row next to its middle."""
+    comm, contact = problem.comm, problem.contact
+    rows = np.flatnonzero(problem.inequality)
+    total = comm.allreduce(len(rows))
+    lower = np.full(3, np.inf)
+    upper = -lower
+    if len(rows):
+        lower, upper = contact.points.min(axis=0), contact.points.max(axis=0)
+    comm.Allreduce(MPI.IN_PLACE, lower, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, upper, op=MPI.MAX)
+    extent = float((upper - lower).max())
+    thickness = sum(c.members * c.unknowns for c in problem.classes) / problem.dimension
+    thickness = comm.allreduce(thickness) / max(total, 1)
+    contacts = 1 + comm.allreduce(int(contact.sources.max(initial=-1)), op=MPI.MAX)
+    result: list[NDArray[np.bool_]] = []
+    mask = np.zeros(problem.size, bool)
+    for halvings in range(HALVINGS):
+        if not extent > 0.0:
+            break
+        place = (contact.points - lower) * (2**halvings / extent)
+        cells = np.floor(place)
+        order = np.argsort(np.abs(place - cells - 0.5).max(axis=1), kind="stable")
+        keys = np.column_stack([contact.sources, cells])[order]
+        _, chosen = np.unique(keys, axis=0, return_index=True)
+        mask = mask.copy()
+        mask[rows[order[chosen]]] = True
+        count = comm.allreduce(int(mask.sum()))
+        if count > MOST * total:
+            break
+        if count >= FEWEST * contacts:
+            result.append(mask)
+        else:
+            mask = np.zeros(problem.size, bool)
+    apart = [comm.allreduce(int(m.sum())) * thickness ** (problem.dimension - 1) for m in result]
+    return result if apart and apart[0] < total else []
