@@ -128,21 +128,41 @@ class Element:
 
     def cell_volumes(self) -> NDArray[np.float64]:
         """Volume (area in the plane) of each cell."""
-        test = ufl.TestFunction(versions.cellwise_space(self.mesh, self.dimension))
-        return self._assembled(test[0] * self._dx)[:: self.dimension]
+        return self._slopes[1]
 
     def gradient_operator(self) -> sparse.csr_matrix:
         """Cell means of ∂u_i/∂x_j from unknowns, (cells · dimension², unknowns), j fastest."""
-        d = self.dimension
-        cellwise = versions.cellwise_space(self.mesh, d * d)
-        u, test = ufl.TrialFunction(self.space), ufl.TestFunction(cellwise)
-        gradient = ufl.grad(u)
-        entries = ufl.as_vector([gradient[i, j] for i in range(d) for j in range(d)])
-        matrix = assemble_matrix(versions.compile_form(ufl.inner(entries, test) * self._dx))
-        matrix.assemble()
-        operator = _scipy(matrix)
-        per_volume = sparse.diags(1.0 / np.repeat(self.cell_volumes(), d * d))
-        return (per_volume @ operator)[:, self.unknowns].tocsr()
+        d, slopes = self.dimension, self._slopes[0]
+        cells, nodes, _ = slopes.shape
+        unknown = self.reference.cells[:, None] * d + np.arange(d)[:, None]
+        shape = (cells, d, d, nodes)
+        columns = np.broadcast_to(unknown[:, :, None], shape)
+        values = np.broadcast_to(np.swapaxes(slopes, 1, 2)[:, None], shape)
+        starts = np.arange(cells * d * d + 1) * nodes
+        return sparse.csr_matrix(
+            (values.ravel(), columns.ravel(), starts), shape=(cells * d * d, len(self.unknowns))
+        )
+
+    @cached_property
+    def _slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Cell means of the slopes of shape functions, (cells, nodes, dimension), and volumes.
+
+        By the rule of the stiffness: exact for ∫ ∇φ dx.
+        """
+        reference, d = self.reference, self.dimension
+        cell, curved = reference.cell, reference.curved
+        rule = quadrature_degree(cell, reference.degree, curved)
+        points, weights = versions.quadrature(cell, rule)
+        own, mapping = (
+            versions.lagrange_slopes(cell, degree, points)[..., list(vtk_order(cell, degree))]
+            for degree in (reference.degree, 2 if curved else 1)
+        )
+        corners = reference.points[reference.cells[:, : mapping.shape[2]], :d]
+        jacobian = np.einsum("cni,qkn->cqik", corners, mapping)
+        volume = weights * np.abs(np.linalg.det(jacobian))
+        volumes = volume.sum(axis=1)
+        inverse = np.linalg.inv(jacobian) * (volume / volumes[:, None])[..., None, None]
+        return np.einsum("cqkj,qkn->cnj", inverse, own, optimize=True), volumes
 
     def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:
         """σ(u); without λ tr(ε) where that is taken from means over cells."""

@@ -31,13 +31,6 @@ def scalar_space(mesh: Any, degree: int) -> Any:
     return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("Lagrange", degree))
 
 
-def cellwise_space(mesh: Any, components: int) -> Any:
-    """Piecewise constant space with `components` values a cell."""
-    if _MODERN:
-        return fem.functionspace(mesh, ("DG", 0, (components,)))
-    return fem.VectorFunctionSpace(mesh, ("DG", 0), dim=components)
-
-
 def cellwise_scalars(mesh: Any) -> Any:
     """Piecewise constant space with one value a cell."""
     return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("DG", 0))
