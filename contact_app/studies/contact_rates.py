@@ -78,12 +78,12 @@ def errors(
     found: dict[int, list[list[float]]] = {degree: [] for degree in degrees}
     for depth in depths:
         best, material, plane = _sampled(lattice, cell, fine, 2, depth)
-        norm = lattice.energy(best, material, plane)
+        norm = lattice.energy(best, (material,), plane)
         for degree in degrees:
             row = []
             for n in cells or CELLS[d]:
                 u, _, _ = _sampled(lattice, cell, n, degree, depth)
-                row.append(np.sqrt(lattice.energy(u - best, material, plane) / norm))
+                row.append(np.sqrt(lattice.energy(u - best, (material,), plane) / norm))
             found[degree].append(row)
     return {degree: np.exp(np.log(rows).mean(axis=0)) for degree, rows in found.items()}
 
