@@ -59,6 +59,10 @@ was not accepted."""
 DEEPER = 0.1
 """Factor on the first look's residual each time the active sets come back to one they had."""
 
+STALLED = 2
+"""Steps on a face, over its unknowns, after which rounding holds conjugate gradients up, which end
+within one of them in exact arithmetic: its rows hardly keep some body in place."""
+
 FACES = 60
 """Faces tried: where contact peels off row by row each is a handful of products."""
 
@@ -185,6 +189,7 @@ class Face:
         it.counts.hessian += 1  # of the right-hand side
         self._floor = max(self.glued.round_off, OUTSIDE * it.reduction.norm(outside))
         self._weight = it.reduction.norm(self.glued.offset - problem.offset)
+        self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
         self._before = it.reduction.collectives
 
     def _check_coarse_problem(self) -> None:
@@ -217,7 +222,7 @@ class Face:
     def at_round_off(self) -> bool:
         """Whether no step can make the residual smaller."""
         it = self._iterate
-        return it.at_round_off() or it.projected_gradient_norm <= self._smallest
+        return it.at_round_off() or it.projected_gradient_norm <= self._smallest or self._stalls
 
     @property
     def _smallest(self) -> float:
@@ -237,7 +242,10 @@ class Face:
             tolerance = max(aim * it.b_norm, self._smallest)
             if it.projected_gradient_norm <= tolerance and it.drift > 0.5 * tolerance:
                 it.evaluate()  # recurrences lost what the tolerance asks for
-            return Reason.CONVERGED if it.projected_gradient_norm <= tolerance else None
+            if it.projected_gradient_norm <= tolerance:
+                return Reason.CONVERGED
+            self._stalls = it.counts.cg >= self._most
+            return Reason.ROUND_OFF if self._stalls else None
 
         return inner.minimise(self._iterate, stop, monitor)
 
