@@ -30,7 +30,13 @@ from numpy.typing import NDArray
 
 from solver.tfeti.constraints import RowKind
 from solver.tfeti.dual import DualProblem, interface_slices
-from solver.tfeti.feasible import feasible_displacements, motion_energy, worth_closing
+from solver.tfeti.feasible import (
+    feasible_displacements,
+    follows,
+    motion_energy,
+    relaxed_energy,
+    worth_closing,
+)
 
 NUMBERS = (
     "max_penetration",
@@ -138,7 +144,8 @@ def certify(
     tolerance
         `solver.tolerance` of the scene.
     relaxations
-        Steps that let the inside of û follow its interface, for a sharper gap.
+        Steps that sharpen the gap: û's inside follows its interface, or where there are Schur
+        complements does so at once, and the interface moves where nothing holds it.
     """
     comm = problem.comm
     contact, glued = problem.inequality, ~problem.inequality
@@ -197,9 +204,16 @@ def duality_gap(
         As for `feasible_displacements`.
     """
     change, opened, gap = _nearest(problem, multiplier, interface, rest)
-    if relaxations:
-        gap = problem.comm.allreduce(opened + motion_energy(problem, change, relaxations))
-    return float(gap)
+    if not relaxations:
+        return gap
+    if not follows(problem):
+        return float(problem.comm.allreduce(opened + motion_energy(problem, change, relaxations)))
+    pressing = problem.inequality & (multiplier > 0.0)
+    ways = [(change, opened), _way(problem, multiplier, interface, pressing, rest)]
+    return min(
+        problem.comm.allreduce(opened) + relaxed_energy(problem, change, relaxations)
+        for change, opened in ways
+    )
 
 
 def _nearest(

@@ -144,9 +144,8 @@ def worth_closing(
 def motion_energy(problem: DualProblem, motion: NDArray[np.float64], relaxations: int = 0) -> float:
     """½ wᵀ K w on this rank, w moving the interface by `motion` and the inside little.
 
-    Inside the subdomains w is zero, or follows the interface: as far as it wants to where a Schur
-    complement is at hand, else as far as some steps of conjugate gradients, preconditioned by the
-    diagonal, come.
+    Inside the subdomains w is zero, or what some steps of conjugate gradients, preconditioned by
+    the diagonal, make of that towards the least energy.
 
     Parameters
     ----------
@@ -156,17 +155,67 @@ def motion_energy(problem: DualProblem, motion: NDArray[np.float64], relaxations
     energy = 0.0
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
         moved = motion[part].reshape(cls.members, -1)
-        if relaxations and cls.schur_complement is not None:
-            forces = np.empty_like(moved)
-            cls.schur_complement.apply(moved, forces)
-            energy += 0.5 * float(np.vdot(moved, forces))
-            continue
         for members in cls.batches():
             some = moved[members].T.copy()
             energy += 0.5 * float(np.vdot(some, cls.interface_stiffness @ some))
             if relaxations:
                 energy -= _relaxed(cls, some, relaxations)
     return energy
+
+
+def follows(problem: DualProblem) -> bool:
+    """Whether `relaxed_energy` can be had (collective): Schur complements, orthonormal rows."""
+    mine = all(cls.schur_complement is not None for cls in problem.classes)
+    mine = mine and bool((problem.overlap <= 1.0 + 1e-9).all())
+    return bool(problem.comm.allreduce(mine, op=MPI.LAND))
+
+
+def relaxed_energy(problem: DualProblem, motion: NDArray[np.float64], steps: int) -> float:
+    """½ wᵀ K w after some steps of conjugate gradients towards the least energy (collective).
+
+    They move the interface where no row of B is concerned, so that what is admissible stays so;
+    the inside follows.
+
+    Parameters
+    ----------
+    motion : (interface,)
+        w to begin with.
+    """
+    forces = _schur(problem, motion)
+    residual = -_unseen(problem, forces)
+    direction = residual.copy()
+    sums = np.array([motion @ forces, residual @ residual])
+    energy, square = (float(v) for v in problem.comm.allreduce(sums))
+    energy *= 0.5
+    for _ in range(steps):
+        image = _unseen(problem, _schur(problem, direction))
+        curvature = problem.comm.allreduce(float(direction @ image))
+        if not curvature > 0.0:
+            break
+        length = square / curvature
+        energy -= 0.5 * length * square
+        residual -= length * image
+        before, square = square, problem.comm.allreduce(float(residual @ residual))
+        direction *= square / before
+        direction += residual
+    return energy
+
+
+def _schur(problem: DualProblem, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Forces on the interface that hold it in a motion."""
+    forces = np.empty_like(motion)
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        shape = cls.members, len(cls.interface)
+        assert cls.schur_complement is not None
+        cls.schur_complement.apply(motion[part].reshape(shape), forces[part].reshape(shape))
+    return forces
+
+
+def _unseen(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The part of an interface vector in the kernel of B, whose rows are orthonormal."""
+    rows = np.empty(problem.size)
+    problem.B.apply(vector, rows)
+    return vector - problem.constraint_forces(rows)
 
 
 def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> float:
