@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -124,9 +123,11 @@ def _on_faces(
         worst = state.worst(problem)
         multiplier = problem.offset + state.x
         multiplier[problem.inequality] = np.maximum(multiplier[problem.inequality], 0.0)
-        gap = partial(
-            duality_gap, problem, multiplier, state.displacements, target.relaxations, LOOSE
-        )
+
+        def gap(sharp: bool) -> float:
+            steps = target.relaxations if sharp else 0
+            return duality_gap(problem, multiplier, state.displacements, steps, LOOSE)
+
         return target.lacks(worst, state.strained, gap)
 
     found = follow(problem, inner, multiplier, touching, lacks, accept, monitor, keep, target.eager)

@@ -30,14 +30,19 @@ NEARLY = 1.2
 """Gap over that which a tenth of the mesh's last known error allows, above which no new estimate
 of that error is made."""
 
+SHARPENS = 20.0
+"""What a sharper duality gap takes off the error at best."""
+
 AGAIN = 0.7
 """Factor on what is asked of the next answer of a face after one that held less than promised."""
 
-STEADY = 0.5
+STEADY = 0.15
 """Algebraic error over that of the mesh below which the latter's estimate is not made again: it is
-right to a few per cent then: squares add up, and of the solver's the estimate sees little."""
+right to a few per cent then, although jumps between subdomains disturb it more than the error."""
 
 Assess = Callable[[Solution], Accuracy]
+
+Gap = Callable[[bool], float]
 
 
 class Target:
@@ -62,7 +67,7 @@ class Target:
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
 
-    def lacks(self, worst: float, strained: float, gap: Callable[[], float]) -> float:
+    def lacks(self, worst: float, strained: float, gap: Gap) -> float:
         """Factor by which the error of an answer has to fall before it is worth a certificate.
 
         Parameters
@@ -72,7 +77,7 @@ class Target:
         strained
             Twice the energy of its strains.
         gap
-            Tells the duality gap, where contact forces that pull are left out.
+            Tells the duality gap without contact forces that pull; sharper, for a price, if asked.
         """
         return worst / self.tolerance
 
@@ -105,11 +110,14 @@ class AutomaticTarget(Target):
         self._demand = 1.0
         self._assessed: tuple[Accuracy, float] | None = None
 
-    def lacks(self, worst: float, strained: float, gap: Callable[[], float]) -> float:
+    def lacks(self, worst: float, strained: float, gap: Gap) -> float:
         """As of a tolerance that is given: of jumps, and of the error that the gap bounds."""
         lack = worst / self._chosen
         if lack <= 1.0 and strained > 0.0:
-            error = math.sqrt(2.0 * max(gap(), 0.0) / strained)
+            for sharp in (False, True):
+                error = math.sqrt(2.0 * max(gap(sharp), 0.0) / strained)
+                if not 1.0 < error / (self._limit * self._demand) <= SHARPENS:
+                    break
             lack = max(lack, error / self._limit)
         return lack / self._demand
 

@@ -91,6 +91,18 @@ def test_all_sweeps_and_targets(tmp_path: Path) -> None:
             assert float(row["dofs"]) <= 3.0 * float(row["best_dofs"]), row
 
 
+@pytest.mark.slow
+def test_auto_saves_a_third_over_the_shipped_scenes() -> None:
+    """And leaves the total error of each within 5 % of the converged one."""
+    configs = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
+    lines = list(savings(configs))[2:]
+    *rows, sums = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    assert len(rows) == len(configs)
+    assert int(sums[2]) <= 2 / 3 * int(sums[1])
+    for row in rows:
+        assert row[7] == "mesh exact" or float(row[7]) <= 1.05, row
+
+
 def test_savings_are_told_by_scene() -> None:
     configs = Path(__file__).parents[2] / "configs"
     lines = list(savings([configs / "sphere.yaml", configs / "block_2d.yaml"]))

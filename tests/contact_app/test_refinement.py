@@ -30,23 +30,13 @@ def shipped(name: str, *overrides: str) -> Scene:
     return build_scene(load(CONFIGS / f"{name}.yaml", overrides))
 
 
-@pytest.mark.parametrize(
-    ("name", "share"),
-    [
-        ("cube", 3 / 4),
-        ("sphere", 2 / 3),
-        ("stack", 2 / 3),
-        ("bushing", 2 / 3),
-        ("flat_punch", 2 / 3),
-    ],
-)
-def test_auto_saves_products_and_no_accuracy(name: str, share: float) -> None:
-    """A third of them; a quarter of the cube's, which takes few to 1e-6."""
+@pytest.mark.parametrize("name", ["cube", "sphere", "stack", "bushing", "flat_punch"])
+def test_auto_saves_a_third_of_the_products_and_no_accuracy(name: str) -> None:
     converged = solve_scene(shipped(name)).summary
     auto = solve_scene(shipped(name, "solver.tolerance=auto")).summary
     assert auto["solver"]["converged"]
     spent = auto["solver"]["hessian_multiplications"]
-    assert spent <= share * converged["solver"]["hessian_multiplications"]
+    assert spent <= 2 / 3 * converged["solver"]["hessian_multiplications"]
     accuracy = auto["accuracy"]
     assert accuracy["total"] <= 1.05 * converged["accuracy"]["total"]
     assert accuracy["algebraic"] <= 0.1 * accuracy["discretisation"]
@@ -66,8 +56,8 @@ def test_auto_keeps_the_contract_of_a_tolerance() -> None:
 def test_auto_ends_where_the_mesh_is_exact() -> None:
     """A patch test has no discretisation error to follow: the tightest tolerance counts."""
     accuracy = solve_scene(shipped("block_2d", "solver.tolerance=auto")).accuracy
-    assert accuracy.total <= 1e-3
-    assert accuracy.algebraic <= 1e-3
+    assert accuracy.total <= 2e-4
+    assert accuracy.algebraic <= 1e-4
 
 
 @pytest.mark.parametrize(
