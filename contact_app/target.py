@@ -30,6 +30,9 @@ NEARLY = 1.2
 """Gap over that which a tenth of the mesh's last known error allows, above which no new estimate
 of that error is made."""
 
+GAIN = 8.0
+"""What one look takes off the error at best: so many are passed over after a bad one."""
+
 SHARPENS = 20.0
 """What a sharper duality gap takes off the error at best."""
 
@@ -107,19 +110,26 @@ class AutomaticTarget(Target):
         self._assess, self._tightest = assess, tightest
         self._enough: tuple[float, float] | None = None
         self._chosen = self._limit = LOOSEST
-        self._demand = 1.0
+        self._demand = self._lack = 1.0
+        self._wait = 0
         self._assessed: tuple[Accuracy, float] | None = None
 
     def lacks(self, worst: float, strained: float, gap: Gap) -> float:
         """As of a tolerance that is given: of jumps, and of the error that the gap bounds."""
         lack = worst / self._chosen
+        if self._wait:
+            self._wait -= 1
+            self._lack = max(self._lack / GAIN, lack)
+            return self._lack
         if lack <= 1.0 and strained > 0.0:
             for sharp in (False, True):
                 error = math.sqrt(2.0 * max(gap(sharp), 0.0) / strained)
                 if not 1.0 < error / (self._limit * self._demand) <= SHARPENS:
                     break
             lack = max(lack, error / self._limit)
-        return lack / self._demand
+        self._lack = lack / self._demand
+        self._wait = int(math.log(max(self._lack, 1.0)) / math.log(GAIN))
+        return self._lack
 
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate, which fails until enough is enough.
