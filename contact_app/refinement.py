@@ -71,8 +71,14 @@ UNEVEN = 0.7
 """Least error of the best grid lines over that of equal ones, from which on those of degree 2 are
 kept."""
 
+SURE = 0.5
+"""Evenness below which new grid lines are relied on, however large the mesh."""
+
 LEAST = 1.1
 """Smallest step between graded meshes whose grid lines have settled."""
+
+LARGE = 10_000
+"""Nodes from which on a level that new grid lines alone might save costs more than it saves."""
 
 SETTLED = 0.85
 """Error that new grid lines are expected to leave from which on they have."""
@@ -195,7 +201,10 @@ def solve_to_accuracy(
                 factor = next_factor(factors, errors, target, whole, degree)
                 following = refined(scene, factor)
             else:
-                factor = last * graded_step(levels[-1].error, evenness(squares), target, degree)
+                even = evenness(squares)
+                if even > SURE and levels[-1].dofs > LARGE * scene.dimension:
+                    even = 1.0
+                factor = last * graded_step(levels[-1].error, even, target, degree)
                 grids = regraded(scene, squares, grids, factor)
                 following = on_lines(scene, grids, solved.model.comm.size)
         dofs = sum(body.nodes for body in following.bodies) * scene.dimension
