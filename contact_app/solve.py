@@ -29,6 +29,7 @@ from solver.result import Monitor
 from solver.smalbe import Restart, Save
 from solver.tfeti.bedding import bedded
 from solver.tfeti.coarse import ProjectorEquality
+from solver.tfeti.columns import on_columns
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
 from solver.tfeti.preconditioner import FacePreconditioner
@@ -51,8 +52,7 @@ PATIENCE = 16
 """Outer iterations after which a slow SMALBE hands its active set over once more."""
 
 MEMORY = 10
-"""Pairs that MPRGP remembers on the contact rows of whole bodies: they are short beside a product,
-and slender bodies, whose F is ill-conditioned, do not end without."""
+"""Pairs that MPRGP remembers on contact rows of whole bodies: they are short beside a product."""
 
 
 def reason_text(solution: Solution) -> str:
@@ -323,9 +323,11 @@ def _solve_mprgp(
     start: NDArray[np.float64] | None,
 ) -> Solution:
     """MPRGP alone; without bounds it is the conjugate gradient method."""
-    qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
+    qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0
     if problem.coarse is None and problem.lower is not None:
         inner = replace(inner, memory=MEMORY)
+        if start is None:
+            start, columns = on_columns(problem)
     answer: Solution | None = None
 
     def certify(x: NDArray[np.float64]) -> Solution:
@@ -336,7 +338,8 @@ def _solve_mprgp(
     result = inner.solve(qp, x0=start, monitor=monitor, accept=lambda x: certify(x).converged)
     if answer is None or not answer.converged:
         answer = certify(result.x)
-    return replace(answer, counts=result.counts, reason=result.reason)
+    counts = Counts(hessian=columns) + result.counts
+    return replace(answer, counts=counts, reason=result.reason)
 
 
 def _answer_of(problem: DualProblem, target: Target, state: State) -> Solution:

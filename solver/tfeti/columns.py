@@ -1,0 +1,82 @@
+"""Contact rows of slender bodies solved whole: active sets on columns of F, made as rows close.
+
+In bending F is so ill-conditioned that steps of active-set methods undo each other by the hundred.
+A row that closes takes one product, F e, and no row a second one; each set of closed rows is
+solved exactly by a dense factor, and the levels of `RowLevels` keep the sets small until they are
+nearly right. The method is that of primal-dual active sets (Hintermüller, Ito, Kunisch, 2002).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import linalg
+
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.feasible import largest_magnitude
+from solver.tfeti.thinning import RowLevels
+
+SETS = 60
+"""Active sets tried."""
+
+COLUMNS = 2000
+"""Columns kept."""
+
+SIGNIFICANT = 1e-9
+"""Forces and distances that change a set, over the largest."""
+
+FIRST = 0.5
+"""Rows that close first are crossed by so much of what the deepest is."""
+
+
+def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
+    """Multipliers (dual,) from which little or nothing is left to do, and the products they took.
+
+    Where no subdomain floats. Zeros at no cost where no body is slender.
+    """
+    comm = problem.comm
+    levels = RowLevels(problem, thinned=True)
+    result, products = np.zeros(problem.size), 0
+    if levels.finest:
+        return result, products
+    first = comm.exscan(problem.size) or 0
+    columns: dict[int, NDArray[np.float64]] = {}
+    closed = np.zeros(problem.size, bool)
+    deepest = FIRST
+    for _ in range(SETS):
+        rows = np.concatenate(comm.allgather(first + np.flatnonzero(closed)))
+        missing = [row for row in rows if row not in columns]
+        if len(columns) + len(missing) > COLUMNS:
+            break
+        for row in missing:
+            unit, column = np.zeros(problem.size), np.empty(problem.size)
+            if first <= row < first + problem.size:
+                unit[row - first] = 1.0
+            problem.F.apply(unit, column)
+            columns[row] = column
+        products += len(missing)
+        own = np.array([columns[row] for row in rows]).reshape(len(rows), problem.size)
+        matrix = np.concatenate(comm.allgather(own[:, closed].T)) if len(rows) else np.empty((0, 0))
+        target = np.concatenate(comm.allgather(problem.d[closed]))
+        try:
+            forces = linalg.solve(0.5 * (matrix + matrix.T), target, assume_a="pos")
+        except linalg.LinAlgError:
+            break
+        result = np.zeros(problem.size)
+        result[closed] = forces[np.searchsorted(rows, first + np.flatnonzero(closed))]
+        distance = np.where(problem.inequality & ~closed, problem.d - forces @ own, 0.0)
+        distance /= problem.spread
+        opens = closed & (result < -SIGNIFICANT * largest_magnitude(comm, result))
+        worst = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
+        crossed = distance > max(deepest * worst, SIGNIFICANT * largest_magnitude(comm, problem.d))
+        while True:
+            changed = opens | (crossed & levels.allowed)
+            some = comm.allreduce(int(changed.sum()))
+            if some or levels.finest:
+                break
+            levels.refine()
+        if not some:
+            break
+        closed, deepest = closed ^ changed, 0.0
+    return np.maximum(result, 0.0), products
