@@ -281,9 +281,11 @@ class AdmissibleStresses:
                 if not pulling.any():
                     return self._found(subspace, s, steps)
             pressed = (pressed & ~pulling) | missing
+        single = [axis for axis, n in zip("xyz", self.space.cells, strict=False) if n == 1]
         raise NoAdmissibleStressError(
-            "no pressures were found on the facets of the contact that keep the loads in "
+            "no stress on this grid, with pressures on the contact, was found to keep the loads in "
             "equilibrium"
+            + (f": take two cells or more along {', '.join(single)}" if single else "")
         )
 
     def _missing(

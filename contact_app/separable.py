@@ -26,6 +26,9 @@ SOFTEST = 0.1
 """Least eigenvalue, over the least along any axis that is not zero: nothing else holds a body that
 is free."""
 
+DIVERGED = 1e3
+"""Residual, over the first, of equations that have no solution."""
+
 
 class EquilibriumPreconditioner:
     """Approximates (B diag Bᵀ)⁻¹ for the divergence B of a space of stresses.
@@ -86,13 +89,14 @@ def conjugate_gradients(
 ) -> Array:
     """Solve to a residual relative to the right-hand side; the matrix may be singular.
 
-    It ends early where rounding keeps the residual from falling.
+    Where there is no solution, or rounding keeps the residual from falling, it ends early, with
+    what had the least residual.
     """
     x, residual = np.zeros_like(right), right.copy()
-    limit = tolerance * float(np.linalg.norm(right))
-    direction, square = np.zeros_like(right), 1.0
+    start = least = float(np.linalg.norm(right))
+    best, direction, square = x.copy(), np.zeros_like(right), 1.0
     for _ in range(most):
-        if float(np.linalg.norm(residual)) <= limit:
+        if least <= tolerance * start:
             break
         z = preconditioner(residual)
         before, square = square, float(residual @ z)
@@ -103,7 +107,12 @@ def conjugate_gradients(
             break
         x += square / curvature * direction
         residual -= square / curvature * moved
-    return x
+        size = float(np.linalg.norm(residual))
+        if size < least:
+            least, best = size, x.copy()
+        elif size > DIVERGED * start:
+            break
+    return best
 
 
 def _outer(factors: Sequence[Array]) -> Array:
