@@ -58,7 +58,7 @@ TOUCHES = 1e-9
 """Gap that is closed, over the largest displacement."""
 
 ROUNDED = 1e-12
-"""Penetration of û, over the largest displacement, that is rounding."""
+"""Penetration and jumps of û, over the largest displacement, that are rounding."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,7 @@ class _Answer:
             places = self.bodies[s.body].cells_at(centres)
             self.pieces.append(_Piece(s, int(cls), int(column), places))
         interface = nearest_admissible(model.problem, solution.multiplier, solution.displacements)
+        self._refuse_jumps(interface)
         self.displacements = []
         for cls, part, u in zip(
             self.problem.classes, interface_slices(self.problem.classes), solution.displacements,
@@ -162,6 +163,21 @@ class _Answer:
             admissible = u.copy()
             admissible[cls.interface] = interface[part].reshape(cls.members, -1).T
             self.displacements.append(admissible)
+
+    def _refuse_jumps(self, interface: Array) -> None:
+        """Refuse û where subdomains are not glued, or held nodes not where they should be.
+
+        Raises
+        ------
+        NoAdmissibleStressError
+            û is not admissible.
+        """
+        jumps = (self.problem.residual(interface) / self.problem.spread)[~self.problem.inequality]
+        largest = self.comm.allreduce(float(np.abs(jumps).max(initial=0.0)), op=MPI.MAX)
+        if largest > ROUNDED * self.size:
+            raise NoAdmissibleStressError(
+                f"the answer jumps by {largest:.3g} between subdomains or at held nodes"
+            )
 
     def guarantee(self) -> Guarantee:
         """The bound."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from contact_app import guarantee as module
 from contact_app.guarantee import Guarantee, guarantee, with_guarantee
 from contact_app.report import at_most
 from contact_app.run import solve_scene
@@ -172,6 +173,21 @@ def test_zero_where_nothing_is_strained() -> None:
     made = scenes.wall("quadrilateral", 3)
     made["conditions"] = [{"on": "block.y-", "displacement": [-0.5, 0.25]}]
     assert bounded(made)[1].bound == 0.0
+
+
+@pytest.mark.parametrize(("parts", "told"), [(1, "crosses an obstacle by"), ([2, 2], "jumps by")])
+def test_what_is_not_admissible_is_refused(
+    parts: Any, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An answer moved towards the wall: held nodes are rows of B where it is cut."""
+    solved = solve(scenes.wall("quadrilateral", 8), parts)
+    moved = [u + 0.01 for u in solved.solution.displacements]
+    monkeypatch.setattr(
+        module, "nearest_admissible", lambda problem, *_: problem.on_interface(moved)
+    )
+    found = guarantee(solved.model, solved.solution)
+    assert found.bound is None
+    assert told in found.missing
 
 
 def test_two_bodies_are_bounded_together() -> None:
