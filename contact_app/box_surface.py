@@ -13,10 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.equilibrated import AdmissibleStresses, FaceData, NoAdmissibleStressError
 from contact_app.errors import ConfigurationError
+from contact_app.memory import available_bytes
 from contact_app.model import boundary_facets, boundary_nodes
 from contact_app.obstacles import Plane
 from contact_app.scene import Body, BodyMesh, Box, Contact, Scene
@@ -28,6 +30,10 @@ Place = tuple[NDArray[np.int64], ...]
 
 ON_PLANE = 1e-9
 """Distance from a face of a body, over its size, of points that lie on it."""
+
+BYTES_PER_CELL = 1e4
+"""Memory the stresses of a cell of the grid take while they are sought, measured at 20³ and 32³;
+less in the plane."""
 
 PARALLEL = 1e-14
 """Difference between an obstacle's normal and that of the face."""
@@ -237,6 +243,13 @@ def refuse_unguaranteed(scene: Scene, partition: Partition) -> None:
             raise NoAdmissibleStressError(
                 f"{scene.pairs[0].source} is of bodies against bodies, whose gap is kept in the "
                 "mean only"
+            )
+        cells = max(math.prod(len(x) - 1 for x in grid_lines(body)) for body in scene.bodies)
+        available = partition.comm.allreduce(available_bytes(), op=MPI.MIN)
+        if cells * BYTES_PER_CELL > available:
+            raise NoAdmissibleStressError(
+                f"the stresses of {cells:,} cells take about {cells * BYTES_PER_CELL / 1e9:.3g} GB "
+                f"on one rank, and {available / 1e9:.3g} GB are available"
             )
         for body in range(len(scene.bodies)):
             BoxSurface(scene, partition, body)

@@ -61,8 +61,8 @@ class EquilibriumPreconditioner:
             T = stiffness * (difference * (free / _dual(h))) @ difference.T
             along, basis = np.linalg.eigh(T)
             vectors.append(basis)
-            sums = sums + np.maximum(along, 0.0).reshape([-1 if n == k else 1 for n in range(
-                space.dimension)])  # fmt: skip
+            others = [axis for axis in range(space.dimension) if axis != k]
+            sums = sums + np.expand_dims(np.maximum(along, 0.0), others)
             if len(h) > 1:
                 softest = min(softest, float(along[1]))
         if not np.isfinite(softest) or softest <= 0.0:

@@ -8,9 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
+from contact_app import box_surface
 from contact_app import guarantee as module
+from contact_app.errors import ConfigurationError
 from contact_app.guarantee import Guarantee, guarantee, with_guarantee
+from contact_app.model import partition_scene
 from contact_app.report import at_most
 from contact_app.run import solve_scene
 from contact_app.symmetry import halved
@@ -263,6 +267,16 @@ def test_refused_with_the_reason(
     assert reason in " ".join(said.split())
     line = int(said.split("scene.yaml:")[1].split(":")[0])
     assert "guaranteed" in path.read_text().splitlines()[line - 1]
+
+
+def test_grids_beyond_the_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = scenes.wall("hexahedron", 4) | {"certificate": {"guaranteed": True}}
+    scene = scenes.build(made)
+    partition = partition_scene(scene, MPI.COMM_WORLD)
+    box_surface.refuse_unguaranteed(scene, partition)
+    monkeypatch.setattr(box_surface, "available_bytes", lambda: 5e5)
+    with pytest.raises(ConfigurationError, match=r"64 cells take about 0\.00064 GB on one rank"):
+        box_surface.refuse_unguaranteed(scene, partition)
 
 
 def test_what_a_run_says_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
