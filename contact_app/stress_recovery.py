@@ -134,7 +134,6 @@ class _Helped:
         targets: NDArray[np.bool_],
         sources: NDArray[np.bool_],
     ) -> None:
-        self._copies = copies
         marked = copies.spread(np.stack([targets, sources], axis=1) * 1.0)
         rows, columns, weights, shifts = [], [], [], []
         for c, start, marks in zip(cells, copies.starts, marked, strict=False):
@@ -150,20 +149,25 @@ class _Helped:
             weights.append(weight[pair])
             shifts.append(c.points[row] - c.points[column])
         row = np.concatenate([np.zeros(0, np.int64), *rows])
-        order = np.argsort(row, kind="stable")
+        column = np.concatenate([np.zeros(0, np.int64), *columns])
+        pairs = np.arange(len(row))
+        sort = sparse.csr_matrix((pairs, (row, pairs)), shape=(copies.count, len(row)))
+        counts = np.diff(sort.indptr)
+        helped = np.flatnonzero(counts)
+        counts, order = counts[helped], sort.indices
+        self._starts = np.concatenate([[0], np.cumsum(counts)])
         self._weight = np.concatenate([np.zeros(0), *weights])[order]
         self._shift = np.concatenate([np.zeros((0, cells[0].dimension)), *shifts])[order]
-        helped, counts = np.unique(row, return_counts=True)
-        self._starts = np.concatenate([[0], np.cumsum(counts)])
-        helping, column = np.unique(
-            np.concatenate([np.zeros(0, np.int64), *columns]), return_inverse=True
-        )
-        self._columns = column.reshape(-1)[order]
+        helps = np.zeros(copies.count, bool)
+        helps[column] = True
+        helping = np.flatnonzero(helps)
+        self._columns = (np.cumsum(helps) - 1)[column[order]]
         self._helped, self._helping = copies.some(helped), copies.some(helping)
         self._sources = np.searchsorted(copies.known, self._helping.known)
         self.targets = np.isin(copies.known, self._helped.known)
         totals = np.zeros((len(helped), 1))
-        np.add.at(totals[:, 0], np.repeat(np.arange(len(helped)), counts), self._weight)
+        of = np.repeat(np.arange(len(helped)), counts)
+        totals[:, 0] = np.bincount(of, self._weight, len(helped))
         self.weight = self._helped.gather(totals)
 
     def continued(self, polynomials: Array) -> Array:
@@ -458,7 +462,8 @@ class StressRecovery:
         self, recovered: Sequence[Array], touching: Sequence[NDArray[np.bool_]]
     ) -> None:
         """Change σ* at surface nodes as little as their tractions ask for, in place."""
-        surface, s = self._surface, len(self.V)
+        surface, (exterior, met) = self._surface, self._exterior
+        s = len(self.V)
         places, equations = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
         for subdomain, (cls, column) in zip(
             self.model.partition.subdomains, self.model.place, strict=True
@@ -469,11 +474,12 @@ class StressRecovery:
                 facets = subdomain.reference.facets[subdomain.exterior]
                 at = np.searchsorted(self._surface_nodes[cls], facets.ravel())
                 places.append(surface.starts[cls] + at * surface.shapes[cls][1] + column)
-        place = np.concatenate(places)
+        place = np.searchsorted(exterior, np.concatenate(places))
         incidence = sparse.csr_matrix(
-            (np.ones(len(place)), (place, np.arange(len(place)))), shape=(surface.count, len(place))
+            (np.ones(len(place)), (place, np.arange(len(place)))),
+            shape=(len(exterior), len(place)),
         )
-        sums = surface.gather(incidence @ np.concatenate(equations))
+        sums = met.gather(incidence @ np.concatenate(equations))
         known = np.flatnonzero(sums[:, : s * s].any(axis=1))
         P, q = sums[known, : s * s], sums[known, s * s :]
         # many nodes have the same P: a face or an edge of a box
@@ -484,13 +490,13 @@ class StressRecovery:
         change = np.zeros_like(sums)  # of σ to σ + q - P σ
         change[known, : s * s] = (inverse @ P.reshape(-1, s, s)).reshape(-1, s * s)
         change[known, s * s :] = (inverse @ q[..., None])[..., 0]
-        for values, own, changes in zip(
-            recovered, self._surface_nodes, surface.spread(change), strict=True
-        ):
-            row, member = np.nonzero(changes[:, :, : s * s].any(axis=2))
-            changes, before = changes[row, member], values[own[row], member]
-            taken = changes[:, : s * s].reshape(-1, s, s) @ before[..., None]
-            values[own[row], member] = before - taken[..., 0] + changes[:, s * s :]
+        changes = met.scatter(change)
+        for cls, (values, own) in enumerate(zip(recovered, self._surface_nodes, strict=True)):
+            begin, end = np.searchsorted(exterior, surface.starts[cls : cls + 2])
+            row, member = np.divmod(exterior[begin:end] - surface.starts[cls], values.shape[1])
+            mine, before = changes[begin:end], values[own[row], member]
+            taken = mine[:, : s * s].reshape(-1, s, s) @ before[..., None]
+            values[own[row], member] = before - taken[..., 0] + mine[:, s * s :]
 
     @cached_property
     def _surface_nodes(self) -> list[NDArray[np.int64]]:
@@ -501,6 +507,20 @@ class StressRecovery:
     def _surface(self) -> Copies:
         """Their copies (collective)."""
         return Copies(self.model, self._surface_nodes)
+
+    @cached_property
+    def _exterior(self) -> tuple[NDArray[np.int64], Meeting]:
+        """Those of them that lie on the bodies' surfaces (collective)."""
+        surface = self._surface
+        outside = np.zeros((surface.count, 1))
+        for subdomain, (cls, column) in zip(
+            self.model.partition.subdomains, self.model.place, strict=True
+        ):
+            facets = subdomain.reference.facets[subdomain.exterior]
+            at = np.searchsorted(self._surface_nodes[cls], facets.ravel())
+            surface.of_class(outside, cls)[at, column] = 1.0
+        copies = np.flatnonzero(surface.scatter(surface.gather(outside))[:, 0])
+        return copies, surface.some(copies)
 
     def _equations(self, subdomain: Subdomain, cells: Cells, touch: NDArray[np.bool_]) -> Array:
         """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).
