@@ -244,12 +244,12 @@ def refuse_unguaranteed(scene: Scene, partition: Partition) -> None:
                 f"{scene.pairs[0].source} is of bodies against bodies, whose gap is kept in the "
                 "mean only"
             )
-        cells = max(math.prod(len(x) - 1 for x in grid_lines(body)) for body in scene.bodies)
+        needed = stress_bytes(scene)
         available = partition.comm.allreduce(available_bytes(), op=MPI.MIN)
-        if cells * BYTES_PER_CELL > available:
+        if needed > available:
             raise NoAdmissibleStressError(
-                f"the stresses of {cells:,} cells take about {cells * BYTES_PER_CELL / 1e9:.3g} GB "
-                f"on one rank, and {available / 1e9:.3g} GB are available"
+                f"its stresses take about {needed / 1e9:.3g} GB on one rank, and "
+                f"{available / 1e9:.3g} GB are available"
             )
         for body in range(len(scene.bodies)):
             BoxSurface(scene, partition, body)
@@ -257,6 +257,18 @@ def refuse_unguaranteed(scene: Scene, partition: Partition) -> None:
         raise ConfigurationError(
             f"{scene.at('certificate.guaranteed')}: no error can be guaranteed: {error}"
         ) from error
+
+
+def stress_bytes(scene: Scene) -> float:
+    """Memory that the stresses of the largest body take on one rank.
+
+    Raises
+    ------
+    NoAdmissibleStressError
+        A mesh is no box.
+    """
+    cells = [math.prod(len(x) - 1 for x in grid_lines(body)) for body in scene.bodies]
+    return BYTES_PER_CELL * max(cells)
 
 
 def grid_lines(body: Body) -> list[Array]:

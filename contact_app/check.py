@@ -19,7 +19,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from rich.console import Console
 
-from contact_app.box_surface import refuse_unguaranteed
+from contact_app.box_surface import refuse_unguaranteed, stress_bytes
 from contact_app.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.distant import distant
 from contact_app.memory import available_bytes, needed_bytes
@@ -79,6 +79,11 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     elif halving.scene.mirrors:
         share = 2 ** len(halving.scene.mirrors)
         lines.append(f"symmetry: `symmetry: allow` would solve one of {share} equal parts")
+    if scene.guaranteed:
+        lines.append(
+            "error: a guaranteed bound, whose stresses take about "
+            f"{stress_bytes(scene) / 1e9:.2g} GB and some time on top of the above"
+        )
     if comm.rank == 0:
         console = Console(highlight=False, markup=False, soft_wrap=True)
         for line in lines:
