@@ -1,0 +1,105 @@
+"""What a look at a face knows without a product, and when an automatic tolerance lets it end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.certificate import duality_gap
+from contact_app.faces import Face, State
+from contact_app.model import build_model
+from contact_app.solution import Accuracy
+from contact_app.solve import solve
+from contact_app.target import GAIN, LOOSEST, SHARPENS, AutomaticTarget
+from solver import MPRGP
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.feasible import follows
+from solver.tfeti.recovery import interface_displacements
+from tests import scenes
+
+
+@pytest.fixture(scope="module")
+def problem() -> DualProblem:
+    scene = scenes.build(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2])
+    return build_model(scene, MPI.COMM_SELF).problem
+
+
+def touching(problem: DualProblem) -> NDArray[np.bool_]:
+    """Every second contact row."""
+    result = problem.inequality.copy()
+    result[np.flatnonzero(result)[::2]] = False
+    return result
+
+
+def looked(problem: DualProblem, aim: float) -> tuple[Face, State]:
+    face = Face(problem, touching(problem))
+    face.solve(MPRGP(), aim, None)
+    return face, face.look()[0]
+
+
+def test_a_look_sees_what_a_product_would_tell(problem: DualProblem) -> None:
+    face, state = looked(problem, 0.1)
+    multiplier = problem.offset + state.x
+    free = interface_displacements(problem, multiplier, np.zeros(len(problem.e)))
+    motions = state.displacements - free
+    scale = np.abs(state.displacements).max()
+    # they differ by rigid motions alone, which no multiplier in equilibrium does work on
+    other = problem.constraint_forces(np.where(problem.inequality & ~face.touching, 0.0, state.x))
+    assert abs(other @ motions) <= 1e-10 * np.linalg.norm(other) * np.linalg.norm(motions)
+    jumps = problem.residual(state.displacements) / problem.spread
+    np.testing.assert_allclose(state.distance, jumps / scale, atol=1e-10)
+    strained = problem.strain_energy(multiplier, free)
+    assert state.strained == pytest.approx(strained, rel=1e-10)
+
+
+def test_a_face_goes_on_from_the_last_multiplier(problem: DualProblem) -> None:
+    """Solved from there the same face is at its end, and its first product is all it takes."""
+    face, state = looked(problem, 1e-8)
+    again = Face(problem, touching(problem), problem.offset + state.x)
+    assert again.counts.hessian == 1
+    np.testing.assert_allclose(again.look()[0].displacements, state.displacements, atol=1e-12)
+
+
+def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
+    """Between what the multiplier leaves to the optimum and the gap that moves no interface."""
+    assert follows(problem)
+    options = scenes.build(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2]).solver
+    energy = solve(problem, options, None).measures.energy
+    face = Face(problem, np.zeros(problem.size, bool))  # without contact λ is admissible
+    face.solve(MPRGP(), 0.3, None)
+    state = face.look()[0]
+    multiplier = problem.offset + state.x
+    plain, sharp = (duality_gap(problem, multiplier, state.displacements, k) for k in (0, 3))
+    dual = -0.5 * state.strained - float(multiplier @ problem.c)
+    assert energy - dual > 0.0
+    assert energy - dual <= sharp < 0.9 * plain
+
+
+def test_an_automatic_tolerance_asks_for_the_gap_where_it_may_decide() -> None:
+    asked: list[bool] = []
+
+    def target() -> AutomaticTarget:
+        asked.clear()
+        return AutomaticTarget(lambda answer: Accuracy(1.0, 0.0, 1.0), 1e-4)
+
+    def gap(error: float):
+        def told(sharp: bool) -> float:
+            asked.append(sharp)
+            return 0.5 * (error * LOOSEST) ** 2
+
+        return told
+
+    assert target().lacks(2.0 * LOOSEST, 1.0, gap(0.1)) == pytest.approx(2.0)
+    assert asked == []  # jumps say no
+    assert target().lacks(0.0, 1.0, gap(0.5)) == pytest.approx(0.5)
+    assert asked == [False]
+    assert target().lacks(0.0, 1.0, gap(2.0)) == pytest.approx(2.0)
+    assert asked == [False, True]
+    far = target()
+    assert far.lacks(0.0, 1.0, gap(3.0 * SHARPENS)) == pytest.approx(3.0 * SHARPENS)
+    assert asked == [False]  # no sharper one would do, and the next look is passed over
+    assert far.lacks(0.0, 1.0, gap(0.1)) == pytest.approx(3.0 * SHARPENS / GAIN)
+    assert asked == [False]
+    assert far.lacks(0.0, 1.0, gap(0.1)) == pytest.approx(0.1)
