@@ -372,7 +372,8 @@ CASES = (
         "slender body 1:100",
         "bending modes are 1e8 times softer than compression, and one of 200 nodes after the other "
         "peels off the plane",
-        "first what touches on springs; active sets with a coarse problem of their own",
+        "active sets on every eighth row first, then on more and more; in parts, directions serve "
+        "again on faces that follow; whole, each set is solved exactly, for a product a row",
         lambda: slender(100.0, [200, 2]), subdomains=(10, 1), mild=lambda: slender(5.0, [45, 9]),
     ),
     Case(
