@@ -24,9 +24,9 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import FacePreconditioner
 
 DIRECTIONS = 100
-"""Directions kept, the last ones."""
+"""Directions kept."""
 
-FEWEST = 6
+FEWEST = 9
 """Directions from which on they serve: where faces take few there is little to save."""
 
 BYTES = 2**27
@@ -49,6 +49,8 @@ class Directions:
 
     Attributes
     ----------
+    count
+        Those that serve; others were kept since they were settled.
     largest
         Largest ‖F p‖/‖p‖ of them: a lower bound of ‖F‖.
     """
@@ -56,61 +58,67 @@ class Directions:
     def __init__(self, problem: DualProblem) -> None:
         self.problem, self.comm = problem, problem.comm
         self._contact = np.flatnonzero(problem.inequality)
-        room = BYTES // (8 * (2 * problem.size + problem.B.columns) or 1)
+        room = BYTES // (8 * max(2 * problem.size + problem.B.columns, 1))
         self.capacity = int(self.comm.allreduce(min(DIRECTIONS, room), op=MPI.MIN))
-        self.vectors, self.products = np.zeros((0, problem.size)), np.zeros((0, problem.size))
-        self.motions = np.zeros((0, problem.B.columns))
-        self._gram = np.zeros((0, 0))
+        self.count = self._next = 0
+        self._vectors = np.empty((self.capacity, problem.size))
+        self._products = np.empty((self.capacity, problem.size))
+        self._motions = np.empty((self.capacity, problem.B.columns))
+        self._gram = np.zeros((self.capacity, self.capacity))
         self.largest = 0.0
-        self._fresh: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+
+    @property
+    def vectors(self) -> NDArray[np.float64]:
+        """p, (count, dual)."""
+        return self._vectors[: self.count]
+
+    @property
+    def products(self) -> NDArray[np.float64]:
+        """F p, (count, dual)."""
+        return self._products[: self.count]
+
+    @property
+    def motions(self) -> NDArray[np.float64]:
+        """K⁺ Bᵀ p, (count, interface)."""
+        return self._motions[: self.count]
 
     def keep(self, vector: NDArray[np.float64], motion: NDArray[np.float64]) -> None:
-        """Remember a product: x and K⁺ Bᵀ x."""
-        if self.capacity:
-            self._fresh = self._fresh[-self.capacity + 1 :]
-            self._fresh.append((vector.copy(), motion.copy()))
+        """Remember a product, x and K⁺ Bᵀ x, from the next face on, as long as there is room."""
+        if self._next < self.capacity:
+            self._vectors[self._next], self._motions[self._next] = vector, motion
+            self._next += 1
 
     @property
     def serve(self) -> bool:
         """Whether there are enough."""
-        return len(self.vectors) + len(self._fresh) >= FEWEST
+        return self._next >= FEWEST
 
     def settle(self) -> None:
-        """Take in what was kept since."""
-        fresh, self._fresh = self._fresh, []
-        if not fresh:
-            return
-        vectors, motions = np.array([v for v, _ in fresh]), np.array([m for _, m in fresh])
-        products = np.empty_like(vectors)
-        for motion, product in zip(motions, products, strict=True):
+        """Take in what was kept since; where there is no more room, let the older half go."""
+        rows, self.count = slice(self.count, self._next), self._next
+        for motion, product in zip(self._motions[rows], self._products[rows], strict=True):
             self.problem.B.apply(motion, product)
-        energy, lengths, forces = self.comm.allreduce(
-            np.array(
-                [
-                    np.einsum("ij,ij->i", a, b)
-                    for a, b in ((vectors, products), (vectors, vectors), (products, products))
-                ]
-            )
+        vectors, products = self._vectors[rows], self._products[rows]
+        gram = self.comm.allreduce(self.vectors @ products.T)
+        self._gram[: self.count, rows], self._gram[rows, : self.count] = gram, gram.T
+        lengths, forces = self.comm.allreduce(
+            np.array([np.einsum("ij,ij->i", a, a) for a in (vectors, products)])
         )
-        good = energy > 0.0
-        if good.any():
-            self.largest = max(self.largest, float(np.sqrt(forces[good] / lengths[good]).max()))
-        scale = 1.0 / np.sqrt(energy[good])[:, None]
-        vectors, products, motions = (a[good] * scale for a in (vectors, products, motions))
-        mixed = self.comm.allreduce(vectors @ np.concatenate([self.products, products]).T)
-        old = len(self._gram)
-        gram = np.block([[self._gram, mixed[:, :old].T], [mixed[:, :old], mixed[:, old:]]])
-        last = slice(-self.capacity, None)
-        self._gram = 0.5 * (gram + gram.T)[last, last]
-        self.vectors = np.concatenate([self.vectors, vectors])[last]
-        self.products = np.concatenate([self.products, products])[last]
-        self.motions = np.concatenate([self.motions, motions])[last]
+        ratios = forces[lengths > 0.0] / lengths[lengths > 0.0]
+        self.largest = max(self.largest, float(np.sqrt(ratios.max(initial=0.0))))
+        if self.count == self.capacity:
+            self.count = self._next = self.capacity // 2
+            for array in (self._vectors, self._products, self._motions):
+                array[: self.count] = array[-self.count :].copy()
+            self._gram[: self.count, : self.count] = self._gram[-self.count :, -self.count :].copy()
 
     def on_face(self, touching: NDArray[np.bool_]) -> NDArray[np.float64]:
         """C, (k, k), for the face of these contact rows (collective)."""
-        k = len(self.vectors)
+        k = self.count
+        gram = self._gram[:k, :k]
+        scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), np.inf))
         open_rows = self._contact[~touching[self._contact]]
-        values = self.vectors[:, open_rows].T
+        values = self._vectors[:k, open_rows].T * scale
         triangle = np.zeros((k, k))
         if len(open_rows):
             part = np.linalg.qr(values, mode="r")
@@ -120,7 +128,8 @@ class Directions:
         if k and not self.comm.rank:
             _, sizes, basis = np.linalg.svd(parts)
             rank = int((sizes > ABSENT * sizes.max(initial=0.0)).sum())
-            result = _inverse_on(basis[rank:].T, self._gram)
+            result = _inverse_on(basis[rank:].T, gram * scale * scale[:, None])
+            result *= scale * scale[:, None]
         return np.asarray(self.comm.bcast(result))
 
 
