@@ -86,6 +86,8 @@ class CholeskyFactor:
         rows = matrix.tocsr()
         rows.sort_indices()
         self.size = rows.shape[0]
+        if not self.size:  # all is held: PETSc factors no empty matrix
+            return
         petsc = PETSc.Mat().createAIJ(
             rows.shape,
             csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
@@ -109,7 +111,7 @@ class CholeskyFactor:
         """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
         result = np.empty(loads.shape, order="F")
         loads = np.asfortranarray(loads)
-        for begin in range(0, loads.shape[1], COLUMNS_AT_ONCE):
+        for begin in range(0, loads.shape[1] if self.size else 0, COLUMNS_AT_ONCE):
             part = slice(begin, begin + COLUMNS_AT_ONCE)
             b = PETSc.Mat().createDense(
                 loads[:, part].shape, array=loads[:, part], comm=PETSc.COMM_SELF

@@ -56,6 +56,29 @@ def test_patch_in_space(cell: str, subdomains: int | list[int]) -> None:
         assert found["max_contact_pressure"] == pytest.approx(100, rel=1e-8)
 
 
+@pytest.mark.parametrize("subdomains", [1, 2])
+def test_a_body_whose_nodes_are_all_held(subdomains: int) -> None:
+    scene = {
+        "dimension": 2,
+        "bodies": [
+            {
+                "name": "block",
+                "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [1, 2]}},
+                "material": {"young": 1.0e5, "poisson": 0.3},
+            }
+        ],
+        "conditions": [
+            {"on": "block.x-", "displacement": [0, 0]},
+            {"on": "block.x+", "displacement": [0, 0.01]},
+            {"in": "block", "force": [0, -1]},
+        ],
+    }
+    solution = solve(scene, subdomains, tolerance=TIGHT)
+    points, u = solution.displacement_at_nodes()
+    np.testing.assert_allclose(u, np.outer(points[:, 0], [0, 0.01]), atol=EXACT * 0.01)
+    assert solution.summary["certificate"]["passed"]
+
+
 @pytest.mark.parametrize("cell", scenes.CELLS_2D)
 @pytest.mark.parametrize("assumption", ["strain", "stress"])
 @pytest.mark.parametrize("subdomains", [1, [2, 2], 3], ids=str)
