@@ -12,7 +12,7 @@ the S is zero. Where facets differ in size D is weighted so that linear and quad
 S = 0 at the ends.
 
 Only lines that touch with all three nodes take part: beside the edge of the contact p falls like a
-root, and fourth differences across it would be taken for an alternation. A node between two middles
+root, and fourth differences across it would be taken for an alternation. A node between two others
 that touch counts as touching: an alternation opens it, the edge of the contact does not. At the
 ends of the lines, and where they do not go on straight, D is that of the other end of the facet,
 and S that of the middle with the other sign; half of that at the edge of the contact, towards which
@@ -122,7 +122,7 @@ def _sum(nodes: Numbers, values: NDArray[Any], size: int) -> Array:
 def _touching(lines: Lines, ends: _Ends, q: Array) -> NDArray[np.bool_]:
     """Which lines along one axis touch with all their nodes."""
     first, middle, last = lines.nodes.T
-    touches = q[middle] > 0.0
+    touches = (q[middle] > 0.0) | ((q[first] > 0.0) & (q[last] > 0.0))
     between = ends.go_on & (ends.sums(np.tile(touches, 2).astype(float)) == ends.count)
     inside = (q > 0.0) | between
     return touches & inside[first] & inside[last]

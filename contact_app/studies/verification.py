@@ -271,8 +271,7 @@ CASES = (
     ),
     Case(
         "hertz_disc_degree_2", "Hertz: a cylinder on a plane, degree 2 with round edges",
-        "As above with `degree: 2` on second-order meshes. Pressures stand at corners, with their "
-        "mean at the middles.",
+        "As above with `degree: 2` on second-order meshes. Pressures stand at all nodes.",
         _hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, curved=True, overrides=("bodies.0.degree=2",)),
         "disc_quarter", scene="hertz_disc",
     ),
@@ -280,7 +279,7 @@ CASES = (
         "hertz_disc_degree_2_straight",
         "Hertz: a cylinder on a plane, degree 2 with straight edges",
         "The same on first-order meshes: middles of the polygon's edges lie farther from the plane "
-        "than corners, nodal forces alternate, the pressures told by their means do not.",
+        "than corners, and nodal forces alternate; the pressures without that do not.",
         _hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, overrides=("bodies.0.degree=2",)),
         "disc_quarter", scene="hertz_disc",
     ),

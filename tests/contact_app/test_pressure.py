@@ -16,6 +16,7 @@ from contact_app.facets import moments
 from contact_app.model import facets_of
 from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import build_scene
+from contact_app.studies.verification import find, study
 from tests import meshfiles, scenes
 from tests.comparison import solve
 
@@ -123,6 +124,16 @@ def test_nodes_that_an_alternation_opens_are_closed() -> None:
     found = q - alternation(lines, q, lambda v: v)
     assert found[(x > 1.1) & (x < 4.9)] == pytest.approx(2.5 * 2.0 / 3.0)
     assert (found[x > 6.0] == 0.0).all()
+    q = np.where(ends, 3.0, 0.0)  # as of a polygon in a round hole: corners alone touch
+    assert q - alternation(lines, q, lambda v: v) == pytest.approx(1.0)
+
+
+def test_a_polygon_in_a_round_hole_touches_with_its_corners() -> None:
+    """Its pressure is 110.4 in the mean, not the three times as much of forces over shares."""
+    (case,) = find(["thick_ring_straight"])
+    (row,) = study(case, case.levels[:1])
+    mean = next(q for q in row.quantities if q.name == "mean pressure")
+    assert mean.ours == pytest.approx(110.41, rel=1e-3)
 
 
 def top(cells: list[int], degree: int) -> dict[tuple[float, float], float]:
