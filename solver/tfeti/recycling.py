@@ -59,7 +59,8 @@ class Directions:
         self.problem, self.comm = problem, problem.comm
         self._contact = np.flatnonzero(problem.inequality)
         room = BYTES // (8 * max(2 * problem.size + problem.B.columns, 1))
-        self.capacity = int(self.comm.allreduce(min(DIRECTIONS, room), op=MPI.MIN))
+        capacity = int(self.comm.allreduce(min(DIRECTIONS, room), op=MPI.MIN))
+        self.capacity = capacity if capacity >= FEWEST else 0
         self.count = self._next = 0
         self._vectors = np.empty((self.capacity, problem.size))
         self._products = np.empty((self.capacity, problem.size))
