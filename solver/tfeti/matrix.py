@@ -84,9 +84,13 @@ class ConstraintMatrix:
 
     def scaled(self, weights: NDArray[np.float64]) -> ConstraintMatrix:
         """W B, for weights of this rank's rows."""
-        matrix = self.matrix.copy()
+        matrix, transpose = self.matrix.copy(), self._transpose.copy()
         scale_rows(matrix, weights)
-        return ConstraintMatrix(matrix)
+        with lent(self.comm, weights) as (right,):
+            transpose.diagonalScale(R=right)
+        result = ConstraintMatrix(matrix)
+        vars(result)["_transpose"] = transpose  # scaling takes a third of transposing
+        return result
 
 
 def _multiply(
