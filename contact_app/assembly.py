@@ -128,11 +128,16 @@ class Element:
 
     def cell_volumes(self) -> NDArray[np.float64]:
         """Volume (area in the plane) of each cell."""
-        return self._slopes[1]
+        return self._means[1]
+
+    @property
+    def mean_slopes(self) -> NDArray[np.float64]:
+        """Cell means of the slopes of shape functions, (cells, nodes, dimension)."""
+        return self._means[0]
 
     def gradient_operator(self) -> sparse.csr_matrix:
         """Cell means of ∂u_i/∂x_j from unknowns, (cells · dimension², unknowns), j fastest."""
-        d, slopes = self.dimension, self._slopes[0]
+        d, slopes = self.dimension, self.mean_slopes
         cells, nodes, _ = slopes.shape
         unknown = self.reference.cells[:, None] * d + np.arange(d)[:, None]
         shape = (cells, d, d, nodes)
@@ -144,8 +149,8 @@ class Element:
         )
 
     @cached_property
-    def _slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Cell means of the slopes of shape functions, (cells, nodes, dimension), and volumes.
+    def _means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`mean_slopes` and volumes.
 
         By the rule of the stiffness: exact for ∫ ∇φ dx.
         """
