@@ -26,7 +26,7 @@ from scipy import sparse
 
 from contact_app.scene import Material
 from meshes import Reference, versions
-from meshes.subdomains import vtk_order
+from meshes.subdomains import vtk_order, vtk_shapes
 
 CURVED = {"triangle": 4, "quadrilateral": 5, "tetrahedron": 5, "hexahedron": 7}
 """Degree of the shape functions of second order times the Jacobian of curved cells."""
@@ -159,8 +159,7 @@ class Element:
         rule = quadrature_degree(cell, reference.degree, curved)
         points, weights = versions.quadrature(cell, rule)
         own, mapping = (
-            versions.lagrange_slopes(cell, degree, points)[..., list(vtk_order(cell, degree))]
-            for degree in (reference.degree, 2 if curved else 1)
+            vtk_shapes(cell, degree, points)[1] for degree in (reference.degree, 2 if curved else 1)
         )
         corners = reference.points[reference.cells[:, : mapping.shape[2]], :d]
         jacobian = np.einsum("cni,qkn->cqik", corners, mapping)

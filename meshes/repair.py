@@ -21,7 +21,6 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from meshes import versions
 from meshes.quadratic import (
     EDGES,
     STRAIGHT,
@@ -33,7 +32,7 @@ from meshes.quadratic import (
     with_middles,
 )
 from meshes.read import FileContent, read_file
-from meshes.subdomains import vtk_order
+from meshes.subdomains import vtk_shapes
 from meshes.unstructured import CellMesh, MeshError, Topology
 
 SAME_PLACE = 1e-9
@@ -258,7 +257,7 @@ def _curved(
         raise MeshError(_which(points, cells, apart, what, number))
     folded = np.zeros(len(cells), bool)
     rows = np.flatnonzero(bulge > STRAIGHT)
-    slopes = versions.lagrange_slopes(cell, 2, _lattice(cell))[..., list(vtk_order(cell, 2))]
+    slopes = vtk_shapes(cell, 2, _lattice(cell))[1]
     for part in np.array_split(rows, len(rows) // BATCH + 1):
         jacobian = np.linalg.det(np.einsum("qrk,cki->cqir", slopes, places[nodes[part]]))
         folded[part] = jacobian.min(axis=1) <= FOLDED * jacobian.max(axis=1)

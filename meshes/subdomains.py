@@ -41,6 +41,15 @@ def vtk_order(cell: str, degree: int) -> tuple[int, ...]:
     return tuple(int(i) for i in away.argmin(axis=1))
 
 
+def vtk_shapes(
+    cell: str, degree: int, points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shape functions (points, nodes) and their slopes (points, dimension, nodes), VTK order."""
+    order = list(vtk_order(cell, degree))
+    values = versions.lagrange_values(cell, degree, points)[:, order]
+    return values, versions.lagrange_slopes(cell, degree, points)[..., order]
+
+
 @dataclass(frozen=True, eq=False)
 class Reference:
     """Mesh of one congruence class of subdomains, on one process.

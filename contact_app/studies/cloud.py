@@ -24,7 +24,7 @@ from contact_app.assembly import lame
 from contact_app.scene import Material
 from meshes import versions
 from meshes.quadratic import VERTICES
-from meshes.subdomains import vtk_order
+from meshes.subdomains import vtk_order, vtk_shapes
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -124,7 +124,7 @@ class Cloud:
         """
         finest, d = self._finest, self._finest.dimension
         points, weights = versions.quadrature(finest.cell, rule)
-        values, slopes = _shapes(finest.cell, finest.degree, points)
+        values, slopes = vtk_shapes(finest.cell, finest.degree, points)
         for start in range(0, len(finest.cells), BATCH):
             rows = slice(start, start + BATCH)
             jacobian = slopes @ finest.points[finest.cells[rows]][:, None, :, :d]
@@ -146,29 +146,22 @@ def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> spar
     cell = versions.original_cells(grid)[versions.cells_at(grid, at)]
     x = mesh.points[mesh.cells[cell]][..., :d]
     place = np.full((len(at), d), 1.0 / 3.0 if corners == d + 1 else 0.5)
-    values, slopes = _shapes(mesh.cell, mesh.degree, place)
+    values, slopes = vtk_shapes(mesh.cell, mesh.degree, place)
     for _ in range(STEPS):
         away = at[:, :d] - np.einsum("nk,nki->ni", values, x)
         jacobian = np.einsum("nrk,nki->nri", slopes, x)
         step = np.linalg.solve(np.swapaxes(jacobian, 1, 2), away[..., None])[..., 0]
         place = place + step
-        values, slopes = _shapes(mesh.cell, mesh.degree, place)
+        values, slopes = vtk_shapes(mesh.cell, mesh.degree, place)
         if np.abs(step).max(initial=0.0) < 1e-12:
             break
     columns = mesh.cells[cell]
     if first_order:
         columns = columns[:, :corners]
-        values = _shapes(mesh.cell, 1, place)[0]
+        values = vtk_shapes(mesh.cell, 1, place)[0]
     rows = np.broadcast_to(np.arange(len(at))[:, None], columns.shape)
     shape = (len(at), len(mesh.points))
     return sparse.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-
-
-def _shapes(cell: str, degree: int, points: Array) -> tuple[Array, Array]:
-    """Shape functions (points, nodes) and their slopes (points, dimension, nodes), VTK order."""
-    order = list(vtk_order(cell, degree))
-    values = versions.lagrange_values(cell, degree, points)[:, order]
-    return values, versions.lagrange_slopes(cell, degree, points)[..., order]
 
 
 def _corners(dimension: int, nodes: int) -> int:

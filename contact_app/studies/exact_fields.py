@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contact_app.assembly import cell_moduli, stress
 from contact_app.run import SolvedScene
 from meshes import versions
-from meshes.subdomains import vtk_order
+from meshes.subdomains import vtk_shapes
 
 Array = NDArray[np.float64]
 Field = Callable[[Array], Array]
@@ -34,10 +34,8 @@ def relative_errors(
     sums = np.zeros(4)
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         reference, degree = s.reference, s.reference.degree
-        order = list(vtk_order(reference.cell, degree))
         points, weights = versions.quadrature(reference.cell, 2 * degree + 4)
-        values = versions.lagrange_values(reference.cell, degree, points)[:, order]
-        slopes = versions.lagrange_slopes(reference.cell, degree, points)[..., order]
+        values, slopes = vtk_shapes(reference.cell, degree, points)
         x = s.points()[reference.cells][..., :d]
         u = solved.solution.displacements[cls][:, column].reshape(-1, d)[reference.cells]
         jacobian = np.einsum("qrk,cki->cqri", slopes, x)
