@@ -357,8 +357,8 @@ class Configuration(Model):
     )
     symmetry: Literal["none", "allow"] = Field(
         "none",
-        description="allow: a scene of boxes that mirrors about planes midway through its bodies "
-        "is solved on one side of them and written as a whole; none.",
+        description="allow: a scene that mirrors about planes midway through its bodies is "
+        "solved on one side of them and written as a whole; none.",
     )
     accuracy: Annotated[float, Field(ge=1e-4, lt=1)] | None = Field(
         None,

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from contact_app.errors import ConfigurationError
 from contact_app.facets import moments
 from contact_app.fields import NodeFields
-from contact_app.model import Model, boundary_nodes, facets_of
+from contact_app.model import Model, boundary_nodes, facets_of, surface_facets
 from contact_app.solution import Solution
 
 ENTERED = 1e-2
@@ -47,7 +47,7 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         if s.body != contact.body:
             continue
-        surface = np.unique(s.reference.facets[s.exterior])
+        surface = np.unique(s.reference.facets[surface_facets(s, body)])
         beside = np.setdiff1d(surface, boundary_nodes(s, body, contact.boundary))
         u = solution.displacements[cls][:, column].reshape(-1, d)[beside]
         try:

@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.scene import Mirror
+from contact_app.scene import Mirror, Scene
 from meshes.quadratic import node_vertices
 
 if TYPE_CHECKING:
@@ -61,9 +61,8 @@ class Image:
 
     def points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coordinates (n, 3) of the images of points."""
-        points = points.copy()
         for mirror in self.mirrors:
-            points[:, mirror.axis] = 2.0 * mirror.at - points[:, mirror.axis]
+            points = mirror.image(points)
         return points
 
     def field(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -100,14 +99,20 @@ class Whole:
     weight: NDArray[np.int64]
 
 
+def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (…, 3) lie on each of a scene's planes, (planes, …)."""
+    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
+    tolerance = ON_PLANE * float(np.ptp(ends, axis=(0, 1)).max())
+    on = np.zeros((len(scene.mirrors), *points.shape[:-1]), bool)
+    for k, mirror in enumerate(scene.mirrors):
+        on[k] = np.abs(points[..., mirror.axis] - mirror.at) <= tolerance
+    return on
+
+
 def whole(model: Model, nodes: NodeFields) -> Whole:
     """Number the nodes of the whole (collective)."""
     comm, mirrors = model.comm, model.scene.mirrors
-    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in model.scene.bodies])
-    size = float(np.ptp(ends, axis=(0, 1)).max())
-    on = np.zeros((len(mirrors), len(nodes.points)), bool)
-    for k, mirror in enumerate(mirrors):
-        on[k] = np.abs(nodes.points[:, mirror.axis] - mirror.at) <= ON_PLANE * size
+    on = on_planes(model.scene, nodes.points)
     images: dict[tuple[int, ...], Image] = {}
     total = 0
     for subset in _subsets(len(mirrors)):

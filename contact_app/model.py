@@ -27,7 +27,7 @@ from contact_app.distant import distant
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.memory import give_back
 from contact_app.mortar import SurfacesApartError, mean_gaps
-from contact_app.pairs import gather_surface, owned_rows
+from contact_app.pairs import gather_surface, of_what_is_solved, owned_rows
 from contact_app.scene import (
     Body,
     Contact,
@@ -320,11 +320,17 @@ def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[
     """Rows of the reference's facets on a boundary: those with all nodes on it."""
     if boundary not in body.boundaries:
         return subdomain.boundaries.get(boundary, np.zeros(0, np.int32))
-    if len(subdomain.exterior) == 0:
-        return subdomain.exterior
+    surface = surface_facets(subdomain, body)
+    if len(surface) == 0:
+        return surface
     inside = body.boundaries[boundary](subdomain.points())
-    facets = subdomain.reference.facets[subdomain.exterior]
-    return subdomain.exterior[inside[facets].all(axis=1)]
+    return surface[inside[subdomain.reference.facets[surface]].all(axis=1)]
+
+
+def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
+    """Rows of the reference's facets on the surface of a body, cuts of symmetry not among them."""
+    cuts = [subdomain.boundaries[name] for name in body.cuts if name in subdomain.boundaries]
+    return np.setdiff1d(subdomain.exterior, np.concatenate(cuts)) if cuts else subdomain.exterior
 
 
 def facets_of(
@@ -343,7 +349,7 @@ def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[n
     facets = subdomain.reference.facets
     if boundary not in body.boundaries:
         return np.unique(facets[boundary_facets(subdomain, body, boundary)])
-    nodes = np.unique(facets[subdomain.exterior])
+    nodes = np.unique(facets[surface_facets(subdomain, body)])
     if len(nodes) == 0:
         return nodes
     return nodes[body.boundaries[boundary](subdomain.points()[nodes])]
@@ -441,7 +447,7 @@ def _pair_rows(
     ):  # fmt: skip
         body = scene.bodies[b]
         chosen = facets_of(scene, partition, b, boundary)
-        side = gather_surface(partition, chosen)
+        side = gather_surface(scene, partition, chosen)
         if side is None:
             raise ConfigurationError(
                 f"{scene.at(pair.source)}.{key}: no whole facet of the surface of {body.name} lies "
@@ -452,6 +458,8 @@ def _pair_rows(
         found = mean_gaps(*sides)
     except SurfacesApartError as error:
         raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
+    if scene.mirrors:
+        found = of_what_is_solved(scene, partition.nodes, found)
     return owned_rows(exchange, found, len(scene.contacts) + number)
 
 

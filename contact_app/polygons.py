@@ -59,7 +59,10 @@ def _sagitta(
     points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
     facets = mesh.topology.facets
     if contact.boundary in body.boundaries:
-        facets = facets[body.boundaries[contact.boundary](points)[facets].all(axis=1)]
+        inside = body.boundaries[contact.boundary](points)[facets].all(axis=1)
+        for name in body.cuts:
+            inside[mesh.sides[name]] = False
+        facets = facets[inside]
     else:
         facets = facets[mesh.sides[contact.boundary]]
     first, second = _neighbours(facets, d)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, NoReturn, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_app import configuration as c
 from contact_app.errors import ConfigurationError
@@ -176,6 +177,9 @@ class Body:
     degree_given
         Whether the file names a degree or asks for what holds for degree 1 alone: else a run to an
         accuracy chooses one.
+    cuts
+        Boundaries at which it was cut from the rest of a symmetric body, whose surface has no part
+        of them.
     """
 
     name: str
@@ -184,6 +188,7 @@ class Body:
     materials: tuple[Material, ...]
     boundaries: dict[str, Expression]
     degree_given: bool = True
+    cuts: tuple[str, ...] = ()
 
     @property
     def nodes(self) -> int:
@@ -298,6 +303,12 @@ class Mirror:
 
     axis: int
     at: float
+
+    def image(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Images of points (…, 3)."""
+        image = points.copy()
+        image[..., self.axis] = 2.0 * self.at - image[..., self.axis]
+        return image
 
 
 @dataclass(frozen=True)

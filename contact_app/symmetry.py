@@ -6,21 +6,23 @@ cut face keeps the displacement across the plane at zero. The answer of the whol
 half: the energy of a scene is convex, so if u is a minimiser, so is the mean of u and its mirror
 image. Planes across several axes make a quarter or an eighth.
 
-Only boxes of quadrilaterals and hexahedra with an even number of cells are looked at: triangles and
-tetrahedra cut their cells along diagonals that no mirror keeps. Each body has to be its own mirror
-image. What stands in the way along an axis is told.
+Each body has to be its own mirror image, a box by its number of cells, a mesh from a file node by
+node and cell by cell (`meshes.halves`). Boundaries mirror where their nodes and facets do: what
+acts on one needs a counterpart on its image, whatever the two are called. What stands in the way
+along an axis is told.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from hashlib import sha1
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.averaged import has_averaged_rows
 from contact_app.obstacles import Cylinder, Obstacle, Plane, Sphere
 from contact_app.scene import (
     Body,
@@ -35,11 +37,17 @@ from contact_app.scene import (
     Scene,
     Traction,
 )
+from meshes.halves import SAME, AsymmetryError, HalfSurface, half_box, half_mesh
 
 ALIKE = 1e-12
 """Relative difference below which two numbers of a scene are the same."""
 
+SAMPLES = {2: 32, 3: 8}
+"""Points along the edge of a facet at which expressions are compared where meshes are refined."""
+
+Bools = NDArray[np.bool_]
 Item = DisplacementCondition | Traction | Pressure | BodyForce | Contact | BodyContact
+Key = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -58,54 +66,214 @@ class Halving:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A boundary of a symmetric body, on the surface of its lower half and of the image of it.
+
+    Attributes
+    ----------
+    nodes, facets : (2, nodes), (2, facets)
+        Which belong to it in the half, and whose images do.
+    beside : (nodes,)
+        Nodes that do not lie on the plane.
+    samples : (2, points)
+        Whether further points are inside an expression.
+    """
+
+    nodes: Bools
+    facets: Bools
+    beside: Bools
+    samples: Bools
+
+    def key(self, image: bool = False) -> Key:
+        """What equals the key of another boundary if both are one; or that of its image."""
+        order = slice(None, None, -1) if image else slice(None)
+        parts = [np.packbits(m[order], axis=1) for m in (self.nodes, self.facets, self.samples)]
+        return tuple(sha1(p.tobytes(), usedforsecurity=False).digest() for p in parts)
+
+    def kept(self, by_facets: bool) -> bool:
+        """Whether what acts here acts on the half, too, or else is an image of what does."""
+        here, there = (self.facets if by_facets else self.nodes & self.beside).any(axis=1)
+        return bool(here or not there)
+
+
 def halved(scene: Scene) -> Halving:
     """Cut a scene at each plane it mirrors about."""
     notes = []
     for axis in range(scene.dimension):
-        why, name = _asymmetry(scene, axis), "xyz"[axis]
-        if why:
-            notes.append(f"symmetry: none across {name}: {why}")
-        else:
+        name = "xyz"[axis]
+        try:
             scene = _cut(scene, axis)
-            at = scene.mirrors[-1].at
-            notes.append(
-                f"symmetry: everything mirrors about {name} = {at:g}: what lies above is left out "
-                "of the solve and written as the image of what lies below"
-            )
+        except AsymmetryError as why:
+            notes.append(f"symmetry: none across {name}: {why}")
+            continue
+        at = scene.mirrors[-1].at
+        notes.append(
+            f"symmetry: everything mirrors about {name} = {at:g}: what lies above is left out "
+            "of the solve and written as the image of what lies below"
+        )
+    if scene.mirrors:
+        notes += [
+            f"symmetry: the {body.mesh.cell}s of {body.name} are laid out in what is solved and "
+            "mirrored, so that the diagonals of the whole mirror, too"
+            for body in scene.bodies
+            if isinstance(body.mesh, Box) and body.mesh.cell in ("triangle", "tetrahedron")
+        ]
     return Halving(scene, tuple(notes))
 
 
-def _asymmetry(scene: Scene, axis: int) -> str:
-    """Why a scene does not mirror about the middle of an axis; empty where it does."""
-    middles = []
-    for body in scene.bodies:
-        mesh = body.mesh
-        if not isinstance(mesh, Box):
-            return f"the mesh of {body.name} is no box"
-        if mesh.cell not in ("quadrilateral", "hexahedron"):
-            return f"the diagonals of {body.name}'s {mesh.cell}s have no mirror image"
-        if mesh.cells[axis] % 2:
-            return f"{body.name} has an odd number of cells, {mesh.cells[axis]}"
-        middles.append(0.5 * (mesh.lower[axis] + mesh.upper[axis]))
-    size = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
-    if np.ptp(middles) > ALIKE * max(size, *map(abs, middles)):
-        return "the bodies have different middles"
-    mirror = Mirror(axis, middles[0])
-    items = _items(scene)
-    used = {(i.body, i.boundary) for i in items if not isinstance(i, BodyForce)}
-    used |= {(i.other, i.other_boundary) for i in items if isinstance(i, BodyContact)}
-    for number, boundary in sorted(used):
-        body = scene.bodies[number]
-        if boundary in body.boundaries:
-            why = _boundary_asymmetry(body, boundary, mirror)
-            if why:
-                return f"{body.name}.{boundary} {why}"
-    known = [_described(item, size) for item in items]
-    for item in items:
-        image = _described(item, size, mirror)
-        if not any(_alike(image, other) for other in known):
-            return f"{item.source} has no mirror image"
-    return ""
+def _cut(scene: Scene, axis: int) -> Scene:
+    """The lower side of the middle of an axis; raises where the scene does not mirror about it."""
+    mirror = _plane(scene, axis)
+    halves = [_half(body, mirror) for body in scene.bodies]
+    bodies = [body for body, _ in halves]
+    parts: dict[tuple[int, str], _Part] = {}
+
+    def part(body: int, boundary: str) -> _Part:
+        if (body, boundary) not in parts:
+            samples = SAMPLES[scene.dimension] if scene.accuracy is not None else 0
+            found = _part(scene.bodies[body], halves[body][1], boundary, samples)
+            parts[body, boundary] = found
+        return parts[body, boundary]
+
+    _refuse_unpaired(scene, mirror, part)
+
+    def kept(items: Iterable[Any]) -> tuple[Any, ...]:
+        return tuple(item for item in items if _is_kept(item, bodies, part))
+
+    held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
+    planes = [
+        DisplacementCondition(number, body.cuts[-1], held, f"symmetry across {'xyz'[axis]}")
+        for number, body in enumerate(bodies)
+    ]
+    return replace(
+        scene,
+        bodies=tuple(bodies),
+        displacements=(*kept(scene.displacements), *planes),
+        tractions=kept(scene.tractions),
+        pressures=kept(scene.pressures),
+        contacts=kept(scene.contacts),
+        pairs=kept(scene.pairs),
+        decomposition=_divided(scene.decomposition, bodies),
+        mirrors=(*scene.mirrors, mirror),
+    )
+
+
+def _plane(scene: Scene, axis: int) -> Mirror:
+    """The middle of all bodies along an axis."""
+    ends = np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in scene.bodies])
+    boxes = np.array([isinstance(b.mesh, Box) for b in scene.bodies])
+    middles, size = ends.mean(axis=1), _size(scene)
+    at = float(middles[np.argmax(boxes)])  # a box has it exactly
+    tolerance = np.where(boxes, ALIKE * max(size, *np.abs(middles)), SAME * size)
+    if (np.abs(middles - at) > tolerance).any():
+        raise AsymmetryError("the bodies have different middles")
+    return Mirror(axis, at)
+
+
+def _size(scene: Scene) -> float:
+    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+
+
+def _half(body: Body, mirror: Mirror) -> tuple[Body, HalfSurface]:
+    """The lower half of a body, and its surface."""
+    mesh, axis, at = body.mesh, mirror.axis, mirror.at
+    try:
+        if isinstance(mesh, Box):
+            surface = half_box(mesh.shape(body.degree), axis)
+            upper, cells = list(mesh.upper), list(mesh.cells)
+            upper[axis], cells[axis] = at, cells[axis] // 2
+            cut = f"{'xyz'[axis]}+"
+            half: Any = replace(mesh, upper=tuple(upper), cells=tuple(cells))
+        else:
+            cut = f"cut across {'xyz'[axis]}"
+            while cut in (*mesh.boundaries, *body.boundaries):
+                cut += "'"
+            alike = np.array([body.materials.index(m) for m in body.materials])
+            half, surface = half_mesh(mesh.shape(1), body.degree, alike, axis, at, cut)
+    except AsymmetryError as why:
+        raise AsymmetryError(f"{body.name} {why}") from None
+    return replace(body, mesh=half, cuts=(*body.cuts, cut)), surface
+
+
+def _part(body: Body, surface: HalfSurface, boundary: str, samples: int) -> _Part:
+    """Where a boundary is on a symmetric body."""
+    beside, points = ~surface.on_plane, (surface.points, surface.images)
+    if boundary not in body.boundaries:
+        facets = np.stack(surface.sides[boundary])
+        nodes = np.zeros((2, len(beside)), bool)
+        for found, rows in zip(nodes, facets, strict=True):
+            found[surface.facets[rows]] = True
+        nodes |= nodes[::-1] & ~beside  # nodes on the plane are one
+        return _Part(nodes, facets, beside, np.zeros((2, 0), bool))
+    expression = body.boundaries[boundary]
+    own = np.ones(len(surface.facets), bool)
+    for name in body.cuts:
+        own &= ~surface.sides[name][0]
+    nodes = np.stack([expression(x) for x in points])
+    nodes[1, ~beside] = nodes[0, ~beside]
+    facets = nodes[:, surface.facets].all(axis=2) & own
+    on_surface = np.zeros(len(beside), bool)
+    on_surface[surface.facets[own]] = True
+    between = np.zeros((2, 0), bool)
+    if samples:
+        shares = _shares(len(body.mesh.lower), body.mesh.cell, samples)
+        vertices = surface.facets[own][:, : shares.shape[1]]
+        between = np.stack(
+            [
+                expression(np.einsum("sv,fvi->fsi", shares, x[vertices]).reshape(-1, 3))
+                for x in points
+            ]
+        )
+    return _Part(nodes & on_surface, facets, beside, between)
+
+
+def _shares(dimension: int, cell: str, count: int) -> NDArray[np.float64]:
+    """Shares of the vertices of a facet in points all over it, (points, vertices)."""
+    t = np.linspace(0.0, 1.0, count + 1)
+    line = np.stack([1.0 - t, t], axis=1)
+    if dimension == 2:
+        return line
+    if cell == "hexahedron":  # vertices anticlockwise
+        corners = np.einsum("si,tj->stij", line, line).reshape(-1, 4)
+        return corners[:, [0, 1, 3, 2]]
+    a, b = (g.ravel() for g in np.meshgrid(t, t))
+    inside = a + b <= 1.0 + 1e-9
+    return np.stack([1.0 - a - b, a, b], axis=1)[inside]
+
+
+def _refuse_unpaired(scene: Scene, mirror: Mirror, part: Callable[[int, str], _Part]) -> None:
+    """Refuse what acts on a scene as often as its image does not."""
+    items, size = _items(scene), _size(scene)
+    known = [_described(item, size, part) for item in items]
+    for item, own in zip(items, known, strict=True):
+        image = _described(item, size, part, mirror)
+        if sum(_alike(image, k) for k in known) != sum(_alike(own, k) for k in known):
+            raise AsymmetryError(f"{item.source} has no mirror image")
+
+
+def _is_kept(item: Item, bodies: list[Body], part: Callable[[int, str], _Part]) -> bool:
+    """Whether an item acts on the lower half."""
+    if isinstance(item, BodyContact):
+        sides = (part(item.body, item.boundary), part(item.other, item.other_boundary))
+        return all(side.kept(by_facets=True) for side in sides)
+    assert not isinstance(item, BodyForce)
+    by_facets = isinstance(item, Traction | Pressure)
+    by_facets |= isinstance(item, Contact) and has_averaged_rows(bodies[item.body])
+    return part(item.body, item.boundary).kept(by_facets)
+
+
+def _divided(decomposition: Decomposition, bodies: list[Body]) -> Decomposition:
+    """The subdomains asked for, as far as what is solved has cells."""
+    parts = decomposition.subdomains
+    if isinstance(parts, int):
+        parts = min(parts, sum(body.mesh.total_cells for body in bodies))
+    elif parts is not None:
+        boxes = [body.mesh.cells for body in bodies if isinstance(body.mesh, Box)]
+        parts = tuple(map(min, zip(parts, *boxes, strict=True)))
+        while any(body.mesh.uncuttable(parts, body.name) for body in bodies):
+            parts = tuple(p - 1 if p == max(parts) else p for p in parts)
+    return Decomposition(parts)
 
 
 def _items(scene: Scene) -> list[Item]:
@@ -116,60 +284,14 @@ def _items(scene: Scene) -> list[Item]:
     ]  # fmt: skip
 
 
-def _boundary_asymmetry(body: Body, name: str, mirror: Mirror) -> str:
-    """What keeps a boundary given by an expression from being its own mirror image."""
-    inside = body.boundaries[name]
-    points = _surface_points(body)
-    image = points.copy()
-    image[:, mirror.axis] = 2.0 * mirror.at - image[:, mirror.axis]
-    if (inside(points) != inside(image)).any():
-        return "has no mirror image"
-    cut = _lattice(body)
-    cut[mirror.axis] = np.array([mirror.at])
-    on = inside(_grid(cut)).reshape([len(a) for a in cut])
-    inner, facets = on, on
-    for axis in set(range(len(body.mesh.lower))) - {mirror.axis}:
-        inner = np.take(inner, range(1, inner.shape[axis] - 1), axis)
-        facets = np.take(facets, range(0, facets.shape[axis], body.degree), axis)
-        facets = np.logical_and(*(np.delete(facets, end, axis) for end in (0, -1)))
-    if inner.any() or facets.any():
-        return "reaches into the body, where it would be cut"
-    return ""
-
-
-def _lattice(body: Body) -> list[NDArray[np.float64]]:
-    """Coordinates of the nodes of a box along each axis; in the plane z is zero."""
-    mesh = body.mesh
-    assert isinstance(mesh, Box)
-    axes = [
-        np.linspace(a, b, body.degree * n + 1)
-        for a, b, n in zip(mesh.lower, mesh.upper, mesh.cells, strict=True)
-    ]
-    return axes + [np.zeros(1)] * (3 - len(axes))
-
-
-def _surface_points(body: Body) -> NDArray[np.float64]:
-    """Nodes on the faces of a box (n, 3), those of edges more than once."""
-    faces = []
-    for axis, end in itertools.product(range(len(body.mesh.lower)), (0, -1)):
-        lattice = _lattice(body)
-        lattice[axis] = lattice[axis][[end]]
-        faces.append(_grid(lattice))
-    return np.concatenate(faces)
-
-
-def _grid(axes: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
 def _described(
-    item: Item, size: float, mirror: Mirror | None = None
-) -> tuple[tuple[Any, ...], NDArray[np.float64]]:
+    item: Item, size: float, part: Callable[[int, str], _Part], mirror: Mirror | None = None
+) -> tuple[Key, NDArray[np.float64]]:
     """What an item is, or its mirror image: words, and numbers of order one to compare."""
-    kind = type(item).__name__
+    kind, image = type(item).__name__, mirror is not None
     if isinstance(item, BodyForce):
         return (kind, item.body), _scaled(_reflected(item.vector, mirror))
-    where: tuple[Any, ...] = (kind, item.body, _face(item.boundary, mirror))
+    where: Key = (kind, item.body, part(item.body, item.boundary).key(image))
     if isinstance(item, DisplacementCondition):
         free = tuple(v is None for v in item.values)
         values = _reflected([v or 0.0 for v in item.values], mirror)
@@ -179,16 +301,10 @@ def _described(
     if isinstance(item, Pressure):
         return where, _scaled(np.array([item.value]))
     if isinstance(item, BodyContact):
-        return (*where, item.other, _face(item.other_boundary, mirror)), np.zeros(0)
+        other = part(item.other, item.other_boundary).key(image)
+        return (*where, item.other, other), np.zeros(0)
     words, numbers = _described_obstacle(item.obstacle, size, mirror)
     return (*where, *words), numbers
-
-
-def _face(boundary: str, mirror: Mirror | None) -> str:
-    """The face of a box opposite along the axis; other boundaries are their own image."""
-    if mirror is None or boundary[:-1] != "xyz"[mirror.axis] or boundary[-1] not in "-+":
-        return boundary
-    return boundary[:-1] + ("+" if boundary[-1] == "-" else "-")
 
 
 def _reflected(vector: Iterable[float], mirror: Mirror | None) -> NDArray[np.float64]:
@@ -211,10 +327,8 @@ def _described_obstacle(
     """Kind and numbers that are equal for equal obstacles, lengths over a size of the scene."""
 
     def point(values: Iterable[float]) -> NDArray[np.float64]:
-        image = np.array(list(values), float)
-        if mirror is not None:
-            image[mirror.axis] = 2.0 * mirror.at - image[mirror.axis]
-        return image
+        here = np.array(list(values), float)
+        return here if mirror is None else mirror.image(here)
 
     if isinstance(obstacle, Plane):
         normal = _reflected(obstacle.normal, mirror)
@@ -233,42 +347,3 @@ def _described_obstacle(
 
 def _alike(a: tuple[tuple[Any, ...], Any], b: tuple[tuple[Any, ...], Any]) -> bool:
     return a[0] == b[0] and np.allclose(a[1], b[1], rtol=ALIKE, atol=ALIKE)
-
-
-def _cut(scene: Scene, axis: int) -> Scene:
-    """The lower side of the middle of an axis."""
-    name, bodies = "xyz"[axis], []
-    for body in scene.bodies:
-        mesh = body.mesh
-        assert isinstance(mesh, Box)
-        at = 0.5 * (mesh.lower[axis] + mesh.upper[axis])
-        upper, cells = list(mesh.upper), list(mesh.cells)
-        upper[axis], cells[axis] = at, cells[axis] // 2
-        bodies.append(replace(body, mesh=replace(mesh, upper=tuple(upper), cells=tuple(cells))))
-    held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
-    cut = f"{name}+"
-    planes = [
-        DisplacementCondition(number, cut, held, f"symmetry across {name}")
-        for number in range(len(bodies))
-    ]
-
-    def kept(items: Iterable[Any]) -> tuple[Any, ...]:
-        return tuple(i for i in items if i.boundary != cut)
-
-    parts = scene.decomposition.subdomains  # of what is solved, as far as it has cells
-    if isinstance(parts, int):
-        parts = min(parts, sum(b.mesh.total_cells for b in bodies))
-    elif parts is not None:
-        most = min(b.mesh.cells[axis] for b in bodies)  # type: ignore[attr-defined]
-        parts = tuple(min(p, most) if a == axis else p for a, p in enumerate(parts))
-    return replace(
-        scene,
-        bodies=tuple(bodies),
-        displacements=(*kept(scene.displacements), *planes),
-        tractions=kept(scene.tractions),
-        pressures=kept(scene.pressures),
-        contacts=kept(scene.contacts),
-        pairs=kept(scene.pairs),
-        decomposition=Decomposition(parts),
-        mirrors=(*scene.mirrors, Mirror(axis, at)),
-    )

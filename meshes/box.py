@@ -96,9 +96,9 @@ class BoxShape:
         brick = replace(self, upper=tuple(upper), cells=(1,) * self.dimension)
         reference = Reference.of(brick.mesh(), self.cell, self.degree)
         offsets = brick.lattice(reference.points)[reference.cells] @ self.strides
-        bricks = _lattice(self.cells) @ (self.degree * self.strides)
+        bricks = lattice_places(self.cells) @ (self.degree * self.strides)
         cells = (bricks[:, None, None] + offsets).reshape(-1, offsets.shape[1])
-        place = _lattice([self.degree * n + 1 for n in self.cells])
+        place = lattice_places([self.degree * n + 1 for n in self.cells])
         points = place * (self.spacing / self.degree) + np.array(self.lower)
         topology = Topology.of(cells, self.cell)
         return CellMesh(
@@ -118,7 +118,7 @@ class BoxShape:
         return np.rint(places).astype(np.int64)
 
 
-def _lattice(counts: Sequence[int]) -> NDArray[np.int64]:
+def lattice_places(counts: Sequence[int]) -> NDArray[np.int64]:
     """All places of a lattice, (n, dimension), the first axis fastest."""
     axes = np.indices(tuple(counts)[::-1]).reshape(len(counts), -1)
     return axes[::-1].T.astype(np.int64)

@@ -34,9 +34,16 @@ FACETS = {
 
 def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
     """Row of `table` that equals each row of `wanted`; all of them are there, rows are sorted."""
+    return row_places(table, wanted)
+
+
+def row_places(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row of `table` that equals each row of `wanted`, -1 where there is none; rows are sorted."""
     keys = _row_keys(np.concatenate([table, wanted]))
-    order = np.argsort(keys[: len(table)])
-    return order[np.searchsorted(keys[: len(table)], keys[len(table) :], sorter=order)]
+    own, asked = keys[: len(table)], keys[len(table) :]
+    order = np.argsort(own)
+    at = order[np.minimum(np.searchsorted(own, asked, sorter=order), len(own) - 1)]
+    return np.asarray(np.where(own[at] == asked, at, -1))
 
 
 def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:

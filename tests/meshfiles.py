@@ -15,7 +15,9 @@ from pathlib import Path
 import meshio
 import numpy as np
 
-from meshes.quadratic import node_vertices
+from meshes import BoxShape
+from meshes.quadratic import node_vertices, reordering
+from meshes.repair import REVERSED
 
 MESHIO = {
     "triangle": "triangle",
@@ -93,6 +95,48 @@ def named(cell: str, points: np.ndarray, cells: np.ndarray) -> meshio.Mesh:
                    "gmsh:geometrical": [np.where(soft, 1, 2), np.concatenate(numbers)]},
         field_data={name: np.array(v) for name, v in field_data.items()},
     )  # fmt: skip
+
+
+def mirrored(cell: str, n: int, axes: str) -> meshio.Mesh:
+    """The unit block of n cells along each axis, divided as a box of half of them and its images.
+
+    Nodes and cells are in a random order.
+    """
+    d = dimension(cell)
+    cut = [axis for axis in range(d) if "xyz"[axis] in axes]
+    upper = tuple(0.5 if axis in cut else 1.0 for axis in range(d))
+    counts = tuple(n // 2 if axis in cut else n for axis in range(d))
+    half = BoxShape((0.0,) * d, upper, counts, cell).cell_mesh()
+    points = np.pad(half.points, ((0, 0), (0, 3 - d)))
+    mesh = meshio.Mesh(points, [(MESHIO[cell], half.cells)])
+    for axis in cut:
+        mesh = with_image(mesh, axis, 0.5)
+    random = np.random.default_rng(3)
+    order = random.permutation(len(mesh.points))
+    cells = np.argsort(order)[random.permutation(mesh.cells[0].data)]
+    return named(cell, mesh.points[order], cells)
+
+
+def with_image(mesh: meshio.Mesh, axis: int, at: float) -> meshio.Mesh:
+    """A mesh and its mirror image about a plane across an axis; nodes on the plane are one."""
+    beside = np.abs(mesh.points[:, axis] - at) > 1e-9
+    image = np.arange(len(mesh.points))
+    image[beside] = len(mesh.points) + np.arange(beside.sum())
+    points = mesh.points[beside]
+    points[:, axis] = 2.0 * at - points[:, axis]
+    blocks = []
+    for block in mesh.cells:
+        cells = image[block.data]
+        known = [c for c, names in SECOND.items() if block.type in (MESHIO[c], *names)]
+        if known and block.dim == max(b.dim for b in mesh.cells):
+            cells = cells[:, reordering(known[0], REVERSED[known[0]])[: cells.shape[1]]]
+        blocks.append((block.type, np.concatenate([block.data, cells])))
+    return meshio.Mesh(
+        np.concatenate([mesh.points, points]),
+        blocks,
+        cell_data={k: [np.tile(v, 2) for v in values] for k, values in mesh.cell_data.items()},
+        field_data=mesh.field_data,
+    )
 
 
 SECOND = {

@@ -17,7 +17,8 @@ from contact_app.run import run, solve_scene
 from contact_app.scene import build_scene
 from contact_app.stored import read
 from contact_app.symmetry import halved
-from tests import scenes
+from meshes.quadratic import VERTICES, node_vertices
+from tests import meshfiles, scenes
 from tests.contact_app.test_ranks import summary_of
 
 
@@ -50,17 +51,40 @@ def files(made: scenes.Config, directory: Path, name: str) -> tuple[dict[str, An
     return summary, read(directory / name)
 
 
+def from_file(made: scenes.Config, directory: Path, axes: str = "xy") -> scenes.Config:
+    """The same on a mesh file that is divided as the box is where it is cut across some axes."""
+    made = copy.deepcopy(made)
+    box = made["bodies"][0]["mesh"]["box"]
+    axes = axes[: len(box["cells"]) - 1]
+    mesh = meshfiles.mirrored(box["cell"], box["cells"][0], axes)
+    made["bodies"][0]["mesh"] = {"file": str(meshfiles.write(mesh, directory / "block.msh"))}
+    return made
+
+
 @pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("cell", list(meshfiles.MESHIO))
 @pytest.mark.parametrize("split", [1, 3])
 def test_the_whole_is_written(cell: str, degree: int, split: int, tmp_path: Path) -> None:
-    """The same files as without: mesh, fields, totals; from a half (2D) or a quarter (3D)."""
+    """The same files as without: mesh, fields, totals; from a half (2D) or a quarter (3D).
+
+    The whole that triangles and tetrahedra are held against is divided as the images are.
+    """
     n = 4 if scenes.dimension(cell) == 2 else 2
     made = pressed(cell, n, degree)
     made["decomposition"] = {"subdomains": split}
-    known, grid = files(made, tmp_path, "known")
-    found, mirrored = files({**made, "symmetry": "allow"}, tmp_path, "found")
+    simplices = cell in ("triangle", "tetrahedron")
+    whole = from_file(made, tmp_path) if simplices else made
+    known, grid = files(whole, tmp_path, "known")
+    same_as(known, grid, *files({**made, "symmetry": "allow"}, tmp_path, "found"), cell, degree)
+    if simplices:
+        found = files({**whole, "symmetry": "allow"}, tmp_path, "file")
+        same_as(known, grid, *found, cell, degree)
 
+
+def same_as(
+    known: dict[str, Any], grid: Any, found: dict[str, Any], mirrored: Any, cell: str, degree: int
+) -> None:
+    """Hold the files of what was cut against those of the whole."""
     planes = ["x = 0.5", "y = 0.5"][: scenes.dimension(cell) - 1]
     assert found["symmetry"]["planes"] == planes
     assert found["symmetry"]["solved"]["cells"] * 2 ** len(planes) == known["mesh"]["cells"]
@@ -84,10 +108,11 @@ def test_the_whole_is_written(cell: str, degree: int, split: int, tmp_path: Path
             same, values, rtol=0, atol=3e-6 * np.abs(values).max(), err_msg=name
         )
     (kind,) = grid.cells
-    vertices = 2 ** scenes.dimension(cell)
-    order = cKDTree(mirrored.points[mirrored.cells[kind][:, :vertices]].mean(axis=1)).query(
-        grid.points[grid.cells[kind][:, :vertices]].mean(axis=1)
-    )[1]
+    vertices, d = VERTICES[cell], scenes.dimension(cell)
+    distance, order = cKDTree(
+        mirrored.points[mirrored.cells[kind][:, :vertices]].mean(axis=1)
+    ).query(grid.points[grid.cells[kind][:, :vertices]].mean(axis=1))
+    assert distance.max() < 1e-12
     for name, values in grid.cell_data.items():
         same = mirrored.cell_data[name][order]
         np.testing.assert_allclose(
@@ -96,22 +121,26 @@ def test_the_whole_is_written(cell: str, degree: int, split: int, tmp_path: Path
     # cells are turned alike, and the middles lie amid their vertices
     for these in (grid, mirrored):
         corners = these.points[these.cells[kind]]
-        edges = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
-        volume = np.cross(*edges)
-        height = corners[:, 4] - corners[:, 0] if vertices == 8 else np.array([0, 0, 1.0])
-        signed = np.sum(volume * height, axis=1)
-        assert (signed > 0).all() or (vertices == 4 and (signed < 0).all())  # as dolfinx has it
+        along = {"quadrilateral": [1, 3], "hexahedron": [1, 3, 4]}.get(cell, [1, 2, 3])[:d]
+        signed = np.linalg.det((corners[:, along] - corners[:, :1])[..., :d])
+        if cell in ("triangle", "tetrahedron"):  # in any order
+            assert np.abs(signed).sum() == pytest.approx({2: 2.0, 3: 6.0}[d])
+        else:
+            assert (signed > 0).all() or (d == 2 and (signed < 0).all())  # as dolfinx has it
         if degree == 2:
-            first_edge = corners[:, vertices] - 0.5 * (corners[:, 0] + corners[:, 1])
-            assert np.abs(first_edge).max() < 1e-12
-            centre = corners[:, -1] - corners[:, :vertices].mean(axis=1)
-            assert np.abs(centre).max() < 1e-12
+            for middle, on in enumerate(node_vertices(cell)[vertices:], vertices):
+                away = corners[:, middle] - corners[:, list(on)].mean(axis=1)
+                assert np.abs(away).max() < 1e-12
 
 
 @pytest.mark.mpi
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
-def test_two_ranks(tmp_path: Path) -> None:
-    made = {**pressed("hexahedron", 4), "symmetry": "allow", "decomposition": {"subdomains": 3}}
+@pytest.mark.parametrize("mesh", ["box", "file"])
+def test_two_ranks(mesh: str, tmp_path: Path) -> None:
+    made = pressed("hexahedron" if mesh == "box" else "tetrahedron", 4, 1 if mesh == "box" else 2)
+    made = {**made, "symmetry": "allow", "decomposition": {"subdomains": 3}}
+    if mesh == "file":
+        made = from_file(made, tmp_path)
     one, two = [summary_of(made, tmp_path, ranks) for ranks in (1, 2)]
     assert one["mesh"] == two["mesh"]
     assert one["symmetry"] == two["symmetry"]
@@ -144,22 +173,25 @@ BALL = {"sphere": {"center": [0.5, 0.4, 1.97], "radius": 1.0}}
     [
         ({}, "xy", ""),
         ({"bodies__0__mesh__box__cells": [3, 2, 2]}, "y", "odd number of cells"),
-        ({"bodies__0__mesh__box__cell": "tetrahedron"}, "", "diagonals"),
+        ({"bodies__0__mesh__box__cell": "tetrahedron"}, "xy", "tetrahedrons of block are laid out"),
         ({"conditions__1__pressure": -31}, "y", "conditions[1] has no mirror image"),
         ({"conditions__3__force": [0, 1, 5]}, "x", "conditions[3] has no mirror image"),
         ({"conditions__0__displacement": [0, 0.1, 0]}, "x", "conditions[0] has no mirror image"),
         ({"conditions__0__displacement": [0, 0, 0.1]}, "xy", ""),
         ({"contacts__0__obstacle": BALL}, "x", "contacts[0] has no mirror image"),
         ({"contacts__1__obstacle__plane__normal": [1, 0, 0]}, "y", "contacts[1]"),
-        ({"conditions__0__on": "block.left"}, "y", "block.left has no mirror image"),
+        ({"conditions__0__on": "block.left"}, "y", "conditions[0] has no mirror image"),
         ({"conditions__0__on": "block.middle"}, "xy", ""),
-        ({"conditions__0__on": "block.deep"}, "", "reaches into the body"),
+        ({"conditions__0__on": "block.deep"}, "xy", ""),
+        ({"conditions__1__on": "block.left", "conditions__2__on": "block.right"}, "xy", ""),
+        ({"conditions__1__on": "block.left"}, "y", "conditions[1] has no mirror image"),
     ],
 )  # fmt: skip
 def test_what_mirrors(changed: dict[str, Any], planes: str, why: str) -> None:
     made = change(pressed("hexahedron", 2), **changed)
     made["bodies"][0]["boundaries"] = {
         "left": {"where": "z < 1e-9 and x < 0.6"},
+        "right": {"where": "z < 1e-9 and x > 0.4"},
         "middle": {"where": "z < 1e-9 and x > 0.4 and x < 0.6"},
         "deep": {"where": "z < 0.6"},
     }
