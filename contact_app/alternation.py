@@ -9,7 +9,7 @@ as 3ε/2 at the ends and -3ε/2 in the middles; of a smooth pressure they are of
 size of facets. So 4/3 S is taken off at the ends and 2/3 S in the middles, along each of the two
 axes of a face, which takes off the alternation whole and, where lines go on, no force: the sum of
 the S is zero. Where facets differ in size D is weighted so that linear and quadratic pressures have
-S = 0 at the ends.
+S = 0 at the ends. Lines that meet a plane of symmetry go on in their image.
 
 Only lines that touch with all three nodes take part: beside the edge of the contact p falls like a
 root, and fourth differences across it would be taken for an alternation. A node between two others
@@ -76,7 +76,12 @@ class Lines:
         return Lines(self.nodes[rows], self.along[rows], self.weight[rows])
 
 
-def alternation(lines: Lines, q: Array, meet: Callable[[Array], Array]) -> Array:
+def alternation(
+    lines: Lines,
+    q: Array,
+    meet: Callable[[Array], Array],
+    folded: NDArray[np.bool_] | None = None,
+) -> Array:
     """What to take off a pressure at copies of nodes, (copies,) (collective).
 
     Parameters
@@ -87,26 +92,39 @@ def alternation(lines: Lines, q: Array, meet: Callable[[Array], Array]) -> Array
         0 where nothing touches.
     meet
         Sums values at copies (copies,) over those of a node, for all of them (collective).
+    folded : (3, copies)
+        Whether a node lies on a plane of symmetry across each axis; none unless given.
     """
+    folded = np.zeros((3, len(q)), bool) if folded is None else folded
     result = np.zeros(len(q))
     axes = np.abs(lines.along).argmax(axis=1)
     for axis in range(3):
         along = lines.chosen(axes == axis)
-        every = _Ends(along, len(q), meet)
+        every = _Ends(along, len(q), meet, folded)
         some = along.chosen(_touching(along, every, q))
-        result += _along(some, every, q, meet)
+        result += _along(some, every, q, meet, folded)
     return result
 
 
 class _Ends:
-    """Sums over the ends of lines along one axis, at copies of nodes."""
+    """Sums over the ends of lines along one axis, at copies of nodes.
 
-    def __init__(self, lines: Lines, copies: int, meet: Callable[[Array], Array]) -> None:
+    On a plane of symmetry they are half of those of the whole.
+    """
+
+    def __init__(
+        self,
+        lines: Lines,
+        copies: int,
+        meet: Callable[[Array], Array],
+        folded: NDArray[np.bool_],
+    ) -> None:
         self._nodes = np.concatenate([lines.nodes[:, 0], lines.nodes[:, 2]])
         self._copies, self._meet = copies, meet
         sides = np.concatenate([lines.along, -lines.along]).T
         self.count = self.sums(np.ones(len(self._nodes)))
-        length = np.linalg.norm([self.sums(side) for side in sides], axis=0)
+        met = np.stack([self.sums(side) for side in sides])
+        length = np.linalg.norm(np.where(folded, 0.0, met), axis=0)  # images cancel across it
         self.go_on = (self.count > 0.0) & (length < STRAIGHT * self.count)
 
     def sums(self, values: NDArray[Any]) -> Array:
@@ -128,10 +146,16 @@ def _touching(lines: Lines, ends: _Ends, q: Array) -> NDArray[np.bool_]:
     return touches & inside[first] & inside[last]
 
 
-def _along(lines: Lines, every: _Ends, q: Array, meet: Callable[[Array], Array]) -> Array:
+def _along(
+    lines: Lines,
+    every: _Ends,
+    q: Array,
+    meet: Callable[[Array], Array],
+    folded: NDArray[np.bool_],
+) -> Array:
     """The alternation along one axis of lines that touch, among every line there."""
     first, middle, last = lines.nodes.T
-    ends = _Ends(lines, len(q), meet)
+    ends = _Ends(lines, len(q), meet, folded)
     weight = np.tile(lines.weight, 2)
     total = ends.sums(weight)
     mean = np.divide(1.0, total, out=np.zeros(len(q)), where=total > 0.0)

@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from contact_app.alternation import Lines, alternation
 from contact_app.facets import between_vertices, hats_at_nodes, moments
+from contact_app.mirror import on_planes
 from contact_app.model import Model, facets_of
 from contact_app.solution import Solution
 from meshes import Reference
@@ -179,7 +180,7 @@ class _Boundary:
     """
 
     def __init__(self, model: Model, surface: SurfaceNodes, body: int, boundary: str) -> None:
-        self._surface = surface
+        self._surface, self._scene = surface, model.scene
         d = model.scene.dimension
         starts = np.cumsum([0, *map(len, surface.local)])
         shares, areas = np.zeros(starts[-1]), np.zeros(starts[-1])
@@ -209,7 +210,11 @@ class _Boundary:
         surface = self._surface
         q = surface.copies(pressure)
         lines = Lines.of([nodes for nodes, _ in self._parts], self._points)
-        off = alternation(lines, q, lambda values: surface.copies(surface.sums(values)))
+        folded = np.zeros((3, len(q)), bool)
+        planes = on_planes(self._scene, self._points)
+        for mirror, on in zip(self._scene.mirrors, planes, strict=True):
+            folded[mirror.axis] = on
+        off = alternation(lines, q, lambda values: surface.copies(surface.sums(values)), folded)
         part = surface.sums(off) / surface.sums(np.ones(len(q)))
         found = np.maximum(pressure - part, 0.0)
         every = np.stack([pressure, np.abs(part), found]) @ self.shares
