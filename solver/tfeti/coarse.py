@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.tfeti.matrix import ConstraintMatrix, scale_rows
+from solver.tfeti.openmp import one_openmp_thread
 
 if TYPE_CHECKING:
     from solver.tfeti.dual import DualOperator
@@ -125,7 +126,8 @@ class CoarseProblem:
         self._pc.setType("cholesky")
         self._pc.setFactorSolverType("cholmod" if comm.getSize() == 1 else "mumps")
         try:
-            self._pc.setUp()
+            with one_openmp_thread():
+                self._pc.setUp()
         except PETSc.Error as error:
             raise ArithmeticError(
                 "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"

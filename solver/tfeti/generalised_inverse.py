@@ -24,6 +24,7 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import lapack
 
+from solver.tfeti.openmp import one_openmp_thread
 from solver.tfeti.sharing import made_together
 from solver.tfeti.symmetry import Split, Symmetry
 
@@ -99,7 +100,8 @@ class CholeskyFactor:
         self._pc.setType("cholesky")
         self._pc.setFactorSolverType("cholmod")
         try:
-            self._pc.setUp()
+            with one_openmp_thread():
+                self._pc.setUp()
         except PETSc.Error as error:
             raise ArithmeticError(
                 "a subdomain's stiffness has no Cholesky factor once its rigid motions are "
