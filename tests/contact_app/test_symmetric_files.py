@@ -91,7 +91,7 @@ def test_two_materials(cell: str, degree: int, held: str, split: int, tmp_path: 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("parts", [None, 5])
 def test_roller_on_a_block(degree: int, parts: int | None, tmp_path: Path) -> None:
-    """Round against flat: rows beside the plane reach beyond it, as in the whole."""
+    """Two round and flat bodies, both cut."""
     sample = meshio.read(SAMPLES / "roller_on_block.msh")
     file = meshfiles.write(meshfiles.with_image(sample, 0, 0.0), tmp_path / "roller.msh")
     bodies = [
@@ -109,6 +109,33 @@ def test_roller_on_a_block(degree: int, parts: int | None, tmp_path: Path) -> No
     )  # fmt: skip
     scene = scenes.build(made, parts)
     hold(solve_scene(scene), solve_scene(cut(scene, "x")), 1e-6)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_facets_that_face_the_plane(cell: str, degree: int, tmp_path: Path) -> None:
+    """A lid over a hollow: along their normals facets beside the plane meet some beyond it."""
+    mesh = meshfiles.mirrored(cell, 4, "x")
+    up = scenes.dimension(cell) - 1
+    mesh.points[:, up] *= 1.0 + 0.4 * np.abs(mesh.points[:, 0] - 0.5)
+    block = {"name": "block", "degree": degree, "material": SOFT,
+             "mesh": {"file": str(meshfiles.write(mesh, tmp_path / "block.msh"))}}  # fmt: skip
+    lid = {**scenes.block(cell, 4, "lid", lower=(0, 0, 1.3), upper=(1, 1, 1.6)), "degree": degree}
+    if cell == "triangle":  # the half of a box of triangles is another mesh
+        flat = meshfiles.mirrored(cell, 4, "x")
+        flat.points[:, 1] = 1.3 + 0.3 * flat.points[:, 1]
+        lid["mesh"] = {"file": str(meshfiles.write(flat, tmp_path / "lid.msh"))}
+    made = scenes.config(
+        cell,
+        [block, lid],
+        [{"on": f"block.{'yz'[up - 1]}-", "displacement": [0] * (up + 1)},
+         {"on": f"lid.{scenes.up(cell)}", "displacement": [0] * up + [-0.35]}],
+        [{"on": f"block.{'yz'[up - 1]}+", "against": f"lid.{scenes.down(cell)}"}],
+    )  # fmt: skip
+    scene = scenes.build(made)
+    known, found = solve_scene(scene), solve_scene(cut(scene, "xy" if up == 2 else "x"))
+    assert known.summary["solution"]["active_contacts"]
+    hold(known, found, 1e-6)
 
 
 def test_ring_with_curved_edges(tmp_path: Path) -> None:
