@@ -19,7 +19,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.tfeti.matrix import ConstraintMatrix, scale_rows
+from solver.tfeti.exchange import NodeExchange
+from solver.tfeti.gram import Blocks, KernelRows
+from solver.tfeti.matrix import ConstraintMatrix, petsc_rows
 from solver.tfeti.openmp import one_openmp_thread
 
 if TYPE_CHECKING:
@@ -63,98 +65,43 @@ class CoarseProblem:
         self.size, interface = B.rows, B.columns
         self.kernels = sum(members * R.shape[1] for members, R in kernels)
         self._classes = _kernel_parts(kernels)
-        R = _kernel_matrix(self.comm, kernels, interface, self.kernels)
-        Gt = B.matrix.matMult(R)
-        self._gram = _gram(Gt)
-        self._contact_rows = np.flatnonzero(inequality)
-        self._contact = _rows_of(Gt, self._contact_rows)
-        for matrix in (Gt, R):
-            matrix.destroy()
+        rows = KernelRows(B, kernels)
+        self._layout = _Layout(self.comm, self.kernels)
+        self._contact = list(rows.alike(np.flatnonzero(inequality)))
+        others = Blocks.of(rows.alike(np.flatnonzero(~inequality)), rows.motions)
+        places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
+        self._others = self._layout.brought(Blocks.join([others, places]))
         self._weights: NDArray[np.float64] | None = None
         self._interface = np.empty(interface)
         self._dual = np.empty(self.size)
         self._coarse = np.empty(self.kernels)
         self._solution = np.empty(self.kernels)
-        self._factor(self._gram)
+        self._factor = self._factored(None)
 
     @property
     def entries(self) -> int:
         """Stored entries of G Gᵀ, over all ranks."""
-        return int(self._gram.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+        return self._factor.entries
 
     def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
         """The coarse problem of W B, with weights W that differ from one on contact rows alone.
-
-        Its G Gᵀ is this one less what the contact rows lose.
 
         Parameters
         ----------
         weights : (dual,)
         """
         result = copy(self)
-        lost = 1.0 - weights[self._contact_rows] ** 2
-        if self._weights is not None:
-            weights = weights * self._weights
-            lost *= self._weights[self._contact_rows] ** 2
-        part = self._contact.duplicate(copy=True)
-        scale_rows(part, np.sqrt(np.maximum(lost, 0.0)))
-        gram = self._gram.duplicate(copy=True)
-        loss = _gram(part)
-        gram.axpy(-1.0, loss, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        for matrix in (part, loss):
-            matrix.destroy()
-        result._gram = gram
         result._weights = weights
-        result._factor(gram)
+        result._factor = self._factored(weights**2)
         return result
 
-    def _factor(self, gram: PETSc.Mat) -> None:
-        """Factor G Gᵀ: whole on every rank up to `SHARED`, else in parts."""
-        counts = self.comm.allgather(self.kernels)
-        total, first = sum(counts), sum(counts[: self.comm.rank])
-        self._mine = slice(first, first + self.kernels)
-        self._counts = counts
-        self._whole = np.empty(total) if 1 < self.comm.size and total <= SHARED else None
-        if self._whole is not None:
-            gram = _gathered(self.comm, gram)
-        comm = gram.getComm()
-        gram.setOption(PETSc.Mat.Option.SPD, True)
-        # a singular G Gᵀ is for the caller to tell; CHOLMOD would write to the terminal, too
-        PETSc.Options().setValue("mat_cholmod_print", 0)
-        self._pc = PETSc.PC().create(comm)
-        self._pc.setOperators(gram)
-        self._pc.setType("cholesky")
-        self._pc.setFactorSolverType("cholmod" if comm.getSize() == 1 else "mumps")
-        try:
-            with one_openmp_thread():
-                self._pc.setUp()
-        except PETSc.Error as error:
-            raise ArithmeticError(
-                "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"
-            ) from error
-        size = self.kernels if self._whole is None else total
-        self._source, self._target = (
-            PETSc.Vec().createWithArray(np.empty(size), comm=comm) for _ in range(2)
-        )
+    def _factored(self, weights: NDArray[np.float64] | None) -> CoarseFactor:
+        contact = Blocks.of(self._contact, self._others.motions, weights)
+        return CoarseFactor(self._layout, self._others.plus(self._layout.brought(contact)))
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
-        if self._whole is None:
-            self._solve(rhs, out)
-            return
-        self.comm.Allgatherv(rhs, (self._whole, self._counts))
-        solution = np.empty_like(self._whole)
-        self._solve(self._whole, solution)
-        out[:] = solution[self._mine]
-
-    def _solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        self._source.placeArray(rhs)
-        self._target.placeArray(out)
-        try:
-            self._pc.apply(self._source, self._target)
-        finally:
-            self._source.resetArray()
-            self._target.resetArray()
+        self._factor.solve(rhs, out)
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
@@ -193,6 +140,99 @@ class CoarseProblem:
         np.subtract(x, self._dual, out=out)
 
 
+class _Layout:
+    """Where G Gᵀ lives: whole on every rank up to `SHARED` unknowns, else each rank its rows.
+
+    Parameters
+    ----------
+    kernels
+        Coarse unknowns of this rank.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, kernels: int) -> None:
+        self.comm, self.counts = comm, comm.allgather(kernels)
+        self.starts = np.cumsum([0, *self.counts])
+        self.total = int(self.starts[-1])
+        first, last = (int(n) for n in self.starts[comm.rank :][:2])
+        self.mine = slice(first, last)
+        self.gathered = 1 < comm.size and self.total <= SHARED
+        self.of_factor = MPI.COMM_SELF if self.gathered else comm
+        self._first, self.rows = (0, self.total) if self.gathered else (first, kernels)
+
+    def brought(self, blocks: Blocks) -> Blocks:
+        """The sum of what all ranks have, of the rows that are wanted here (collective)."""
+        blocks = blocks.summed()
+        if self.comm.size == 1:
+            return blocks
+        if self.gathered:
+            return Blocks.join(self.comm.allgather(blocks)).summed()
+        exchange = NodeExchange(self.comm, blocks.starts[:, 0], self.total, self.starts)
+        return blocks.to_owners(exchange).summed()
+
+    def matrix(self, blocks: Blocks) -> PETSc.Mat:
+        """What was brought as a matrix to be factored."""
+        local = blocks.matrix(self._first, self.rows, self.total)
+        return petsc_rows(self.of_factor, local, self.rows)
+
+
+class CoarseFactor:
+    """The factor of G Gᵀ.
+
+    Parameters
+    ----------
+    gram
+        Its blocks, as `layout` brought them.
+
+    Raises
+    ------
+    ArithmeticError
+        It is singular.
+    """
+
+    def __init__(self, layout: _Layout, gram: Blocks) -> None:
+        self._layout = layout
+        matrix = layout.matrix(gram)
+        self.entries = int(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+        matrix.setOption(PETSc.Mat.Option.SPD, True)
+        # a singular G Gᵀ is for the caller to tell; CHOLMOD would write to the terminal, too
+        PETSc.Options().setValue("mat_cholmod_print", 0)
+        self._pc = PETSc.PC().create(layout.of_factor)
+        self._pc.setOperators(matrix)
+        self._pc.setType("cholesky")
+        self._pc.setFactorSolverType("cholmod" if layout.of_factor.size == 1 else "mumps")
+        try:
+            with one_openmp_thread():
+                self._pc.setUp()
+        except PETSc.Error as error:
+            raise ArithmeticError(
+                "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"
+            ) from error
+        self._source, self._target = (
+            PETSc.Vec().createWithArray(np.empty(layout.rows), comm=layout.of_factor)
+            for _ in range(2)
+        )
+        self._whole = np.empty(layout.total) if layout.gathered else None
+
+    def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """(G Gᵀ)⁻¹ times a coarse vector."""
+        if self._whole is None:
+            self._solve(rhs, out)
+            return
+        self._layout.comm.Allgatherv(rhs, (self._whole, self._layout.counts))
+        solution = np.empty_like(self._whole)
+        self._solve(self._whole, solution)
+        out[:] = solution[self._layout.mine]
+
+    def _solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        self._source.placeArray(rhs)
+        self._target.placeArray(out)
+        try:
+            self._pc.apply(self._source, self._target)
+        finally:
+            self._source.resetArray()
+            self._target.resetArray()
+
+
 def _kernel_parts(
     kernels: Sequence[tuple[int, NDArray[np.float64]]],
 ) -> list[tuple[slice, slice, int, NDArray[np.float64]]]:
@@ -204,65 +244,6 @@ def _kernel_parts(
         parts.append((slice(interface, ends[0]), slice(coarse, ends[1]), members, R))
         interface, coarse = ends
     return parts
-
-
-def _kernel_matrix(
-    comm: MPI.Intracomm,
-    kernels: Sequence[tuple[int, NDArray[np.float64]]],
-    interface: int,
-    columns: int,
-) -> PETSc.Mat:
-    """R on interface unknowns, (interface, kernels), one dense block a subdomain."""
-    first = comm.exscan(columns) or 0
-    widths = [np.full(members * R.shape[0], R.shape[1], PETSc.IntType) for members, R in kernels]
-    begins = np.zeros(interface + 1, PETSc.IntType)
-    np.cumsum(np.concatenate(widths or [begins[:0]]), out=begins[1:])
-    places, values = np.empty(begins[-1], PETSc.IntType), np.empty(begins[-1])
-    end = 0
-    for members, R in kernels:
-        (m, k), begin, end = R.shape, end, end + members * R.size
-        place = first + k * np.arange(members, dtype=PETSc.IntType)[:, None, None] + np.arange(k)
-        places[begin:end].reshape(members, m, k)[:] = place
-        values[begin:end].reshape(members, m, k)[:] = R
-        first += members * k
-    matrix = PETSc.Mat().createAIJ(
-        ((interface, PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
-        csr=(begins, places, values),
-        comm=comm,
-    )
-    matrix.assemble()
-    return matrix
-
-
-def _gathered(comm: MPI.Intracomm, matrix: PETSc.Mat) -> PETSc.Mat:
-    """A distributed matrix, whole on every rank."""
-    starts, columns, values = matrix.getValuesCSR()
-    widths, columns, values = (
-        np.concatenate(comm.allgather(part)) for part in (np.diff(starts), columns, values)
-    )
-    starts = np.concatenate([[0], np.cumsum(widths)]).astype(PETSc.IntType)
-    whole = PETSc.Mat().createAIJ(
-        (len(widths), len(widths)), csr=(starts, columns, values), comm=PETSc.COMM_SELF
-    )
-    whole.assemble()
-    return whole
-
-
-def _gram(Gt: PETSc.Mat) -> PETSc.Mat:
-    """G Gᵀ, as a copy: a product keeps its factors alive."""
-    product = Gt.transposeMatMult(Gt)
-    result = product.copy()
-    product.destroy()
-    return result
-
-
-def _rows_of(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
-    """Some of each rank's own rows (local numbers), all columns."""
-    first, _ = matrix.getOwnershipRange()
-    columns = matrix.getOwnershipRangeColumn()
-    wanted = PETSc.IS().createGeneral((rows + first).astype(PETSc.IntType), comm=matrix.comm)
-    every = PETSc.IS().createStride(columns[1] - columns[0], columns[0], 1, comm=matrix.comm)
-    return matrix.createSubMatrix(wanted, every)
 
 
 class ProjectorEquality:

@@ -20,7 +20,10 @@ class NodeExchange:
     nodes : (copies,)
         Global number of the node each local copy stands for.
     total
-        Nodes in all; rank r owns the numbers from ``total * r // size`` on.
+        Nodes in all.
+    starts : (ranks + 1,)
+        First number each rank owns, and `total`; rank r owns those from ``total * r // size`` on
+        unless given.
 
     Attributes
     ----------
@@ -29,10 +32,17 @@ class NodeExchange:
         rank they come from and there as they were given.
     """
 
-    def __init__(self, comm: MPI.Intracomm, nodes: NDArray[np.int64], total: int) -> None:
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        nodes: NDArray[np.int64],
+        total: int,
+        starts: NDArray[np.int64] | None = None,
+    ) -> None:
         self.comm = comm
         self.total = total
-        starts = total * np.arange(comm.size + 1, dtype=np.int64) // comm.size
+        if starts is None:
+            starts = total * np.arange(comm.size + 1, dtype=np.int64) // comm.size
         owner = np.searchsorted(starts, nodes, side="right") - 1
         self.first, self.last = int(starts[comm.rank]), int(starts[comm.rank + 1])
         self._order = np.argsort(owner, kind="stable")

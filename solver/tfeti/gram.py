@@ -1,0 +1,246 @@
+"""G W Gᵀ, block by block: what rows of B see of the rigid motions of the subdomains they touch.
+
+A row of Gᵀ = B R has a run of entries for each subdomain the row of B touches. Rows that touch the
+same subdomains, those of a face, an edge or a corner, are a small dense matrix V, and Vᵀ W V is
+their share of G W Gᵀ. Each rank takes its own rows, all faces with as many rows at once; Gᵀ itself,
+twelve entries a row and more than B has, is made a chunk of rows at a time and not kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+
+from solver.tfeti.exchange import NodeExchange
+from solver.tfeti.matrix import ConstraintMatrix
+
+CHUNK = 2**20
+"""Entries of B taken at a time: 50 MB of Gᵀ."""
+
+Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class AlikeRows:
+    """Sets of n local rows of Gᵀ; the rows of one set touch the same m subdomains.
+
+    Attributes
+    ----------
+    rows : (sets, n)
+        Local numbers.
+    starts, widths : (sets, m)
+        First coarse unknown of each subdomain, over all ranks, and how many it has.
+    values : (sets, n, m · motions)
+        Entries, for each subdomain as many as there are motions, zero from its width on.
+    """
+
+    rows: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    widths: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """A sum of dense blocks between subdomains, on this rank.
+
+    Attributes
+    ----------
+    starts, widths : (n, 2)
+        First coarse unknown of the block's rows and columns, and how many are used.
+    values : (n, motions, motions)
+    """
+
+    starts: NDArray[np.int64]
+    widths: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+    @property
+    def motions(self) -> int:
+        """Size of a block."""
+        return self.values.shape[1]
+
+    @classmethod
+    def of(
+        cls, alike: Iterable[AlikeRows], motions: int, weights: NDArray[np.float64] | None = None
+    ) -> Blocks:
+        """Vᵀ W V of all sets, with a weight for each local row of B (one unless given)."""
+        parts = [cls(*(np.empty((0, 2), np.int64),) * 2, np.empty((0, motions, motions)))]
+        for rows in alike:
+            sets, m = rows.starts.shape
+            V = rows.values
+            weighed = V if weights is None else V * weights[rows.rows][:, :, None]
+            product = (weighed.transpose(0, 2, 1) @ V).reshape(sets, m, motions, m, motions)
+            starts, widths = (
+                np.stack(np.broadcast_arrays(of[:, :, None], of[:, None]), axis=-1).reshape(-1, 2)
+                for of in (rows.starts, rows.widths)
+            )
+            blocks = product.transpose(0, 1, 3, 2, 4).reshape(-1, motions, motions)
+            parts.append(cls(starts, widths, blocks))
+        return cls.join(parts)
+
+    @classmethod
+    def join(cls, parts: Sequence[Blocks]) -> Blocks:
+        """The sum of several sums."""
+        starts, widths, values = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("starts", "widths", "values")
+        )
+        return cls(starts, widths, values)
+
+    @property
+    def _keys(self) -> NDArray[np.int64]:
+        return self.starts[:, 0] << 32 | self.starts[:, 1]
+
+    def summed(self) -> Blocks:
+        """The same with each block once, in order."""
+        keys = self._keys
+        order = np.argsort(keys, kind="stable")
+        first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        if len(first) == 0:
+            return self
+        values = np.add.reduceat(self.values[order], first, axis=0)
+        chosen = order[first]
+        return Blocks(self.starts[chosen], self.widths[chosen], values)
+
+    def plus(self, part: Blocks) -> Blocks:
+        """The sum with blocks that are among these; both are `summed`."""
+        values = self.values.copy()
+        values[np.searchsorted(self._keys, part._keys)] += part.values
+        return Blocks(self.starts, self.widths, values)
+
+    def to_owners(self, exchange: NodeExchange) -> Blocks:
+        """Each block at the rank that owns its rows (collective)."""
+        return Blocks(*map(exchange.to_owners, (self.starts, self.widths, self.values)))
+
+    def matrix(self, first: int, rows: int, columns: int) -> sparse.csr_matrix:
+        """Rows from `first` on as a sparse matrix; whole blocks, a factor is faster with them."""
+        motions = np.arange(self.motions)
+        used = (motions[:, None] < self.widths[:, 0, None, None]) & (
+            motions < self.widths[:, 1, None, None]
+        )
+        row, column = np.broadcast_arrays(
+            self.starts[:, 0, None, None] + motions[:, None] - first,
+            self.starts[:, 1, None, None] + motions,
+        )
+        return sparse.csr_matrix(
+            (self.values[used], (row[used], column[used])), shape=(rows, columns)
+        )
+
+
+class KernelRows:
+    """The rows of Gᵀ = B R.
+
+    Parameters
+    ----------
+    B : (dual, interface)
+        Constraint matrix on interface unknowns, a run of the columns for each subdomain.
+    kernels : one (members, (m, k) array) pair a class
+        Kernel on the class's m interface unknowns, in the order of B's columns.
+
+    Attributes
+    ----------
+    motions
+        Most rigid motions a subdomain has.
+    entries : (dual,)
+        Of each local row of B: at least as many as it touches subdomains.
+    """
+
+    def __init__(
+        self, B: ConstraintMatrix, kernels: Sequence[tuple[int, NDArray[np.float64]]]
+    ) -> None:
+        self.comm = B.comm
+        counts = np.array([(n, *R.shape) for n, R in kernels], np.int64).reshape(-1, 3)
+        members, self._sizes, self._widths = counts.T
+        self.motions = int(self.comm.allreduce(int(self._widths.max(initial=0)), op=MPI.MAX))
+        self._ends = np.cumsum(members * self._sizes)
+        self._offsets = np.cumsum(self._sizes) - self._sizes
+        coarse = members * self._widths
+        self._coarse = (self.comm.exscan(int(coarse.sum())) or 0) + np.cumsum(coarse) - coarse
+        self._table = np.zeros((int(self._sizes.sum()), self.motions))
+        for offset, (_, R) in zip(self._offsets, kernels, strict=True):
+            self._table[offset : offset + len(R), : R.shape[1]] = R
+        self._begins, self._columns, self._values = B.matrix.getValuesCSR()
+        self.entries = np.diff(self._begins)
+        self._first, self._last = B.matrix.getOwnershipRangeColumn()
+        self._distant = self._columns[:0], self._own(np.empty(0, np.int64))
+        if self.comm.size > 1:
+            self._distant = self._ask(B.matrix.getSize()[1])
+
+    def _ask(self, total: int) -> tuple[NDArray[np.int64], Seen]:
+        """Columns of other ranks that rows of this one touch, and what their owners say of them."""
+        away = self._columns[(self._columns < self._first) | (self._columns >= self._last)]
+        columns = np.unique(away).astype(np.int64)
+        starts = np.array([*self.comm.allgather(self._first), total], np.int64)
+        exchange = NodeExchange(self.comm, columns, total, starts)
+        told = self._own(exchange.nodes - self._first)
+        start, width, kernel = (exchange.from_owners(part) for part in told)
+        return columns, (start, width, kernel)
+
+    def _own(self, columns: NDArray[np.int64]) -> Seen:
+        """First coarse unknown, width and kernel (n, motions) of local columns (n,)."""
+        cls = np.searchsorted(self._ends, columns, side="right")
+        begins = self._ends[cls - 1] * (cls > 0) if len(self._ends) else columns
+        member, at = np.divmod(columns - begins, self._sizes[cls])
+        start: NDArray[np.int64] = self._coarse[cls] + member * self._widths[cls]
+        return start, self._widths[cls], self._table[self._offsets[cls] + at]
+
+    def _seen(self, columns: NDArray[np.int32]) -> Seen:
+        """The same of any columns of local rows."""
+        away = (columns < self._first) | (columns >= self._last)
+        if not away.any():
+            return self._own(columns.astype(np.int64) - self._first)
+        known, told = self._distant
+        at = np.searchsorted(known, columns[away])
+        own = self._own(columns[~away].astype(np.int64) - self._first)
+        place = np.empty(len(away), np.int64)
+        place[~away], place[away] = np.arange(len(own[0])), len(own[0]) + at
+        start, width, kernel = (
+            np.concatenate(parts)[place] for parts in zip(own, told, strict=True)
+        )
+        return start, width, kernel
+
+    def alike(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
+        """Some local rows, by the subdomains they touch; those that touch none are left out."""
+        ends = np.cumsum(self.entries[rows])
+        cuts = np.searchsorted(ends, np.arange(CHUNK, ends[-1] if len(ends) else 0, CHUNK))
+        for chunk in np.split(rows, cuts):
+            yield from self._chunk(chunk)
+
+    def _chunk(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
+        counts = self.entries[rows]
+        nth = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        entry = np.repeat(self._begins[rows], counts) + nth
+        row = np.repeat(np.arange(len(rows)), counts)
+        start, width, kernel = self._seen(self._columns[entry])
+        kernel = kernel * self._values[entry, None]
+        floating = width > 0
+        if not floating.all():
+            row, start, width = row[floating], start[floating], width[floating]
+            kernel = kernel[floating]
+        if len(row) == 0:
+            return
+        # columns are in order, and with them subdomains
+        other = np.r_[True, (row[1:] != row[:-1]) | (start[1:] != start[:-1])]
+        if not other.all():
+            first = np.flatnonzero(other)
+            kernel = np.add.reduceat(kernel, first, axis=0)
+            row, start, width = row[first], start[first], width[first]
+        touched = np.bincount(row, minlength=len(rows))
+        for m in np.unique(touched[touched > 0]):
+            mine = touched[row] == m
+            starts = start[mine].reshape(-1, m)
+            order = np.lexsort(starts.T)
+            starts, widths = starts[order], width[mine].reshape(-1, m)[order]
+            values, numbers = kernel[mine].reshape(len(starts), -1), rows[row[mine][::m]][order]
+            first = np.flatnonzero(np.r_[True, (starts[1:] != starts[:-1]).any(axis=1)])
+            sizes = np.diff(first, append=len(starts))
+            for n in np.unique(sizes):
+                begins = first[sizes == n]
+                of = begins[:, None] + np.arange(n)
+                yield AlikeRows(numbers[of], starts[begins], widths[begins], values[order[of]])
