@@ -41,11 +41,22 @@ class ErrorEstimator:
 
     def __init__(self, model: Model) -> None:
         self.model = model
+        self._last: tuple[Solution, list[Array]] | None = None
 
     @cached_property
     def recovery(self) -> StressRecovery:
         """What recovers stresses on this model (collective)."""
         return StressRecovery(self.model)
+
+    def stresses(self, solution: Solution) -> list[Array]:
+        """σ* of an answer at nodes, (nodes, members, components) of each class (collective).
+
+        That of the last answer asked for is kept.
+        """
+        if self._last is None or self._last[0] is not solution:
+            touching = touching_nodes(self.model, solution)
+            self._last = solution, self.recovery(solution.displacements, touching)
+        return self._last[1]
 
     def accuracy(self, solution: Solution) -> Accuracy:
         """The errors of an answer."""
@@ -69,7 +80,7 @@ class ErrorEstimator:
     def cell_squares(self, solution: Solution) -> list[Array]:
         """η² by cell, (cells, members) of each class (collective)."""
         result = []
-        recovered = self.recovery(solution.displacements, touching_nodes(self.model, solution))
+        recovered = self.stresses(solution)
         for number, u in enumerate(solution.displacements):
             squares = np.empty((len(self.recovery.cells[number].nodes), u.shape[1]))
             for rows, part, error, _ in self._distances(number, u, recovered[number]):

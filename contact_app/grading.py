@@ -18,8 +18,6 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.error_estimate import ErrorEstimator
-
 if TYPE_CHECKING:
     from contact_app.run import SolvedScene
 
@@ -38,7 +36,7 @@ def layer_errors(solved: SolvedScene, grids: Sequence[Sequence[Array]]) -> list[
     """
     model = solved.model
     sums = [[np.zeros(len(grid) - 1) for grid in axes] for axes in grids]
-    squares = ErrorEstimator(model).cell_squares(solved.solution)
+    squares = solved.estimator.cell_squares(solved.solution)
     for local, s in enumerate(model.partition.subdomains):
         cls, column = model.place[local]
         centres = s.points()[s.reference.cells].mean(axis=1)

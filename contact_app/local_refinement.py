@@ -17,7 +17,6 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.error_estimate import ErrorEstimator
 from contact_app.scene import Body, Box, Scene
 from meshes.bisect import bisected
 from meshes.quadratic import VERTICES
@@ -75,7 +74,7 @@ def cell_errors(solved: SolvedScene) -> list[Array]:
     """η² of the cells of each body's mesh, in its order; of a box in no order (collective)."""
     model = solved.model
     partition = model.partition
-    by_class = ErrorEstimator(model).cell_squares(solved.solution)
+    by_class = solved.estimator.cell_squares(solved.solution)
     result = []
     for b, body in enumerate(model.scene.bodies):
         mesh = body.mesh

@@ -170,6 +170,11 @@ def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Arra
     return gap
 
 
+def boundary_shares(model: Model, surface: SurfaceNodes, body: int, boundary: str) -> Array:
+    """∫ φ_k over a boundary at the surface nodes this rank owns, (owned,) (collective)."""
+    return _Boundary(model, surface, body, boundary).shares
+
+
 class _Boundary:
     """The facets of one contact and what is averaged over them; all methods are collective.
 

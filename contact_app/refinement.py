@@ -20,8 +20,8 @@ mesh larger. Coordinates of the start stay grid lines where a scene picks nodes 
 Where a body comes from a file, the cells that carry the error are refined
 (`local_refinement`), and the degree stays.
 
-Each level is solved to a tenth of its own error. Where bodies are solved whole it begins with the
-contact pressures of the last (`warm_start`).
+Each level is solved to a tenth of its own error and begins with the answer of the last
+(`warm_start`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from contact_app.grading import evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.scene import Box, Decomposition, Scene
-from contact_app.warm_start import Pressures
+from contact_app.warm_start import LastLevel
 from meshes.graded import graded_box
 from solver import Reason
 
@@ -91,8 +91,8 @@ Grids = list[list[NDArray[np.float64]]]
 class Solve(Protocol):
     """Solves a scene."""
 
-    def __call__(self, scene: Scene, /, *, start: Pressures | None) -> SolvedScene:
-        """Begin with contact pressures where there are any."""
+    def __call__(self, scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
+        """Begin with the answer on another mesh where there is one."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,8 @@ class Level:
         Relative errors in energy norm.
     hessian_multiplications, seconds
         The price: products, and wall-clock time from the scene to its summary.
+    warm
+        Whether it began with the answer of the last.
     guaranteed
         Bound of the error, where one was asked for and found.
     """
@@ -118,6 +120,7 @@ class Level:
     total: float
     hessian_multiplications: int
     seconds: float
+    warm: bool = False
     guaranteed: float | None = None
 
     @property
@@ -133,6 +136,7 @@ class Level:
         return (
             f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
+            f"{', begun with the last' if self.warm else ''}"
         )
 
 
@@ -157,7 +161,7 @@ def solve_to_accuracy(
     Parameters
     ----------
     solve
-        Solves one level, beginning with the contact pressures of the last.
+        Solves one level, beginning with the answer of the last.
     tell
         Called with a sentence on each level.
 
@@ -167,7 +171,7 @@ def solve_to_accuracy(
     target, whole = scene.accuracy, needs_multiples(scene)
     factors, levels, last = [1.0], [], 1.0
     grids: Grids | None = None
-    start: Pressures | None = None
+    start: LastLevel | None = None
     current = scene
     while True:
         solved = solve(current, start=start)
@@ -218,7 +222,7 @@ def solve_to_accuracy(
             return Refined(solved, tuple(levels), missed)
         factors.append(factor)
         last = factor
-        current, start = following, Pressures.of(solved)
+        current, start = following, LastLevel.of(solved)
         del solved  # its factors make room for the next
 
 
@@ -385,5 +389,6 @@ def _level(solved: SolvedScene) -> Level:
         total=accuracy.total,
         hessian_multiplications=solved.summary["solver"]["hessian_multiplications"],
         seconds=solved.summary["timings"]["total"],
+        warm=solved.solution.warm,
         guaranteed=solved.guaranteed.bound if solved.guaranteed is not None else None,
     )

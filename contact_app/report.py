@@ -206,7 +206,7 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
             row(
                 f"  {level['dofs']:,} degrees of freedom",
                 f"{error}, {level['hessian_multiplications']:,} Hessian multiplications, "
-                f"{level['seconds']:.1f} s",
+                f"{level['seconds']:.1f} s" + (", from the last" if level["warm"] else ""),
             )
     row("time", f"{timings['total']:.1f} s, {timings['solve']:.1f} s of it solving")
     ranks = environment["ranks"]

@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ from contact_app.solution import Accuracy, Solution
 from contact_app.solve import reason_text, solve
 from contact_app.symmetry import halved
 from contact_app.timings import Timings
-from contact_app.warm_start import Pressures
+from contact_app.warm_start import LastLevel
 from solver import Counts
 from solver.errors import QPError
 from solver.result import Monitor, Reason, Step
@@ -71,6 +71,11 @@ class SolvedScene:
     communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     guaranteed: Guarantee | None = None
+
+    @cached_property
+    def estimator(self) -> ErrorEstimator:
+        """What tells where the error of the answer is."""
+        return ErrorEstimator(self.model)
 
     def displacement_at_nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Points (n, 3) and displacements (n, dimension) of all nodes, on rank 0 (collective).
@@ -196,14 +201,14 @@ def solve_scene(
     monitor: Monitor | None = None,
     checkpoint: Checkpoint | None = None,
     tell: Tell | None = None,
-    start: Pressures | None = None,
+    start: LastLevel | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise it; writes nothing.
 
     Parameters
     ----------
     start
-        Contact pressures to begin with.
+        The answer on another mesh to begin with.
     tell
         Called with the scene and the outline of its model (collective).
 
@@ -229,7 +234,7 @@ def _solved(
     monitor: Monitor | None,
     checkpoint: Checkpoint | None,
     tell: Tell | None,
-    start: Pressures | None,
+    start: LastLevel | None,
 ) -> SolvedScene:
     """Solve a scene, again where the answer crosses contacts that were left out (collective)."""
     timings, spent = Timings(), Counts()
@@ -262,7 +267,7 @@ def _solve_once(
     timings: Timings,
     spent: Counts,
     tell: Tell | None,
-    start: Pressures | None,
+    start: LastLevel | None,
 ) -> SolvedScene:
     """Solve with the contact rows that are needed, after work that was spent (collective)."""
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector

@@ -50,6 +50,8 @@ class Solution:
         What the certificate was held against.
     accuracy
         Errors of the mesh and of the solver; None until they are estimated.
+    warm
+        Whether it grew out of the multipliers that were given to begin with.
     """
 
     multiplier: NDArray[np.float64]
@@ -60,6 +62,7 @@ class Solution:
     reason: Reason
     tolerance: float
     accuracy: Accuracy | None = None
+    warm: bool = False
 
     @property
     def converged(self) -> bool:

@@ -84,9 +84,10 @@ def solve(
     assess
         Estimates the errors of an answer; an automatic tolerance needs it.
     start : (dual,)
-        Multipliers to begin with where no body floats.
+        Multipliers to begin with.
     """
     target = aim(options, assess)
+    warm = start is not None
     if problem.comm.allreduce(problem.size) == 0:
         return target.judge(_answer(problem, target, np.zeros(0), None))
     inner = MPRGP(
@@ -98,8 +99,9 @@ def solve(
         max_iterations=options.max_iterations,
     )
     if problem.coarse is None or problem.lower is None:
-        return _solve_mprgp(problem, target, inner, monitor, start)
-    return _solve_smalbe(problem, target, inner, monitor, checkpoint)
+        found = _solve_mprgp(problem, target, inner, monitor, start)
+        return replace(found, warm=warm)
+    return _solve_smalbe(problem, target, inner, monitor, checkpoint, start)
 
 
 def _on_faces(
@@ -244,6 +246,7 @@ def _solve_smalbe(
     inner: MPRGP,
     monitor: Monitor | None,
     checkpoint: Checkpoint | None,
+    guess: NDArray[np.float64] | None,
 ) -> Solution:
     """SMALBE-M around MPRGP on the projected, homogenised dual."""
     assert problem.coarse is not None
@@ -255,9 +258,13 @@ def _solve_smalbe(
             checkpoint(replace(state, counts=counts + state.counts))
 
     if restart is None or not restart.outer:
-        found, answer = _from_first_face(problem, target, inner, restart, monitor, save)
+        found, answer = _from_first_face(problem, target, inner, restart, monitor, save, guess)
+        if guess is not None and found.state is None:  # what touched does not keep some body
+            guess, counts = None, found.counts
+            found, answer = _from_first_face(problem, target, inner, restart, monitor, save, None)
+            found = replace(found, counts=counts + found.counts)
         if answer is not None:
-            return replace(answer, counts=found.counts)
+            return replace(answer, counts=found.counts, warm=guess is not None)
         start, counts, restart = found.state, found.counts, None
     norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
     counts = counts + Counts(norm_estimation=products)
@@ -283,7 +290,8 @@ def _solve_smalbe(
     if answer is None or result.reason is not Reason.ACCEPTED:
         answer = judge.certify(result.x, result.multiplier)
     counts = counts + judge.spent + result.counts
-    return replace(answer, counts=counts, reason=judge.ended or result.reason)
+    reason = judge.ended or result.reason
+    return replace(answer, counts=counts, reason=reason, warm=guess is not None)
 
 
 def _from_first_face(
@@ -293,15 +301,18 @@ def _from_first_face(
     restart: Restart | None,
     monitor: Monitor | None,
     save: Save,
+    guess: NDArray[np.float64] | None,
 ) -> tuple[Outcome, Solution | None]:
     """Faces from a first one on, or from where a stopped solve had come to.
 
-    The first is what touches when all subdomains are rigid, on springs.
+    The first is what touches when all subdomains are rigid, on springs, or what pushes in a guess
+    of the multipliers.
     """
     assert problem.lower is not None
     multiplier, touching, before = None, np.zeros(problem.size, bool), Counts()
     if restart is None:
-        touching = bedded(problem)
+        touching = bedded(problem) if guess is None else problem.inequality & (guess > 0.0)
+        multiplier = guess
     if restart is not None:
         multiplier, before = problem.offset + restart.x, restart.counts
         touching = problem.inequality & (restart.x > problem.lower)
@@ -328,6 +339,9 @@ def _solve_mprgp(
         inner = replace(inner, memory=MEMORY)
         if start is None:
             start, columns = on_columns(problem)
+    if start is not None and problem.coarse is not None:
+        start = start - problem.offset
+        problem.coarse.project(start, start)
     answer: Solution | None = None
 
     def certify(x: NDArray[np.float64]) -> Solution:

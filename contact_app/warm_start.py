@@ -1,96 +1,210 @@
-"""Contact forces of one mesh as the start on the next.
+"""The answer on one mesh as the start on the next.
 
-What the solver looks for are forces of contact rows; what meshes have in common are pressures.
-Those of the last mesh are interpolated between its nearest nodes to the rows of the next and
-multiplied by the area that falls to each. Only rows of single nodes of bodies that are solved whole
-take them: multipliers of gluing belong to one decomposition.
+What the solver looks for are forces of rows, of contact, of held nodes and of gluing, and each mesh
+and decomposition has its own; what meshes have in common are tractions. Three of the last answer
+are known at its nodes:
+
+- the contact pressure;
+- the traction that holds held nodes, their reactions over their share of the boundary, which has in
+  it what a clamped edge makes singular;
+- inside, where subdomains of the next mesh may meet, that of the recovered stress, which is
+  continuous: what one side is given the other is given the opposite of.
+
+They are interpolated to the next mesh and integrated against its shape functions. As rows are
+orthonormal, B takes the forces to multipliers; what they lack to equilibrium is left to whoever
+begins with them. Their error in energy norm is about that of the mesh they come from.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from contact_app.model import Model, facets_of
-from solver.tfeti.exchange import NodeExchange
+from contact_app.facets import moments
+from contact_app.model import Model, boundary_facets
+from contact_app.patches import Cells
+from contact_app.point_values import PointValues
+from contact_app.pressure import SurfaceNodes, boundary_shares
+from contact_app.stress_recovery import SHEARS
+from meshes import Subdomain
+from solver.tfeti.dual import interface_slices
 
 if TYPE_CHECKING:
     from contact_app.run import SolvedScene
 
 Array = NDArray[np.float64]
 
+INSIDE = 0.51
+"""Where what is 1 at nodes that touched and 0 at others ends the contact: half-way between them,
+where a pressure interpolated to zero still pushes."""
 
-@dataclass(frozen=True, eq=False)
-class Pressures:
-    """Contact pressures of a solved mesh, all of them on every rank.
+NONE = 1e-12
+"""Share of a boundary, over the largest, that is none."""
 
-    Attributes
+
+class LastLevel:
+    """Tractions of a solved mesh; making and using it are collective.
+
+    Parameters
     ----------
-    points : list of (n, 3)
-        Nodes that may touch, by contact with an obstacle.
-    pressures : list of (n,)
+    values
+        At nodes: recovered stress, traction on what is held, contact pressure.
     """
 
-    points: list[Array]
-    pressures: list[Array]
+    def __init__(self, values: PointValues) -> None:
+        self._values = values
 
     @classmethod
-    def of(cls, solved: SolvedScene) -> Pressures:
-        """Gather them (collective)."""
-        model, contact = solved.model, solved.model.problem.contact
-        points, pressures = [], []
-        for number in range(len(model.scene.contacts)):
-            rows = np.flatnonzero(contact.sources == number)
-            mine = contact.points[rows], solved.nodes.contact_pressure[
-                contact.nodes[rows] - solved.nodes.first
-            ]  # fmt: skip
-            parts = model.comm.allgather(mine)
-            points.append(np.concatenate([p for p, _ in parts]))
-            pressures.append(np.concatenate([p for _, p in parts]))
-        return cls(points, pressures)
+    def of(cls, solved: SolvedScene) -> LastLevel:
+        """Those of an answer."""
+        model = solved.model
+        parts = (
+            solved.estimator.stresses(solved.solution),
+            _reactions(solved),
+            _pressures(solved),
+        )
+        return cls(
+            PointValues(model, [np.concatenate(v, axis=2) for v in zip(*parts, strict=True)])
+        )
 
-    def on(self, model: Model) -> Array | None:
-        """Multipliers on another mesh of the scene, None where there is no use for them."""
+    def on(self, model: Model) -> Array:
+        """Multipliers on another mesh of the scene, (dual,); contact rows push."""
         problem, contact = model.problem, model.problem.contact
-        if problem.coarse is not None or model.scene.pairs:
-            return None
-        if model.comm.allreduce(int(problem.wide.sum() + problem.size - len(contact.nodes))):
-            return None
-        areas = _areas(model)
-        result = np.zeros(problem.size)
-        for number, (points, pressures) in enumerate(zip(self.points, self.pressures, strict=True)):
-            rows = np.flatnonzero(contact.sources == number)
-            if len(points) == 0 or len(rows) == 0:
-                continue
-            nearest = min(len(points), model.scene.dimension)
-            distance, at = cKDTree(points).query(contact.points[rows], k=nearest)
-            distance, at = distance.reshape(len(rows), -1), at.reshape(len(rows), -1)
-            weight = 1.0 / (distance + 1e-6 * distance.max(initial=1e-300))
-            pressure = (weight * pressures[at]).sum(axis=1) / weight.sum(axis=1)
-            force = pressure * areas[number, contact.nodes[rows] - model.node_exchange.first]
-            result[rows] = np.maximum(force, 0.0) / contact.spread[rows]
+        multiplier = np.zeros(problem.size)
+        if problem.coarse is not None:
+            problem.B.apply(self._forces(model), multiplier)
+        body = np.array([touching.body for touching in model.scene.touching], np.int64)
+        pressure, pressed = self._values.at(contact.points, body[contact.sources])[:, -2:].T
+        force = np.where(pressed > INSIDE, np.maximum(pressure, 0.0), 0.0) * _areas(model)
+        multiplier[problem.inequality] = force / contact.spread
+        return multiplier
+
+    def _forces(self, model: Model) -> Array:
+        """Bᵀ λ of gluing and held rows, an interface vector."""
+        problem, d = model.problem, model.scene.dimension
+        subdomains = model.partition.subdomains
+        chosen, nodes = [], []
+        for s in subdomains:
+            held = _held(model, s)
+            inner = np.ones(len(held), bool)
+            inner[s.exterior] = False
+            rows = np.flatnonzero(inner | held.any(axis=1))
+            chosen.append((rows, inner[rows], held[rows]))
+            nodes.append(np.unique(s.reference.facets[rows]))
+        points = [s.points()[n] for s, n in zip(subdomains, nodes, strict=True)]
+        bodies = [np.full(len(n), s.body) for s, n in zip(subdomains, nodes, strict=True)]
+        known = self._values.at(
+            np.concatenate([np.zeros((0, 3)), *points]),
+            np.concatenate([np.zeros(0, np.int64), *bodies]),
+        )
+        of_subdomains = np.split(known, np.cumsum([len(n) for n in nodes])[:-1])
+        made: dict[int, tuple[Array, Array]] = {}
+        result = np.zeros(problem.B.columns)
+        slices = interface_slices(problem.classes)
+        for s, (cls, column), (rows, inner, held), own, values in zip(
+            subdomains, model.place, chosen, nodes, of_subdomains, strict=True
+        ):
+            if id(s.reference) not in made:
+                x = s.reference.points[s.reference.facets]
+                made[id(s.reference)] = Cells(model.elements[cls]).normals, moments(x, d)
+            normals, weights = (of_facets[rows] for of_facets in made[id(s.reference)])
+            facets = s.reference.facets[rows]
+            at_facets = values[np.searchsorted(own, facets)]
+            traction = _tractions(at_facets, normals) * inner[:, None, None]
+            traction += at_facets[..., -2 - d : -2] * held[:, None]
+            force = np.zeros((len(s.reference.points), d))
+            np.add.at(
+                force, facets, np.einsum("fjk,fji->fki", weights, traction[:, : weights.shape[1]])
+            )
+            of_class = problem.classes[cls]
+            mine = result[slices[cls]].reshape(of_class.members, -1)
+            mine[column] = -force.ravel()[of_class.interface]
         return result
 
 
+def _tractions(values: Array, normals: Array) -> Array:
+    """σ n at the nodes of facets, (facets, nodes, d), of the stress that values begin with."""
+    d = normals.shape[2]
+    result = values[..., :d] * normals
+    for row, (i, j) in enumerate(SHEARS[: d * (d - 1) // 2], d):
+        result[..., i] += values[..., row] * normals[..., j]
+        result[..., j] += values[..., row] * normals[..., i]
+    return result
+
+
+def _held(model: Model, subdomain: Subdomain) -> Array:
+    """1 for the components in which a condition holds each facet, (facets, d), else 0."""
+    scene = model.scene
+    result = np.zeros((len(subdomain.reference.facets), scene.dimension))
+    for condition in scene.displacements:
+        if condition.body == subdomain.body:
+            rows = boundary_facets(subdomain, scene.bodies[subdomain.body], condition.boundary)
+            held = np.array([value is not None for value in condition.values], float)
+            result[rows] = np.maximum(result[rows], held[: scene.dimension])
+    return result
+
+
+def _reactions(solved: SolvedScene) -> list[Array]:
+    """Traction on what is held, at nodes: (nodes, members, d) of each class."""
+    model, problem = solved.model, solved.model.problem
+    d, exchange = model.scene.dimension, model.node_exchange
+    contact = problem.constraint_forces(
+        np.where(problem.inequality, solved.solution.multiplier, 0.0)
+    )
+    missing = []
+    for cls, part, load, u in zip(
+        problem.classes, interface_slices(problem.classes), problem.forces,
+        solved.solution.displacements, strict=True,
+    ):  # fmt: skip
+        left = cls.stiffness @ u - load
+        left[cls.interface] += contact[part].reshape(cls.members, -1).T
+        missing.append(left)
+    copies = []
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        held = _held(model, s)
+        rows = np.flatnonzero(held.any(axis=1))
+        facets, share = s.reference.facets[rows], np.zeros((len(s.nodes), d))
+        weights = moments(s.reference.points[facets], d).sum(axis=1)
+        np.add.at(share, facets, weights[..., None] * held[rows][:, None])
+        copies.append(np.concatenate([missing[cls][:, column].reshape(-1, d), share], axis=1))
+    arrived = exchange.to_owners(np.concatenate([np.zeros((0, 2 * d)), *copies]))
+    sums = np.zeros((exchange.last - exchange.first, 2 * d))
+    np.add.at(sums, exchange.nodes - exchange.first, arrived)
+    force, share = sums[:, :d], sums[:, d:]
+    some = share > NONE * share.max(initial=0.0)
+    return _spread(model, np.divide(force, share, out=np.zeros_like(force), where=some))
+
+
+def _pressures(solved: SolvedScene) -> list[Array]:
+    """Contact pressure at nodes, (nodes, members, 2) of each class, and 1. where there is some."""
+    pressure = solved.nodes.contact_pressure
+    return _spread(solved.model, np.column_stack([pressure, pressure > 0.0]))
+
+
+def _spread(model: Model, values: Array) -> list[Array]:
+    """Bring values (owned, width) of nodes to (nodes, members, width) of each class."""
+    exchange = model.node_exchange
+    copies = exchange.from_owners(values[exchange.nodes - exchange.first])
+    result = [
+        np.zeros((cls.unknowns // model.scene.dimension, cls.members, values.shape[1]))
+        for cls in model.problem.classes
+    ]
+    at = 0
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        result[cls][:, column] = copies[at : at + len(s.nodes)]
+        at += len(s.nodes)
+    return result
+
+
 def _areas(model: Model) -> Array:
-    """Area of each contact boundary that falls to each owned node, (contacts, nodes)."""
-    exchange: NodeExchange = model.node_exchange
-    subdomains = model.partition.subdomains
-    starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
-    d = model.scene.dimension
-    area = np.zeros((len(model.scene.contacts), exchange.last - exchange.first))
-    for i, contact in enumerate(model.scene.contacts):
-        share = np.zeros(starts[-1])
-        chosen = facets_of(model.scene, model.partition, contact.body, contact.boundary)
-        for local, rows in enumerate(chosen):
-            if len(rows):
-                element = model.elements[model.place[local, 0]]
-                load = element.traction(rows, np.eye(d)[0])[::d]
-                share[starts[local] : starts[local + 1]] = load
-        arrived = exchange.to_owners(share)
-        area[i] = np.bincount(exchange.nodes - exchange.first, arrived, minlength=area.shape[1])
-    return area
+    """Area on which a pressure acts, of each contact row: its own, or its node's share."""
+    contact, surface = model.problem.contact, SurfaceNodes.of(model)
+    at = np.searchsorted(surface.owned, contact.nodes)
+    areas = contact.areas.copy()
+    for i, touching in enumerate(model.scene.touching):
+        shares = boundary_shares(model, surface, touching.body, touching.boundary)
+        mine = (contact.sources == i) & np.isnan(contact.areas)
+        areas[mine] = shares[at[mine]]
+    return areas

@@ -16,7 +16,6 @@ from contact_app.grading import evenness, graded
 from contact_app.refinement import next_factor, refined, solve_to_accuracy
 from contact_app.run import run, solve_scene
 from contact_app.scene import Scene, build_scene
-from contact_app.warm_start import Pressures
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
 from tests import scenes
@@ -143,22 +142,6 @@ def test_what_does_not_fit_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert summary["certificate"]["passed"]
     (warning,) = [w for w in summary["certificate"]["warnings"] if "not reached" in w]
     assert "GB are available" in warning
-
-
-@pytest.mark.parametrize(
-    ("name", "meshes"), [("cube", ([6, 6, 6], [10, 10, 10])), ("sphere", ([8, 8, 4], [14, 14, 6]))]
-)
-def test_a_level_begins_with_the_pressures_of_the_last(
-    name: str, meshes: tuple[list[int], list[int]]
-) -> None:
-    """Whole bodies: the same answer for fewer products, from the pressures of a coarser mesh."""
-    wanted = ["decomposition.subdomains=1", "solver.tolerance=1e-7"]
-    coarse, fine = (shipped(name, *wanted, f"bodies.0.mesh.box.cells={n}") for n in meshes)
-    start = Pressures.of(solve_scene(coarse))
-    cold, warm = (solve_scene(fine, start=s).summary for s in (None, start))
-    assert warm["solution"]["energy"] == pytest.approx(cold["solution"]["energy"], rel=1e-7)
-    spent = [s["solver"]["hessian_multiplications"] for s in (warm, cold)]
-    assert spent[0] < spent[1]
 
 
 def test_triangles_are_refined_where_the_error_is() -> None:
