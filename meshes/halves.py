@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,15 +71,13 @@ def half_box(box: BoxShape, axis: int) -> HalfSurface:
     ends = np.array([box.degree * n for n in cells])
     strides = np.cumprod([1, *(ends[:-1] + 1)], dtype=np.int64)
     faces, of_side = [], []
-    for number, (name, across, end) in enumerate(SIDES[: 2 * box.dimension]):
+    for number, (_, across, end) in enumerate(SIDES[: 2 * box.dimension]):
         if (across, end) == (axis, 1):
             continue
-        layer = tuple(1 if a == across else n for a, n in enumerate(cells))
-        upper = tuple(box.spacing * layer)
-        slab = replace(box, lower=(0.0,) * box.dimension, upper=upper, cells=layer).cell_mesh()
-        place = lattice_places([box.degree * n + 1 for n in layer])
-        place[:, across] += end * box.degree * (cells[across] - 1)
-        faces.append((place @ strides)[slab.topology.facets[slab.sides[name]]])
+        bricks = lattice_places([1 if a == across else n for a, n in enumerate(cells)])
+        bricks[:, across] += end * (cells[across] - 1)
+        place = box.degree * bricks[:, None, None] + _brick_sides(box.cell, box.degree)[number]
+        faces.append((place @ strides).reshape(-1, place.shape[2]))
         of_side.append(np.full(len(faces[-1]), number))
     used, facets = np.unique(np.concatenate(faces), return_inverse=True)
     place = used[:, None] // strides % (ends + 1)
@@ -94,6 +93,15 @@ def half_box(box: BoxShape, axis: int) -> HalfSurface:
         at[:, : box.dimension] = np.array(box.lower) + lattice * (box.spacing / box.degree)
     on_plane = place[:, axis] == ends[axis]
     return HalfSurface(points, images, on_plane, facets.reshape(shape), sides)
+
+
+@cache
+def _brick_sides(cell: str, degree: int) -> list[NDArray[np.int64]]:
+    """Places on the lattice of the nodes of the facets on each side of a box of one brick."""
+    d = 2 if cell in ("triangle", "quadrilateral") else 3
+    brick = BoxShape((0.0,) * d, (1.0,) * d, (1,) * d, cell, degree)
+    mesh, place = brick.cell_mesh(), lattice_places([degree + 1] * d)
+    return [place[mesh.topology.facets[mesh.sides[name]]] for name, _, _ in SIDES[: 2 * d]]
 
 
 def half_mesh(
