@@ -82,15 +82,33 @@ class ConstraintMatrix:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
         _multiply(self._transpose, self._dual, x, self._interface, out)
 
-    def scaled(self, weights: NDArray[np.float64]) -> ConstraintMatrix:
+    def scaled(self, weights: NDArray[np.float64]) -> ScaledConstraintMatrix:
         """W B, for weights of this rank's rows."""
-        matrix, transpose = self.matrix.copy(), self._transpose.copy()
-        scale_rows(matrix, weights)
-        with lent(self.comm, weights) as (right,):
-            transpose.diagonalScale(R=right)
-        result = ConstraintMatrix(matrix)
-        vars(result)["_transpose"] = transpose  # scaling takes a third of transposing
+        return ScaledConstraintMatrix(self, weights)
+
+
+class ScaledConstraintMatrix(ConstraintMatrix):
+    """W B, applied as it is written: what it serves for is over before copies would pay."""
+
+    def __init__(self, B: ConstraintMatrix, weights: NDArray[np.float64]) -> None:
+        self._B, self._weights = B, weights
+        self.comm, self.rows, self.columns = B.comm, B.rows, B.columns
+
+    @cached_property
+    def matrix(self) -> PETSc.Mat:  # type: ignore[override]
+        """Made when it is asked for."""
+        result = self._B.matrix.copy()
+        scale_rows(result, self._weights)
         return result
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Put W B x into out."""
+        self._B.apply(x, out)
+        out *= self._weights
+
+    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Put Bᵀ W x into out."""
+        self._B.apply_transpose(self._weights * x, out)
 
 
 def _multiply(
