@@ -5,9 +5,9 @@ order of the mesh's nodes: unknown ``node * dimension + component``. Linear elas
 strain: σ = λ tr(ε) I + 2 μ ε with Lamé's parameters, λ replaced by 2λμ/(λ + 2μ) in plane stress.
 
 Two points a direction integrate the stiffness of first-order cells exactly on undistorted boxes,
-three that of second-order quadrilaterals and hexahedra, a rule of degree 2 that of second-order
-triangles and tetrahedra with straight edges; the default rule of the form compiler takes up to
-four times longer for the same matrix. In cells with curved edges the stiffness is no polynomial;
+three that of second-order quadrilaterals and hexahedra, a rule of the same degree that of triangles
+and tetrahedra with straight edges; the default rule of the form compiler takes up to four times
+longer for the same matrix. In cells with curved edges the stiffness is no polynomial;
 the rule there is exact for what loads and constant stresses need, so that a patch test is passed.
 """
 
@@ -39,7 +39,7 @@ def quadrature_degree(cell: str, degree: int, curved: bool = False) -> int:
     """
     if curved:
         return CURVED[cell]
-    return 2 * degree if cell in ("quadrilateral", "hexahedron") else 2
+    return 2 * degree if cell in ("quadrilateral", "hexahedron") else degree
 
 
 def lame(material: Material, plane: str | None) -> tuple[float, float]:

@@ -54,7 +54,11 @@ def create_mesh(
     Cells of degree 2 have the nodes of Lagrange cells of that degree and edges as curved as these.
     """
     domain = coordinate_element(cell, points.shape[1], degree)
-    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
+    if _MODERN:
+        return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
+    # given an array it would fail first, and print it into the message it throws away
+    listing = dolfinx.cpp.graph.AdjacencyList_int64(cells)
+    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, listing, points, domain)
 
 
 def cell_nodes(mesh: Any) -> NDArray[np.int32]:

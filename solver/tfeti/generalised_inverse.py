@@ -89,9 +89,9 @@ class CholeskyFactor:
         self.size = rows.shape[0]
         if not self.size:  # all is held: PETSc factors no empty matrix
             return
-        petsc = PETSc.Mat().createAIJ(
+        petsc = PETSc.Mat().createAIJWithArrays(
             rows.shape,
-            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+            (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
             comm=PETSc.COMM_SELF,
         )
         petsc.setOption(PETSc.Mat.Option.SPD, True)
@@ -108,11 +108,18 @@ class CholeskyFactor:
                 "fixed: it has further zero-energy modes, or cells of no volume"
             ) from error
         self._factor = self._pc.getFactorMatrix()
+        # their own arrays are never touched: they only lend their shape
+        self._source, self._target = (
+            PETSc.Vec().createWithArray(np.empty(self.size), comm=PETSc.COMM_SELF) for _ in range(2)
+        )
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
         result = np.empty(loads.shape, order="F")
         loads = np.asfortranarray(loads)
+        if loads.shape[1] == 1 and self.size:
+            self._solve_one(loads[:, 0], result[:, 0])
+            return result
         for begin in range(0, loads.shape[1] if self.size else 0, COLUMNS_AT_ONCE):
             part = slice(begin, begin + COLUMNS_AT_ONCE)
             b = PETSc.Mat().createDense(
@@ -125,6 +132,16 @@ class CholeskyFactor:
             b.destroy()
             x.destroy()
         return result
+
+    def _solve_one(self, load: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """One right-hand side, (n,), without matrices made about it."""
+        self._source.placeArray(load)
+        self._target.placeArray(out)
+        try:
+            self._factor.solve(self._source, self._target)
+        finally:
+            self._source.resetArray()
+            self._target.resetArray()
 
     def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
         """The inverse between some unknowns, (m, m), symmetric."""
