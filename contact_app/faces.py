@@ -76,35 +76,54 @@ IDEMPOTENT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A multiplier in equilibrium, and the force of the multiplier of Gλ = e that goes with it.
+    """A multiplier in equilibrium, and the displacements that go with it.
 
     Attributes
     ----------
-    x, equality_force : (dual,)
-        Homogenised multiplier and t = Cᵀ μ, to start SMALBE from or to recover an answer.
+    multiplier : (dual,)
+        λ.
+    motions : (kernels,)
+        α, which lets the jumps on the face be smallest.
     touching : (dual,)
         Contact rows of the face.
-    distance : (dual,)
-        Jumps, and the penetration of contact rows; over the largest displacement.
+    jumps : (dual,)
+        B u - c.
+    largest
+        Largest displacement on the interface.
     displacements : (interface,)
         u.
     strained
         a(u, u), twice the energy of the strains.
     """
 
-    x: NDArray[np.float64]
-    equality_force: NDArray[np.float64]
+    multiplier: NDArray[np.float64]
+    motions: NDArray[np.float64]
     touching: NDArray[np.bool_]
-    distance: NDArray[np.float64]
+    jumps: NDArray[np.float64]
+    largest: float
     displacements: NDArray[np.float64]
     strained: float
+
+    def distance(self, problem: DualProblem) -> NDArray[np.float64]:
+        """Jumps, and the penetration of contact rows; over the largest displacement."""
+        return self.jumps / (problem.spread * (self.largest or 1.0))
 
     def worst(self, problem: DualProblem) -> float:
         """Largest jump or penetration, over the largest displacement."""
         one_sided = problem.inequality & ~self.touching
+        distance = self.distance(problem)
         return largest_magnitude(
-            problem.comm, np.where(one_sided, np.maximum(self.distance, 0.0), self.distance)
+            problem.comm, np.where(one_sided, np.maximum(distance, 0.0), distance)
         )
+
+    def homogenised(self, problem: DualProblem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x = λ - λ̃ and t = Cᵀ μ = Q (F λ - d) - Gᵀ α, for SMALBE to go on from."""
+        coarse = problem.coarse
+        assert coarse is not None
+        force, kernel_part = np.empty(problem.size), np.empty(problem.size)
+        coarse.extend(self.motions, kernel_part)
+        coarse.apply(kernel_part - self.jumps, force)
+        return self.multiplier - problem.offset, force - kernel_part
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +207,7 @@ class Face:
         it.begin()
         it.counts.hessian += 1  # of the right-hand side
         self._floor = max(self.glued.round_off, OUTSIDE * it.reduction.norm(outside))
-        self._weight = it.reduction.norm(self.glued.offset - problem.offset)
+        self._weight = it.reduction.norm(self.glued.offset)
         self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
         self._before = it.reduction.collectives
 
@@ -255,37 +274,34 @@ class Face:
         Takes no product: the directions' displacements were kept.
         """
         problem, it = self.problem, self._iterate
-        coarse, own = problem.coarse, self.glued.coarse
-        assert coarse is not None
-        assert own is not None
+        assert self.glued.coarse is not None
+        assert problem.coarse is not None
         multiplier = self.glued.offset + it.x
         assert it.image is not None
         u = self.glued.displacements_of_offset - it.image
         strained = problem.strain_energy(multiplier, u)
-        residual = problem.residual(u)  # d - F λ
-        alpha = -own.coefficients(residual)
-        # t = Q (F λ - d) - Gᵀ α, so that the recovery finds α again
-        force, kernel_part = np.empty(problem.size), np.empty(problem.size)
-        coarse.extend(alpha, kernel_part)
-        coarse.apply(-residual, force)
-        force -= kernel_part
+        jumps = problem.residual(u)  # d - F λ
+        alpha = -self.glued.coarse.coefficients(jumps)
+        kernel_part = np.empty(problem.size)
+        problem.coarse.extend(alpha, kernel_part)
+        jumps += kernel_part
         add_motions(problem, alpha, u)
-        distance = (residual + kernel_part) / problem.spread
-        distance /= largest_magnitude(problem.comm, u) or 1.0
+        largest = largest_magnitude(problem.comm, u)
+        state = State(multiplier, alpha, self.touching, jumps, largest, u, strained)
+        distance = state.distance(problem)
         error = SIGNIFICANT * self.error(strained)
         strongest = largest_magnitude(problem.comm, multiplier[self.touching])
         stays = multiplier > -error * strongest
         for _ in range(2):
             crossed = self._levels.allowed & (distance > error)
             if not problem.comm.allreduce(int(self.touching.sum())):
-                crossed &= self._reached_first(residual + kernel_part, crossed)
+                crossed &= self._reached_first(jumps, crossed)
             following = problem.inequality & np.where(self.touching, stays, crossed)
             changes = problem.comm.allreduce(int((following != self.touching).sum()))
             if changes or self._levels.finest:
                 break
             self._levels.refine()
-        x = multiplier - problem.offset
-        return State(x, force, self.touching, distance, u, strained), following
+        return state, following
 
     def _reached_first(
         self, jumps: NDArray[np.float64], crossed: NDArray[np.bool_]
@@ -408,7 +424,7 @@ def follow(
         PETSc.garbage_cleanup(problem.comm)
         if found.reason is not None or found.state is None:
             break
-        multiplier, touching = problem.offset + found.state.x, found.following
+        multiplier, touching = found.state.multiplier, found.following
     return replace(found, counts=counts)
 
 

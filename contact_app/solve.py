@@ -95,10 +95,9 @@ def solve(
         alpha_u=options.alpha_u,
         gamma=options.gamma,
         rtol=INNER * target.tolerance,
-        atol=problem.round_off,
         max_iterations=options.max_iterations,
     )
-    if problem.coarse is None or problem.lower is None:
+    if problem.coarse is None or not problem.one_sided:
         found = _solve_mprgp(problem, target, inner, monitor, start)
         return replace(found, warm=warm)
     return _solve_smalbe(problem, target, inner, monitor, checkpoint, start)
@@ -123,7 +122,7 @@ def _on_faces(
 
     def lacks(state: State) -> float:
         worst = state.worst(problem)
-        multiplier = problem.offset + state.x
+        multiplier = state.multiplier.copy()
         multiplier[problem.inequality] = np.maximum(multiplier[problem.inequality], 0.0)
 
         def gap(sharp: bool) -> float:
@@ -209,7 +208,7 @@ class _OuterJudge:
         def keep(found: State, spent: Counts) -> None:
             self._save(
                 Restart(
-                    state.iteration, found.x, found.equality_force, state.rho, state.M,
+                    state.iteration, *found.homogenised(problem), state.rho, state.M,
                     state.target, -math.inf, (), state.counts + spent,
                 )
             )  # fmt: skip
@@ -272,15 +271,17 @@ def _solve_smalbe(
     inner = replace(
         inner,
         norm=norm,
+        atol=problem.round_off,
         preconditioner=preconditioner,
         max_iterations=inner.max_iterations - counts.inner,
     )
+    x0, multiplier0 = start.homogenised(problem) if start else (None, None)
     judge = _OuterJudge(problem, target, inner, monitor, save)
     result = SMALBE(inner).solve(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
-        x0=start.x if start else None,
-        multiplier0=start.equality_force if start else None,
+        x0=x0,
+        multiplier0=multiplier0,
         monitor=monitor,
         accept=judge.accepts,
         save=lambda state: save(replace(state, counts=judge.spent + state.counts)),
@@ -306,21 +307,19 @@ def _from_first_face(
     """Faces from a first one on, or from where a stopped solve had come to.
 
     The first is what touches when all subdomains are rigid, on springs, or what pushes in a guess
-    of the multipliers.
+    of the multipliers. What is saved of a face is λ itself, without a multiplier of Gλ = e.
     """
-    assert problem.lower is not None
     multiplier, touching, before = None, np.zeros(problem.size, bool), Counts()
     if restart is None:
         touching = bedded(problem) if guess is None else problem.inequality & (guess > 0.0)
         multiplier = guess
     if restart is not None:
-        multiplier, before = problem.offset + restart.x, restart.counts
-        touching = problem.inequality & (restart.x > problem.lower)
+        multiplier, before = restart.x, restart.counts
+        touching = problem.inequality & (restart.x > 0.0)
 
     def keep(state: State, spent: Counts) -> None:
-        save(
-            Restart(0, state.x, state.equality_force, 0.0, 0.0, 0.0, -math.inf, (), before + spent)
-        )
+        none = np.zeros(problem.size)
+        save(Restart(0, state.multiplier, none, 0.0, 0.0, 0.0, -math.inf, (), before + spent))
 
     found, answer = _on_faces(problem, target, inner, multiplier, touching, monitor, keep)
     return replace(found, counts=before + found.counts), answer
@@ -335,7 +334,8 @@ def _solve_mprgp(
 ) -> Solution:
     """MPRGP alone; without bounds it is the conjugate gradient method."""
     qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0
-    if problem.coarse is None and problem.lower is not None:
+    inner = replace(inner, atol=problem.round_off)
+    if problem.coarse is None and problem.one_sided:
         inner = replace(inner, memory=MEMORY)
         if start is None:
             start, columns = on_columns(problem)
@@ -358,7 +358,10 @@ def _solve_mprgp(
 
 def _answer_of(problem: DualProblem, target: Target, state: State) -> Solution:
     """The answer that a face's solution stands for, judged."""
-    return target.judge(_answer(problem, target, state.x, state.equality_force, state.touching))
+    multiplier = feasible_multiplier(problem, state.multiplier, state.touching)
+    return target.judge(
+        _certified(problem, multiplier, state.motions, target.tolerance, target.relaxations)
+    )
 
 
 def _answer(
@@ -366,12 +369,9 @@ def _answer(
     target: Target,
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,
-    touching: NDArray[np.bool_] | None = None,
 ) -> Solution:
     """`certified_answer` held against what a target asks for now."""
-    return certified_answer(
-        problem, x, equality_force, target.tolerance, touching, target.relaxations
-    )
+    return certified_answer(problem, x, equality_force, target.tolerance, target.relaxations)
 
 
 def certified_answer(
@@ -379,29 +379,37 @@ def certified_answer(
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,
     tolerance: float,
-    touching: NDArray[np.bool_] | None = None,
     relaxations: int = 0,
 ) -> Solution:
     """Recover and certify what an iterate of the solver stands for.
+
+    Contact rows above their bound carry force.
 
     Parameters
     ----------
     tolerance
         What the certificate is held against.
-    touching : (dual,)
-        Contact rows that carry force; those above their bound unless given.
     relaxations
         Of the certificate: steps that sharpen the duality gap.
     """
     balanced = x.copy()
     if problem.coarse is not None:
         problem.coarse.project(x, balanced)
-    if touching is None:
-        touching = np.zeros(problem.size, bool)
-        if problem.lower is not None:
-            touching = x > problem.lower
-    multiplier = feasible_multiplier(problem, balanced, touching)
+    touching = np.zeros(problem.size, bool)
+    if problem.lower is not None:
+        touching = x > problem.lower
+    multiplier = feasible_multiplier(problem, problem.offset + balanced, touching)
     alpha = kernel_coefficients(problem, multiplier, equality_force)
+    return _certified(problem, multiplier, alpha, tolerance, relaxations)
+
+
+def _certified(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    alpha: NDArray[np.float64],
+    tolerance: float,
+    relaxations: int,
+) -> Solution:
     u = recover(problem, multiplier, alpha)
     certificate, measures = certify(problem, multiplier, u, tolerance, relaxations)
     return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, tolerance)

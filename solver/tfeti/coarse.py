@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from copy import copy
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +37,8 @@ class CoarseProblem:
     """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
 
     G = Rᵀ Bᵀ is applied as it is written: B once, then one product with the small dense kernel of
-    each class; the product of the two, twelve entries a row, would take several times longer.
+    each class; the product of the two, twelve entries a row, would take several times longer. The
+    factor is made when it is first asked for.
 
     Parameters
     ----------
@@ -47,11 +49,6 @@ class CoarseProblem:
         each member.
     inequality : (dual,)
         Contact rows, which `weighted` may weigh down.
-
-    Raises
-    ------
-    ArithmeticError
-        G Gᵀ is singular: some rigid motion is seen by no row of B.
     """
 
     def __init__(
@@ -76,7 +73,10 @@ class CoarseProblem:
         self._dual = np.empty(self.size)
         self._coarse = np.empty(self.kernels)
         self._solution = np.empty(self.kernels)
-        self._factor = self._factored(None)
+
+    @cached_property
+    def _factor(self) -> CoarseFactor:
+        return self._factored(None)
 
     @property
     def entries(self) -> int:
@@ -89,10 +89,15 @@ class CoarseProblem:
         Parameters
         ----------
         weights : (dual,)
+
+        Raises
+        ------
+        ArithmeticError
+            Its G Gᵀ is singular: some rigid motion is seen by no row with a weight.
         """
         result = copy(self)
         result._weights = weights
-        result._factor = self._factored(weights**2)
+        vars(result)["_factor"] = self._factored(weights**2)
         return result
 
     def _factored(self, weights: NDArray[np.float64] | None) -> CoarseFactor:

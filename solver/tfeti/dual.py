@@ -135,6 +135,11 @@ class DualProblem:
         return self.kinds == RowKind.CONTACT
 
     @cached_property
+    def one_sided(self) -> bool:
+        """Whether any rank has a contact row (collective when first asked)."""
+        return bool(self.comm.allreduce(int(self.inequality.sum())))
+
+    @cached_property
     def spread(self) -> NDArray[np.float64]:
         """One over the length of the unscaled row on contact rows, 1 elsewhere.
 
@@ -265,7 +270,7 @@ class DualProblem:
     @cached_property
     def lower(self) -> NDArray[np.float64] | None:
         """Lower bounds -λ̃ on contact rows, -∞ elsewhere; None without contact rows."""
-        if not self.comm.allreduce(int(self.inequality.sum())):
+        if not self.one_sided:
             return None
         return np.where(self.inequality, -self.offset, -np.inf)
 

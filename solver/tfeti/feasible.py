@@ -21,9 +21,9 @@ OPEN_WEIGHT = 1e-3
 
 
 def feasible_multiplier(
-    problem: DualProblem, x: NDArray[np.float64], touching: NDArray[np.bool_]
+    problem: DualProblem, multiplier: NDArray[np.float64], touching: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """λ = λ̃ + x made admissible: zero on contact rows that do not touch, nowhere negative, Gλ = e.
+    """λ made admissible: zero on contact rows that do not touch, nowhere negative, Gλ = e.
 
     What is missing in Gλ = e is put on the rows that hold with equality, gluing, held and
     touching contact rows; where those cannot carry it (a body kept by too few touching rows) open
@@ -31,13 +31,12 @@ def feasible_multiplier(
 
     Parameters
     ----------
-    x : (dual,)
-        Homogenised multiplier.
+    multiplier : (dual,)
+        λ.
     touching : (dual,)
         Contact rows whose multiplier is above its bound.
     """
-    multiplier = problem.offset + x
-    multiplier[problem.inequality & ~touching] = 0.0
+    multiplier = np.where(problem.inequality & ~touching, 0.0, multiplier)
     if problem.coarse is None:
         return np.where(problem.inequality, np.maximum(multiplier, 0.0), multiplier)
     return _balance(problem, multiplier, problem.inequality & ~touching)
@@ -52,7 +51,7 @@ def _balance(
     """
     assert problem.coarse is not None
     root = np.where(open_rows, OPEN_WEIGHT, 1.0)
-    coarse = problem.coarse.weighted(root)
+    coarse = None
     missing, solution = np.empty(len(problem.e)), np.empty(len(problem.e))
     change = np.empty(problem.size)
     tolerance = 1e-13 * max(
@@ -67,6 +66,7 @@ def _balance(
         np.subtract(problem.e, missing, out=missing)
         if largest_magnitude(problem.comm, missing) <= tolerance:
             break
+        coarse = coarse or problem.coarse.weighted(root)
         coarse.solve(missing, solution)
         coarse.extend(solution, change)
         change *= root

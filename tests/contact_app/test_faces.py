@@ -16,7 +16,7 @@ from contact_app.target import GAIN, LOOSEST, SHARPENS, AutomaticTarget
 from solver import MPRGP
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import follows
-from solver.tfeti.recovery import interface_displacements
+from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 from tests import scenes
 
 
@@ -41,15 +41,16 @@ def looked(problem: DualProblem, aim: float) -> tuple[Face, State]:
 
 def test_a_look_sees_what_a_product_would_tell(problem: DualProblem) -> None:
     face, state = looked(problem, 0.1)
-    multiplier = problem.offset + state.x
+    multiplier = state.multiplier
     free = interface_displacements(problem, multiplier, np.zeros(len(problem.e)))
     motions = state.displacements - free
     scale = np.abs(state.displacements).max()
     # they differ by rigid motions alone, which no multiplier in equilibrium does work on
-    other = problem.constraint_forces(np.where(problem.inequality & ~face.touching, 0.0, state.x))
+    change = np.where(problem.inequality & ~face.touching, 0.0, multiplier - problem.offset)
+    other = problem.constraint_forces(change)
     assert abs(other @ motions) <= 1e-10 * np.linalg.norm(other) * np.linalg.norm(motions)
     jumps = problem.residual(state.displacements) / problem.spread
-    np.testing.assert_allclose(state.distance, jumps / scale, atol=1e-10)
+    np.testing.assert_allclose(state.distance(problem), jumps / scale, atol=1e-10)
     strained = problem.strain_energy(multiplier, free)
     assert state.strained == pytest.approx(strained, rel=1e-10)
 
@@ -57,9 +58,19 @@ def test_a_look_sees_what_a_product_would_tell(problem: DualProblem) -> None:
 def test_a_face_goes_on_from_the_last_multiplier(problem: DualProblem) -> None:
     """Solved from there the same face is at its end, and its first product is all it takes."""
     face, state = looked(problem, 1e-8)
-    again = Face(problem, touching(problem), problem.offset + state.x)
+    again = Face(problem, touching(problem), state.multiplier)
     assert again.counts.hessian == 1
     np.testing.assert_allclose(again.look()[0].displacements, state.displacements, atol=1e-12)
+
+
+def test_what_smalbe_goes_on_from_stands_for_the_same_displacements(problem: DualProblem) -> None:
+    state = looked(problem, 1e-3)[1]
+    x, force = state.homogenised(problem)
+    multiplier = problem.offset + x
+    alpha = kernel_coefficients(problem, multiplier, force)
+    found = interface_displacements(problem, multiplier, alpha)
+    scale = np.abs(found).max()
+    np.testing.assert_allclose(found, state.displacements, atol=1e-10 * scale)
 
 
 def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
@@ -70,7 +81,7 @@ def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
     face = Face(problem, np.zeros(problem.size, bool))  # without contact λ is admissible
     face.solve(MPRGP(), 0.3, None)
     state = face.look()[0]
-    multiplier = problem.offset + state.x
+    multiplier = state.multiplier
     plain, sharp = (duality_gap(problem, multiplier, state.displacements, k) for k in (0, 3))
     dual = -0.5 * state.strained - float(multiplier @ problem.c)
     assert energy - dual > 0.0

@@ -95,7 +95,7 @@ def test_a_repaired_multiplier_is_admissible() -> None:
     x = 1e-3 * size * random.normal(size=problem.size)
     assert problem.lower is not None
     x = np.maximum(x, problem.lower)
-    repaired = feasible_multiplier(problem, x, x > problem.lower)
+    repaired = feasible_multiplier(problem, problem.offset + x, x > problem.lower)
     assert (repaired[problem.inequality] >= 0).all()
     work = np.empty(len(problem.e))
     problem.coarse.restrict(repaired, work)
