@@ -38,6 +38,7 @@ from contact_app.solution import Accuracy, Solution
 from contact_app.solve import reason_text, solve
 from contact_app.symmetry import halved
 from contact_app.timings import Timings
+from contact_app.undivided import undivided
 from contact_app.warm_start import LastLevel
 from solver import Counts
 from solver.errors import QPError
@@ -218,6 +219,9 @@ def solve_scene(
         The scene cannot be modelled, or has no equilibrium.
     """
     solved = _solved(scene, comm, monitor, checkpoint, tell, start)
+    whole = undivided(solved.model, solved.solution, scene.solver.max_iterations)
+    if whole is not None:
+        solved = _undivided(whole, solved, monitor, tell, start)
     if not scene.guaranteed:
         return solved
     with solved.timings.measure("estimate"):
@@ -228,6 +232,28 @@ def solve_scene(
     return replace(solved, guaranteed=found, summary=summary)
 
 
+def _undivided(
+    scene: Scene,
+    before: SolvedScene,
+    monitor: Monitor | None,
+    tell: Tell | None,
+    start: LastLevel | None,
+) -> SolvedScene:
+    """Solve a scene anew in the few subdomains it now asks for (collective)."""
+    model, solution = before.model, before.solution
+    text = (
+        f"in {model.partition.count} subdomains the answer could not be certified "
+        f"({reason_text(solution)}): solved in {scene.decomposition.subdomains} instead"
+    )
+    if model.comm.rank == 0:
+        log.info("%s", text)
+    again = _solved(scene, model.comm, monitor, None, tell, start, before.timings, solution.counts)
+    certificate = again.solution.certificate
+    certificate = replace(certificate, warnings=(*certificate.warnings, text))
+    again = replace(again, solution=replace(again.solution, certificate=certificate))
+    return replace(again, summary=summary_of(again))
+
+
 def _solved(
     scene: Scene,
     comm: MPI.Intracomm,
@@ -235,9 +261,17 @@ def _solved(
     checkpoint: Checkpoint | None,
     tell: Tell | None,
     start: LastLevel | None,
+    timings: Timings | None = None,
+    spent: Counts | None = None,
 ) -> SolvedScene:
-    """Solve a scene, again where the answer crosses contacts that were left out (collective)."""
-    timings, spent = Timings(), Counts()
+    """Solve a scene, again where the answer crosses contacts that were left out (collective).
+
+    Parameters
+    ----------
+    timings, spent
+        Time and work so far.
+    """
+    timings, spent = timings or Timings(), spent or Counts()
     needed: Needed = "estimated"
     for _ in range(EXTENSIONS):
         solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings, spent, tell, start)
