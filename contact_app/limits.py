@@ -62,12 +62,13 @@ def model_warnings(
     warnings += _yielding(model, cells)
     for contact, sagitta in zip(scene.contacts, sagittas(model, nodes), strict=True):
         if sagitta > LARGE_SAGITTA * solution.measures.displacement > 0.0:
-            share = sagitta / solution.measures.displacement
+            share, body = sagitta / solution.measures.displacement, scene.bodies[contact.body]
+            second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+            remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
             warnings.append(
-                f"{contact.source}: {scene.bodies[contact.body].name} is round there and has "
-                f"straight edges: their middles lie up to {sagitta:.2g} off the curve of their "
-                f"ends, {100.0 * share:.2g} % of the largest displacement, and degree 2 answers "
-                "for the polygon; use a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+                f"{contact.source}: {body.name} is round there and has straight edges: their "
+                f"middles lie up to {sagitta:.2g} off the curve of their ends, {100.0 * share:.2g} "
+                f"% of the largest displacement, and the mesh answers for the polygon; {remedy}"
             )
     for i, contact in enumerate(scene.contacts):
         radius = getattr(contact.obstacle, "curvature_radius", None)

@@ -1,8 +1,9 @@
-"""How far the straight edges of a round body of degree 2 are from the curve its corners lie on.
+"""How far the straight edges of a round body are from the curve its corners lie on.
 
-Middles of such edges keep a distance from a round obstacle that corners do not, the sagitta h θ/8
-where edges of length h meet at an angle θ. Beside displacements much larger that is nothing; beside
-smaller ones corners alone touch, and what is solved for is the polygon.
+Nodes amid such edges, of degree 2 or where they were halved, keep a distance from a round obstacle
+that corners do not, the sagitta h θ/8 where edges of length h meet at an angle θ. Beside
+displacements much larger that is nothing; beside smaller ones corners alone touch, or what was
+halved does inside a hole, and what is solved for is the polygon.
 """
 
 from __future__ import annotations
@@ -26,12 +27,10 @@ FLAT = 1e-6
 def sagittas(model: Model, nodes: NodeFields) -> list[float]:
     """Largest sagitta where a body of straight edges is that near to each obstacle (collective).
 
-    Zero for bodies of degree 1, boxes and bodies with curved edges.
+    Zero for boxes, bodies with curved edges, and those of degree 1 whose edges were not halved.
     """
     scene = model.scene
-    straight = {
-        c.body for c in scene.contacts if scene.bodies[c.body].degree == 2 and _straight(scene, c)
-    }
+    straight = {c.body for c in scene.contacts if _straight(scene, c)}
     if not straight:
         return [0.0] * len(scene.contacts)
     known = np.isfinite(nodes.gap)
@@ -44,9 +43,11 @@ def sagittas(model: Model, nodes: NodeFields) -> list[float]:
 
 
 def _straight(scene: Scene, contact: Contact) -> bool:
-    """Whether the body of a contact came from a file and has straight edges."""
-    mesh = scene.bodies[contact.body].mesh
-    return isinstance(mesh, CellMesh) and mesh.middles is None
+    """Whether the body of a contact came from a file and has nodes amid straight edges."""
+    body = scene.bodies[contact.body]
+    if not isinstance(body.mesh, CellMesh) or body.mesh.middles is not None:
+        return False
+    return body.degree == 2 or body.mesh.given is not None
 
 
 def _sagitta(
@@ -55,12 +56,13 @@ def _sagitta(
     """Largest sagitta near watched points whose gap is no larger than one."""
     mesh = body.mesh
     assert isinstance(mesh, CellMesh)
+    mesh = mesh.given or mesh
     d = mesh.dimension
     points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
     facets = mesh.topology.facets
     if contact.boundary in body.boundaries:
         inside = body.boundaries[contact.boundary](points)[facets].all(axis=1)
-        for name in body.cuts:
+        for name in set(body.cuts) & set(mesh.sides):
             inside[mesh.sides[name]] = False
         facets = facets[inside]
     else:

@@ -89,6 +89,7 @@ def bisected(mesh: CellMesh, marked: Ints) -> CellMesh:
         },
         groups={name: np.flatnonzero(np.isin(parent, rows)) for name, rows in mesh.groups.items()},
         tags=mesh.tags[parent],
+        given=mesh.given or mesh,
     )
 
 

@@ -112,6 +112,7 @@ def refined(mesh: CellMesh) -> CellMesh:
         },
         tags=np.repeat(mesh.tags, parts),
         middles=middles,
+        given=mesh.given or mesh,
     )
 
 

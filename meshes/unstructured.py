@@ -134,6 +134,9 @@ class CellMesh:
     middles : (cells, further nodes, dimension)
         Of a mesh of degree 1 whose edges are curved: where the nodes of degree 2 lie that cells
         have besides their vertices, in VTK order; None where edges are straight.
+    given
+        The mesh whose edges were halved to make this one: its corners are on the shape that both
+        stand for. None where nothing was halved.
     """
 
     cell: str
@@ -147,6 +150,7 @@ class CellMesh:
     notes: tuple[str, ...] = field(default=())
     degree: int = 1
     middles: NDArray[np.float64] | None = None
+    given: CellMesh | None = None
 
     @property
     def dimension(self) -> int:

@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_app.configuration import load
+from contact_app.refinement import solve_to_accuracy
 from contact_app.run import SolvedScene, solve_scene
+from contact_app.scene import build_scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
@@ -230,3 +233,24 @@ def test_a_polygon_is_told(cell: str, tmp_path: Path) -> None:
     name = meshfiles.SECOND[cell][-1]
     curved = ring(cell, name, n, tmp_path).summary["certificate"]["warnings"]
     assert not any("polygon" in w for w in curved)
+
+
+def test_a_polygon_that_was_refined_is_told() -> None:
+    """Halved edges of degree 1 have nodes inside the pin of a bore, which its corners clear."""
+    path = Path(__file__).parents[2] / "configs" / "bushing.yaml"
+    told = {}
+    for key in ("bodies.0.mesh.refine=0", "bodies.0.mesh.refine=1", "accuracy=0.2"):
+        scene = build_scene(load(path, [key]))
+        if scene.accuracy is None:
+            solved = solve_scene(scene)
+        else:
+            solved = solve_to_accuracy(scene, lambda level, start: solve_scene(level)).solved
+        warnings = solved.summary["certificate"]["warnings"]
+        told[key] = [w for w in warnings if "answers for the polygon" in w]
+    sagitta = 5.0 * (1.0 - np.cos(np.pi / 40))  # 40 corners on a circle of radius 5
+    for key, said in told.items():
+        assert len(said) == (key != "bodies.0.mesh.refine=0"), key
+        for text in said:
+            found = float(text.split("lie up to ")[1].split()[0])
+            assert found == pytest.approx(sagitta, rel=0.1)
+            assert "use degree: 2 and a mesh file of second order" in text
