@@ -164,10 +164,7 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
         "energy": copies * summary["solution"]["energy"],
         "mean_displacement": mean,
         "contact_force": _times(summary["solution"]["contact_force"], factor),
-        "pair_forces": {
-            pair: _times(force, factor)
-            for pair, force in summary["solution"]["pair_forces"].items()
-        },
+        "pair_forces": _pair_forces(summary["solution"]["pair_forces"], model.scene),
     }
     planes = [f"{'xyz'[m.axis]} = {m.at:g}" for m in model.scene.mirrors]
     return {
@@ -176,6 +173,21 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
         "solution": solution,
         "symmetry": {"planes": planes, "images": copies, "solved": summary["mesh"]},
     }
+
+
+def _pair_forces(forces: dict[str, list[float]], scene: Scene) -> dict[str, list[float]]:
+    """Forces between the whole bodies from those of what was solved, by pair."""
+    found = {pair: np.array(force) for pair, force in forces.items()}
+    for mirror in reversed(scene.mirrors):
+        partners, turn = dict(mirror.partners), np.ones(3)
+        turn[mirror.axis] = -1.0
+        none = np.zeros(3)
+        found = {
+            pair: found.get(pair, none) + turn * found.get(partners.get(pair, pair), none)
+            for pair in {**found, **partners}
+        }
+    order = sorted(found, key=lambda pair: (len(pair), pair))
+    return {pair: [float(v) for v in found[pair]] for pair in order}
 
 
 def _times(force: list[float], factor: NDArray[np.float64]) -> list[float]:

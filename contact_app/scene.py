@@ -299,10 +299,14 @@ class OutputOptions:
 
 @dataclass(frozen=True)
 class Mirror:
-    """A plane across an axis (0, 1 or 2) at a coordinate, about which a scene mirrors."""
+    """A plane across an axis (0, 1 or 2) at a coordinate, about which a scene mirrors.
+
+    `partners` are the sources of contacts between bodies that are images of each other.
+    """
 
     axis: int
     at: float
+    partners: tuple[tuple[str, str], ...] = ()
 
     def image(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images of points (…, 3)."""

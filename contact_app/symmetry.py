@@ -155,7 +155,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
         contacts=kept(scene.contacts),
         pairs=kept(scene.pairs),
         decomposition=_divided(scene.decomposition, bodies),
-        mirrors=(*scene.mirrors, mirror),
+        mirrors=(*scene.mirrors, replace(mirror, partners=_partners(scene, mirror, part))),
     )
 
 
@@ -250,6 +250,19 @@ def _refuse_unpaired(scene: Scene, mirror: Mirror, part: Callable[[int, str], _P
         image = _described(item, size, part, mirror)
         if sum(_alike(image, k) for k in known) != sum(_alike(own, k) for k in known):
             raise AsymmetryError(f"{item.source} has no mirror image")
+
+
+def _partners(
+    scene: Scene, mirror: Mirror, part: Callable[[int, str], _Part]
+) -> tuple[tuple[str, str], ...]:
+    """Contacts between bodies that are images of others, not of themselves."""
+    described = {pair.source: _described(pair, 1.0, part) for pair in scene.pairs}
+    found = []
+    for pair in scene.pairs:
+        image = _described(pair, 1.0, part, mirror)
+        if not _alike(image, described[pair.source]):
+            found.append((pair.source, next(s for s, d in described.items() if _alike(image, d))))
+    return tuple(found)
 
 
 def _is_kept(item: Item, bodies: list[Body], part: Callable[[int, str], _Part]) -> bool:

@@ -138,6 +138,31 @@ def test_facets_that_face_the_plane(cell: str, degree: int, tmp_path: Path) -> N
     hold(known, found, 1e-6)
 
 
+def test_forces_of_contacts_that_are_images(tmp_path: Path) -> None:
+    """Two feet of a table on two pads: either contact has its own force, the other's mirrored."""
+    pads = scenes.block("hexahedron", 4, "ground", upper=(1, 1, 0.5), boundaries={
+        "left": "z > 0.5 - 1e-9 and x < 0.3", "right": "z > 0.5 - 1e-9 and x > 0.7",
+    })  # fmt: skip
+    table = scenes.block("hexahedron", 4, "table", lower=(0, 0, 0.501), boundaries={
+        "left": "z < 0.502 and x < 0.3", "right": "z < 0.502 and x > 0.7",
+        "line": "abs(x - 0.5) < 1e-9 and abs(y - 0.5) < 1e-9",
+        "ends": "abs(x - 0.5) < 1e-9 and abs(y - 0.5) > 0.5 - 1e-9",
+    })  # fmt: skip
+    made = scenes.config(
+        "hexahedron",
+        [pads, table],
+        [scenes.clamp("hexahedron", "ground.z-"), {"on": "table.z+", "pressure": 20},
+         {"on": "table.x-", "pressure": 30}, {"on": "table.x+", "pressure": 30},
+         {"on": "table.ends", "displacement": [0, None, None]},
+         {"on": "table.line", "displacement": [None, 0, None]}],
+        [{"on": f"table.{side}", "against": f"ground.{side}"} for side in ("right", "left")],
+    )  # fmt: skip
+    scene = scenes.build(made, 1)
+    known, found = solve_scene(scene), solve_scene(cut(scene, "xy"))
+    hold(known, found, 1e-6)
+    assert list(found.summary["solution"]["pair_forces"]) == ["contacts[0]", "contacts[1]"]
+
+
 def test_ring_with_curved_edges(tmp_path: Path) -> None:
     """An eighth of a ring and its image, round, of degree 2: rows, loads and areas on curves."""
     eighth = meshfiles.second_order(
