@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem.petsc import assemble_matrix
+from dolfinx.fem.petsc import assemble_matrix, create_matrix
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
@@ -97,8 +97,13 @@ class Element:
         """
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         form = ufl.inner(self._stress(u, materials, plane), ufl.sym(ufl.grad(v))) * self._dx
-        matrix = assemble_matrix(versions.compile_form(form))
+        compiled = versions.compile_form(form)
+        matrix = create_matrix(
+            compiled, "baij"
+        )  # whole blocks of a node are put in three times faster
+        assemble_matrix(matrix, compiled)
         matrix.assemble()
+        matrix.convert("aij")
         K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
         if materials[0].mean_dilatation:
             lam = cell_moduli(self.reference.tags, materials, plane)[0]

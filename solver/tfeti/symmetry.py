@@ -12,7 +12,7 @@ A dense inverse then costs |H| times less to apply and to hold, and its factors 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import groupby, product
 
 import numpy as np
@@ -113,12 +113,11 @@ class Symmetry:
         cosets = [0]
         for h in moves:
             cosets += [h ^ g for g in cosets]
+        # of the characters that are 1 on what stays, which is -1 on which of the basis
+        negative = (_characters(self.order) * self.signs[:, one]) < 0
+        seen = np.flatnonzero(~negative[:, stays].any(axis=1))
         characters = np.empty(len(cosets), np.int64)
-        for character in elements:
-            signs = [_parity(character & h) * int(self.signs[h, one]) for h in elements]
-            if all(signs[h] == 1 for h in stays):
-                flipped = [signs[h] < 0 for h in moves]
-                characters[sum(1 << k for k, flip in enumerate(flipped) if flip)] = character
+        characters[negative[seen][:, moves] @ (1 << np.arange(len(moves)))] = seen
         return Family(self.images[cosets][:, first], characters)
 
 
@@ -174,7 +173,7 @@ class Split:
         result, begin = [], 0
         for group in self._groups:
             end = begin + sum(family.unknowns.size for family in group)
-            result.append((slice(begin, end), hadamard(len(group[0].unknowns), dtype=float)))
+            result.append((slice(begin, end), _characters(len(group[0].unknowns))))
             begin = end
         return result
 
@@ -233,10 +232,9 @@ class Split:
             for family in self.families:
                 cosets, orbits = family.unknowns.shape
                 for gamma in np.flatnonzero(family.characters == character):
-                    signs = [_parity(int(gamma) & beta) for beta in range(cosets)]
                     rows.append(family.unknowns.ravel())
                     place.append(np.tile(np.arange(start, start + orbits), cosets))
-                    values.append(np.repeat(np.array(signs, float), orbits))
+                    values.append(np.repeat(_characters(cosets)[gamma], orbits))
                     start += orbits
             entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(place)))
             result.append(sparse.csc_matrix(entries, shape=(size, columns)))
@@ -322,6 +320,7 @@ def find_symmetry(
     return Symmetry(np.array(images), np.array(signs), dimension)
 
 
-def _parity(bits: int) -> int:
-    """+1 where an even number of bits is set, -1 elsewhere."""
-    return -1 if bits.bit_count() % 2 else 1
+@cache
+def _characters(order: int) -> NDArray[np.float64]:
+    """Value of each character, by row, on each element of a group of so many: -1 or 1."""
+    return np.asarray(hadamard(order, dtype=float))
