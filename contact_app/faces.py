@@ -31,7 +31,7 @@ from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
 from solver.tfeti.thinning import RowLevels
 
-FIRST_LOOK, NEXT_LOOK = 0.4, 0.1
+FIRST_LOOK, NEXT_LOOK = 0.3, 0.1
 """Reduction of the residual before the first look at a face and between later ones."""
 
 EAGER_LOOK = 0.5
