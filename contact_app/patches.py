@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 BATCH = 100_000
 """Cells times points worked on at once."""
 
+SUPERCONVERGENT = ("quadrilateral", "hexahedron")
+"""Cells whose samples are more accurate than what is between them."""
+
 FACETS = {
     "triangle": "interval", "quadrilateral": "interval",
     "tetrahedron": "triangle", "hexahedron": "quadrilateral",
@@ -170,6 +173,25 @@ class Cells:
     def samples(self) -> Table:
         """Where stresses are taken."""
         return self.table(self.degree)
+
+    def sampled(self, rule: int) -> Array | None:
+        """What values at the samples tell of fields at the points of a rule; None of simplices.
+
+        Fields of one degree less than the displacement are those that samples determine.
+
+        Returns
+        -------
+        (q, functions)
+            An orthonormal basis of them, in values times roots of weights: the projection onto it
+            is, of fields of the displacement's degree, what interpolates them between samples.
+        """
+        if self.cell not in SUPERCONVERGENT:
+            return None
+        points, weights = versions.quadrature(self.cell, rule)
+        values = np.ones((len(points), 1))
+        if self.degree == 2:
+            values = versions.lagrange_values(self.cell, 1, points)
+        return np.linalg.qr(np.sqrt(weights)[:, None] * values)[0]
 
     @cached_property
     def around(self) -> sparse.csr_matrix:

@@ -7,10 +7,10 @@ posteriori error estimates*, IJNME 33, 1992). Its value at the vertex is the rec
 at the other nodes of second-order cells σ* is the mean of the polynomials of the vertices they lie
 amid. Where a vertex has too few cells for a fit, on the surface, linear polynomials of its
 neighbours are continued to it, and quadratic ones, which run away when continued, are fitted to the
-cells of its neighbours, too. On the surface σ* n is known as well: it is the traction where one is
-given, zero where nothing is, and has no part along the surface where the body touches without
-friction. The smallest change of σ* at the node that meets these (in the least squares where they
-contradict each other, as at the edge of a load) is made.
+cells of its neighbours, too, with less weight than to its own. On the surface σ* n is known as
+well: it is the traction where one is given, zero where nothing is, and has no part along the
+surface where the body touches without friction. The smallest change of σ* at the node that meets
+these (in the least squares where they contradict each other, as at the edge of a load) is made.
 
 Sums over cells are made subdomain by subdomain and meet at the owner of each vertex, so that σ*
 depends neither on the decomposition nor on the number of ranks. Bodies share no nodes: stresses
@@ -53,6 +53,10 @@ linear polynomial: 1 for a symmetric patch, 0 for one whose cell centres lie in 
 THIN = 1e-3
 """Smallest eigenvalue of quadratic moments, so scaled, above which they determine a quadratic
 polynomial: 0.1 to 0.2 for a symmetric patch."""
+
+OWN = 32.0
+"""How often the cells around a vertex count besides, where those of its neighbours help them out:
+these tell only what the few cannot."""
 
 WEAK = 1e-2
 """Directions of a fit below this share of the strongest are left out."""
@@ -344,7 +348,9 @@ class StressRecovery:
             fit = fit[kind] / scale
             if self.model.comm.allreduce(int(few.sum())):
                 self._enlarged = helped = _Helped(self.cells, copies, few, np.ones_like(few))
-                fit[helped.targets] = self._pseudo_inverse(helped.second(A[kind] * scale))
+                moments = A[kind] * scale
+                mine = OWN * moments[helped.targets]
+                fit[helped.targets] = self._pseudo_inverse(helped.second(moments) + mine)
             return fit
         while self.model.comm.allreduce(int((~done_at).sum())):
             helped = _Helped(self.cells, copies, ~done_at, done_at)
@@ -452,7 +458,8 @@ class StressRecovery:
             moments.append(padded.reshape(count, members, -1))
         summed = copies.sum(moments).reshape(-1, size, k)
         if self._enlarged is not None:
-            summed[self._enlarged.targets] = self._enlarged.first(summed)
+            targets = self._enlarged.targets
+            summed[targets] = self._enlarged.first(summed) + OWN * summed[targets]
         polynomials = self._fit @ summed
         for helped in self._continuations:
             polynomials[helped.targets] = helped.continued(polynomials)

@@ -72,8 +72,13 @@ def test_effectivity_is_in_range(case: study.Case) -> None:
     if case.degree == 2:
         meshes = tuple(n // 2 for n in meshes)
     known = study.sweep(replace(case, meshes=meshes))
+    sampled = case.cell in ("hexahedron", "quadrilateral") and not case.mean_dilatation
     for row in known.rows:
-        assert 0.8 < row.effectivity < 2.0, row
+        known_well = row.reference_accuracy < 0.05 and row.dofs > 500  # Hertz: more than a node
+        if sampled and known_well:
+            assert 0.9 < row.effectivity < 1.4, row
+        else:
+            assert 0.8 < row.effectivity < 2.0, row
 
 
 @pytest.mark.slow
@@ -88,7 +93,7 @@ def test_all_sweeps_and_targets(tmp_path: Path) -> None:
             assert not row["missed"]
             assert float(row["error"]) <= float(row["target"]), row
             assert float(row["dofs"]) <= 1.5 * float(row["knowable_dofs"]), row
-            assert float(row["dofs"]) <= 3.0 * float(row["best_dofs"]), row
+            assert float(row["dofs"]) <= 1.5 * float(row["best_dofs"]), row
 
 
 @pytest.mark.slow
