@@ -60,8 +60,19 @@ def evenness(squares: Sequence[Sequence[Array]]) -> float:
     total = sum(float(axes[0].sum()) for axes in squares)
     left = 0.0
     for axes in squares:
-        left += min(float(np.cbrt(s).sum() ** 3 / len(s) ** 2) for s in axes)
+        left += min(_least(s) for s in axes)
     return float(np.sqrt(left / total)) if total > 0.0 else 1.0
+
+
+def axis_evenness(squares: Array) -> float:
+    """The same of the layers of one axis."""
+    total = float(squares.sum())
+    return float(np.sqrt(_least(squares) / total)) if total > 0.0 else 1.0
+
+
+def _least(squares: Array) -> float:
+    """Least η² that as many layers as these could leave."""
+    return float(np.cbrt(squares).sum() ** 3 / len(squares) ** 2)
 
 
 def graded(grid: Array, squares: Array, layers: int, fixed: Array, degree: int = 1) -> Array:

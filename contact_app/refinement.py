@@ -13,9 +13,14 @@ faster, singular ones have less error on as many nodes, graded cells far less (d
 Where the layers of cells of degree 2 have shares of the error that are far from even, or two levels
 show that a singularity holds the rate down, equal cells are given up: from then on the grid lines
 of each box are laid by the error of the last mesh (`grading`), and the error falls at the rate of
-smooth answers again. New lines alone, no more of them, take off about the root of what they could
-at best, since each set shows better where the error is; only what is missing beyond that makes a
-mesh larger. Coordinates of the start stay grid lines where a scene picks nodes by an expression.
+smooth answers again. New lines alone, no more of them, take off part of what they could at best,
+since each set shows better where the error is: how much is foreseen from what the last ones did.
+Only what is missing beyond that makes a mesh larger, and by no more cells than are missing: axes
+need not have equally many. Coordinates of the start stay grid lines where a scene picks nodes by an
+expression.
+
+Where energies of the levels tell by what the estimate exceeds the error, it is lowered
+(`calibration`).
 
 Where a body comes from a file, the cells that carry the error are refined
 (`local_refinement`), and the degree stays.
@@ -27,7 +32,7 @@ Each level is solved to a tenth of its own error and begins with the answer of t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -35,7 +40,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.grading import evenness, graded, layer_errors
+from contact_app.calibration import Calibration, conforms
+from contact_app.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
 from contact_app.scene import Box, Decomposition, Scene
@@ -47,7 +53,8 @@ if TYPE_CHECKING:
     from contact_app.run import SolvedScene
 
 MARGIN = 0.97
-"""Share of the target that a mesh is predicted to reach."""
+"""Share of the target that meshes are predicted to reach, and that an estimate, which may be a
+little below the error, has to."""
 
 FARTHEST = 2.0
 """Largest step from one mesh to the next, in cells along an edge."""
@@ -74,7 +81,7 @@ kept."""
 SURE = 0.5
 """Evenness below which new grid lines are relied on, however large the mesh."""
 
-LEAST = 1.1
+LEAST = 1.04
 """Smallest step between graded meshes whose grid lines have settled."""
 
 LARGE = 10_000
@@ -82,6 +89,10 @@ LARGE = 10_000
 
 SETTLED = 0.85
 """Error that new grid lines are expected to leave from which on they have."""
+
+PROMISE, KEPT = 0.75, (0.3, 1.0)
+"""Power of the evenness that new grid lines are expected to leave of the error: at first, and the
+range of what the last ones left."""
 
 MOST_LEVELS = 12
 
@@ -107,6 +118,8 @@ class Level:
         Relative errors in energy norm.
     hessian_multiplications, seconds
         The price: products, and wall-clock time from the scene to its summary.
+    calibration
+        What the energies of the levels so far took off the estimate: `discretisation` over it.
     warm
         Whether it began with the answer of the last.
     guaranteed
@@ -120,6 +133,7 @@ class Level:
     total: float
     hessian_multiplications: int
     seconds: float
+    calibration: float
     warm: bool = False
     guaranteed: float | None = None
 
@@ -128,13 +142,21 @@ class Level:
         """The error that is held against the target: the bound where there is one."""
         return self.total if self.guaranteed is None else self.guaranteed
 
+    @property
+    def estimate(self) -> float:
+        """The estimate by stresses alone, before energies lowered it."""
+        return self.discretisation / self.calibration
+
     def as_dict(self) -> dict[str, Any]:
         """As `summary.json` holds it."""
         return {key: value for key, value in asdict(self).items() if value is not None}
 
     def __str__(self) -> str:
+        lowered = ""
+        if self.calibration < 1.0:
+            lowered = f" (estimate {100 * self.estimate:.2g} %, lowered)"
         return (
-            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %, "
+            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %{lowered}, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
             f"{', begun with the last' if self.warm else ''}"
         )
@@ -168,24 +190,35 @@ def solve_to_accuracy(
     """
     assert scene.accuracy is not None
     files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
-    target, whole = scene.accuracy, needs_multiples(scene)
+    whole = needs_multiples(scene)
+    target = MARGIN * scene.accuracy
+    enough = scene.accuracy if scene.guaranteed else target
     factors, levels, last = [1.0], [], 1.0
+    even, step, promise = 1.0, 1.0, PROMISE
+    calibration = Calibration() if conforms(scene) else None
     grids: Grids | None = None
     start: LastLevel | None = None
     current = scene
     while True:
+        degree = min(body.degree for body in current.bodies)
         solved = solve(current, start=start)
-        levels.append(_level(solved))
+        share = 1.0
+        if calibration is not None:
+            kind = f"{'equal' if grids is None else 'graded'} cells of degree {degree}"
+            energy, accuracy = solved.solution.measures.energy, solved.accuracy
+            square = accuracy.discretisation**2 * accuracy.square
+            share = calibration.share(kind, energy, square)
+            solved = replace(solved, accuracy=accuracy.calibrated(share))
+        levels.append(_level(solved, math.sqrt(share)))
         tell(f"level {len(levels)}: {levels[-1]}")
         if solved.solution.reason is Reason.STOPPED:
             return Refined(solved, tuple(levels), "the run was interrupted")
-        if levels[-1].error <= target:
+        if levels[-1].error <= enough:
             return Refined(solved, tuple(levels))
         if not solved.solution.converged:
             return Refined(solved, tuple(levels), "the solver did not reach its tolerance")
         if len(levels) == MOST_LEVELS:
             return Refined(solved, tuple(levels), f"{MOST_LEVELS} levels were not enough")
-        degree = min(body.degree for body in current.bodies)
         errors = [level.error for level in levels[-len(factors) :]] if factors else []
         if files:
             factor, following = last, locally_refined(current, solved, target / levels[-1].error)
@@ -200,16 +233,20 @@ def solve_to_accuracy(
             slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
             if grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):
                 tell("the error is in few places: cells are graded from here on")
-                grids = lines
+                grids, last = lines, _layers_for_one(lines, equal_lines(scene))
             if grids is None:
                 factor = next_factor(factors, errors, target, whole, degree)
                 following = refined(scene, factor)
             else:
+                if even < 1.0:
+                    before, after = (level.estimate for level in levels[-2:])
+                    promise = kept(before, even, step, after, degree)
                 even = evenness(squares)
                 if even > SURE and levels[-1].dofs > LARGE * scene.dimension:
                     even = 1.0
-                factor = last * graded_step(levels[-1].error, even, target, degree)
-                grids = regraded(scene, squares, grids, factor)
+                step = graded_step(levels[-1].error, even**promise, target, degree)
+                factor, grids = regraded(scene, squares, grids, last * step)
+                step = factor / last
                 following = on_lines(scene, grids, solved.model.comm.size)
         dofs = sum(body.nodes for body in following.bodies) * scene.dimension
         needed = needed_bytes(dofs)
@@ -258,37 +295,48 @@ def next_factor(
     Examples
     --------
     >>> round(next_factor([1.0, 2.0], [0.08, 0.04], 0.025), 3)
-    3.299
+    3.2
     >>> next_factor([1.0], [0.5], 0.01)
     2.0
     """
     rate = rate_of(factors, errors, degree)
-    step = (errors[-1] / (MARGIN * target)) ** (1.0 / rate)
+    step = (errors[-1] / target) ** (1.0 / rate)
     factor = factors[-1] * min(step, FARTHEST)
     return float(math.ceil(factor - 1e-9)) if whole else factor
 
 
-def graded_step(error: float, even: float, target: float, degree: int) -> float:
+def graded_step(error: float, left: float, target: float, degree: int) -> float:
     """How many layers for one of the last the next graded mesh has.
 
     Parameters
     ----------
     error
         Of the last, above the target.
-    even
-        Its `grading.evenness`.
+    left
+        Of the error by new grid lines alone, as far as foreseen.
 
     Examples
     --------
-    >>> graded_step(0.19, 0.25, 0.1, 2), graded_step(0.19, 0.25, 0.01, 2)  # new lines will do
+    >>> graded_step(0.19, 0.5, 0.1, 2), graded_step(0.19, 0.5, 0.01, 2)  # new lines will do
     (1.0, 1.5)
     >>> round(graded_step(0.02, 1.0, 0.01, 2), 3)
-    1.436
+    1.414
     """
-    left = math.sqrt(even)
-    step = (error * left / (MARGIN * target)) ** (1.0 / GRADED[degree])
+    step = (error * left / target) ** (1.0 / GRADED[degree])
     least = LEAST if left > SETTLED else 1.0
     return min(max(step, least), PATIENT if degree == 2 else FARTHEST)
+
+
+def kept(before: float, even: float, step: float, after: float, degree: int) -> float:
+    """Power of the evenness that new grid lines left of the error, beyond what more layers took.
+
+    Examples
+    --------
+    >>> kept(0.2, 0.25, 1.0, 0.1, 2), kept(0.2, 0.25, 1.0, 0.05, 2), kept(0.2, 0.25, 1.0, 0.3, 2)
+    (0.5, 1.0, 0.3)
+    """
+    left = after / before * step ** GRADED[degree]
+    return min(max(math.log(left) / math.log(even), KEPT[0]), KEPT[1])
 
 
 def _free_degree(scene: Scene) -> bool:
@@ -330,18 +378,52 @@ def equal_lines(scene: Scene) -> Grids:
     return grids
 
 
-def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> Grids:
-    """New grids with so many layers for one of the start, by the η² of the last ones' layers."""
+def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple[float, Grids]:
+    """New grids with so many layers for one of the start, by the η² of the last ones' layers.
+
+    As many cells as that makes, no more than whole layers ask for; how many layers for one they
+    are is returned beside them.
+    """
     starts = equal_lines(scene)
     whole = needs_multiples(scene)
-    return [
-        [
-            graded(grid, errors, math.ceil(factor * (len(start) - 1) - 1e-9),
-                   start if whole else start[[0, -1]], body.degree)
-            for grid, errors, start in zip(*axes, strict=True)
-        ]
-        for body, *axes in zip(scene.bodies, grids, squares, starts, strict=True)
-    ]  # fmt: skip
+    result, made = [], factor
+    for body, lines, errors, start in zip(scene.bodies, grids, squares, starts, strict=True):
+        cells = [len(line) - 1 for line in start]
+        layers = whole_layers(factor, cells, [axis_evenness(part) for part in errors])
+        made = max(made, (math.prod(layers) / math.prod(cells)) ** (1.0 / len(cells)))
+        result.append(
+            [
+                graded(old, part, count, line if whole else line[[0, -1]], body.degree)
+                for old, part, count, line in zip(lines, errors, layers, start, strict=True)
+            ]
+        )
+    return made, result
+
+
+def whole_layers(factor: float, cells: Sequence[int], even: Sequence[float]) -> list[int]:
+    """Layers along each axis, so many for one of the start over all: the least even have more.
+
+    Examples
+    --------
+    >>> whole_layers(1.05, [8, 8], [0.9, 0.8])  # 70.6 cells at least
+    [8, 9]
+    >>> whole_layers(1.1, [8, 8], [0.9, 0.8]), whole_layers(2.0, [3, 5], [1.0, 1.0])
+    ([9, 9], [6, 10])
+    """
+    layers = [max(math.floor(factor * n + 1e-9), 1) for n in cells]
+    wanted = factor ** len(cells) * math.prod(cells) * (1.0 - 1e-9)
+    for axis in sorted(range(len(cells)), key=lambda a: round(even[a], 6)):
+        if math.prod(layers) < wanted:
+            layers[axis] = max(math.ceil(factor * cells[axis] - 1e-9), 1)
+    return layers
+
+
+def _layers_for_one(grids: Grids, starts: Grids) -> float:
+    """How many layers for one of the start along an axis on the average, at most."""
+    cells = ([math.prod(len(x) - 1 for x in axes) for axes in each] for each in (grids, starts))
+    return max(
+        (now / start) ** (1.0 / len(axes)) for now, start, axes in zip(*cells, grids, strict=True)
+    )
 
 
 def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
@@ -360,7 +442,8 @@ def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
 def with_levels(summary: dict[str, Any], refined: Refined) -> dict[str, Any]:
     """`summary.json` with the accuracy asked for and the price of each level."""
     target = refined.solved.model.scene.accuracy
-    accuracy = {**summary["accuracy"], "target": target, "met": not refined.missed}
+    found = refined.solved.accuracy.as_dict()
+    accuracy = {**summary["accuracy"], **found, "target": target, "met": not refined.missed}
     certificate = dict(summary["certificate"])
     if refined.missed:
         text = f"the accuracy {target:g} was not reached: {refined.missed}"
@@ -379,7 +462,7 @@ def needs_multiples(scene: Scene) -> bool:
     return any(boundary in scene.bodies[body].boundaries for body, boundary in named)
 
 
-def _level(solved: SolvedScene) -> Level:
+def _level(solved: SolvedScene, calibration: float) -> Level:
     mesh, accuracy = solved.summary["mesh"], solved.accuracy
     return Level(
         cells=mesh["cells"],
@@ -389,6 +472,7 @@ def _level(solved: SolvedScene) -> Level:
         total=accuracy.total,
         hessian_multiplications=solved.summary["solver"]["hessian_multiplications"],
         seconds=solved.summary["timings"]["total"],
+        calibration=calibration,
         warm=solved.solution.warm,
         guaranteed=solved.guaranteed.bound if solved.guaranteed is not None else None,
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import math
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +24,23 @@ class Accuracy:
         Bound on the error of the solver, √(2 gap).
     total
         Root of the sum of their squares.
+    square
+        a(u,u) of the answer.
     """
 
     discretisation: float
     algebraic: float
     total: float
+    square: float
 
     def as_dict(self) -> dict[str, float]:
         """As `summary.json` holds it."""
-        return asdict(self)
+        return {key: value for key, value in asdict(self).items() if key != "square"}
+
+    def calibrated(self, share: float) -> Accuracy:
+        """The same with that share of the squared estimate."""
+        mesh = self.discretisation * math.sqrt(share)
+        return replace(self, discretisation=mesh, total=math.hypot(mesh, self.algebraic))
 
 
 @dataclass(frozen=True, eq=False)

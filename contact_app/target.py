@@ -185,7 +185,7 @@ class AutomaticTarget(Target):
                 last.algebraic * math.sqrt(max(gap, 0.0) / its_gap) if its_gap > 0.0 else 0.0
             )
             total = math.hypot(last.discretisation, algebraic)
-            accuracy = Accuracy(last.discretisation, algebraic, total)
+            accuracy = replace(last, algebraic=algebraic, total=total)
         self._assessed = accuracy, gap
         return accuracy
 

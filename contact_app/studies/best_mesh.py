@@ -51,7 +51,7 @@ def graded_meshes(
     lines = equal_lines(scene)
     result = []
     for number in range(1, REGRADES + 1):
-        lines = regraded(start, layer_errors(solved, lines), lines, cells / box.cells[0])
+        _, lines = regraded(start, layer_errors(solved, lines), lines, cells / box.cells[0])
         solved = solve_scene(on_lines(scene, lines, 1), MPI.COMM_SELF)
         estimate = solved.accuracy.discretisation
         name = f"{cells} layers, laid {number}x"
