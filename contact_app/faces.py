@@ -199,9 +199,9 @@ class Face:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does
         own = FacePreconditioner(self.glued, math.inf)
-        preconditioner = own if recycled.empty else DeflatedPreconditioner(own, recycled)
-        qp = BoxQP(RecordedOperator(self.glued, directions), rhs)
-        self._iterate = it = Iterate(qp, preconditioner=preconditioner)
+        operator = RecordedOperator(self.glued, directions)
+        preconditioner = DeflatedPreconditioner(own, recycled, operator)
+        self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
         it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
         it.measure_b()
         it.begin()

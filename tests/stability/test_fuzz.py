@@ -37,6 +37,13 @@ def test_a_face_that_rounding_holds_up_is_left() -> None:
     assert verdict.products < 3000
 
 
+def test_directions_of_a_face_stay_orthogonal() -> None:
+    """Rounding made conjugate gradients repeat directions: 10,000 steps without an answer."""
+    verdict = fuzz.judge(378)
+    assert verdict.kind == "agrees"
+    assert verdict.products < 500
+
+
 def solvable_seed() -> int:
     return next(seed for seed in range(100) if fuzz.judge(seed).kind == "agrees")
 

@@ -1,0 +1,134 @@
+"""What it saves to begin each level of a run to an accuracy with the answer of the last.
+
+    python -m contact_app.studies.level_starts
+
+Every level is solved twice, from what touches on springs (or, where bodies are whole and held, from
+columns of F) and from the last level's tractions. Seconds are those of the stage `solve`, which
+takes the tractions to the new mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+from contact_app.configuration import load
+from contact_app.refinement import solve_to_accuracy
+from contact_app.run import SolvedScene, solve_scene
+from contact_app.scene import Scene, build_scene
+from contact_app.warm_start import LastLevel
+
+ROOT = Path(__file__).parents[2]
+
+
+class Case(NamedTuple):
+    """A scene by its file and what is changed in it, with a name for the table."""
+
+    name: str
+    path: str
+    accuracy: float
+    changes: tuple[str, ...]
+
+
+def _cube(name: str, accuracy: float, *changes: str) -> Case:
+    start = "bodies.0.mesh.box.cells=[6,6,6]"
+    return Case(f"cube, {name}", "configs/cube.yaml", accuracy, (start, *changes))
+
+
+FIRST, EIGHT = "bodies.0.degree=1", "decomposition.subdomains=8"
+BLOCKS, TETRAHEDRA = "decomposition.subdomains=[2,2,2]", "bodies.0.mesh.box.cell=tetrahedron"
+BALL, HERTZ = "configs/sphere.yaml", "contact_app/data/hertz.yaml"
+COARSE = "bodies.0.mesh.box.cells=[8,8,4]"
+ROLLER, DISC = "configs/roller_on_block.yaml", "configs/hertz_disc.yaml"
+
+CASES = (
+    _cube("8 parts", 0.05, EIGHT),
+    _cube("hexahedra of degree 1", 0.05, FIRST, BLOCKS),
+    _cube("tetrahedra of degree 1", 0.07, FIRST, BLOCKS, TETRAHEDRA),
+    Case("ball, 8 parts", BALL, 0.1, (COARSE, EIGHT)),
+    Case("ball, hexahedra of degree 1", BALL, 0.15, (COARSE, FIRST, "decomposition.subdomains=4")),
+    Case("Hertz, 8 parts", HERTZ, 0.01, (EIGHT,)),
+    Case("Hertz, degree 1", HERTZ, 0.02, (FIRST, "decomposition.subdomains=[4,4]")),
+    Case("punch, 8 parts", "contact_app/data/flat_punch.yaml", 0.05, (EIGHT,)),
+    Case("roller on block, 12 parts", ROLLER, 0.02, ("decomposition.subdomains=12",)),
+    Case("roller on block, whole", ROLLER, 0.02, ("decomposition.subdomains=2",)),
+    Case("disc on plane, 8 parts", DISC, 0.02, (EIGHT,)),
+    Case("disc on plane, whole", DISC, 0.02, ("decomposition.subdomains=1",)),
+    Case("bushing", "configs/bushing.yaml", 0.1, ()),
+    Case("cantilever", "contact_app/data/cantilever.yaml", 0.05, ()),
+)
+TOLERANCES = ("auto", "1e-6")
+
+
+class Price(NamedTuple):
+    """Products and seconds of one solve."""
+
+    products: int
+    seconds: float
+
+    @classmethod
+    def of(cls, solved: SolvedScene) -> Price:
+        """What a solve took."""
+        summary = solved.summary
+        if not solved.solution.converged:
+            raise RuntimeError(f"{summary['scene']['title']}: {summary['solver']['reason']}")
+        products = int(summary["solver"]["hessian_multiplications"])
+        return cls(products, float(summary["timings"]["solve"]))
+
+
+def compared(case: Case, tolerance: str) -> list[tuple[Price, Price]]:
+    """Both prices of each level."""
+    changes = [f"accuracy={case.accuracy}", f"solver.tolerance={tolerance}", *case.changes]
+    found: list[tuple[Price, Price]] = []
+
+    def solve(scene: Scene, *, start: LastLevel | None) -> SolvedScene:
+        solved = solve_scene(scene, MPI.COMM_SELF)
+        cold = warm = Price.of(solved)
+        if start is not None:
+            solved = solve_scene(scene, MPI.COMM_SELF, start=start)
+            warm = Price.of(solved)
+        found.append((cold, warm))
+        return solved
+
+    missed = solve_to_accuracy(build_scene(load(ROOT / case.path, changes)), solve).missed
+    if missed:
+        raise RuntimeError(f"{case.name}: {missed}")
+    return found
+
+
+def table() -> Iterator[str]:
+    """Rows of a table for a page, and the sums."""
+    yield (
+        "| scene | accuracy | tolerance | products of the levels, anew | from the last | "
+        "all, anew | from the last | seconds | from the last |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|"
+    for tolerance in TOLERANCES:
+        sums = [Price(0, 0.0), Price(0, 0.0)]
+        for case in CASES:
+            ways = list(zip(*compared(case, tolerance), strict=True))
+            levels = [" ".join(str(p.products) for p in way) for way in ways]
+            totals = [Price(sum(p.products for p in w), sum(p.seconds for p in w)) for w in ways]
+            sums = [
+                Price(a.products + b.products, a.seconds + b.seconds)
+                for a, b in zip(sums, totals, strict=True)
+            ]
+            cold, warm = totals
+            yield (
+                f"| {case.name} | {100 * case.accuracy:g} % | {tolerance} | {levels[0]} | "
+                f"{levels[1]} | {cold.products} | {warm.products} | {cold.seconds:.2f} | "
+                f"{warm.seconds:.2f} |"
+            )
+        cold, warm = sums
+        yield (
+            f"| all | | {tolerance} | | | {cold.products} | {warm.products} | "
+            f"{cold.seconds:.2f} | {warm.seconds:.2f} |"
+        )
+
+
+if __name__ == "__main__":
+    for line in table():
+        print(line, flush=True)
