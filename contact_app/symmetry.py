@@ -6,10 +6,10 @@ cut face keeps the displacement across the plane at zero. The answer of the whol
 half: the energy of a scene is convex, so if u is a minimiser, so is the mean of u and its mirror
 image. Planes across several axes make a quarter or an eighth.
 
-Each body has to be its own mirror image, a box by its number of cells, a mesh from a file node by
-node and cell by cell (`meshes.halves`). Boundaries mirror where their nodes and facets do: what
-acts on one needs a counterpart on its image, whatever the two are called. What stands in the way
-along an axis is told.
+Each body has to be its own mirror image, or that of another body, which is then left out: a box by
+its cells, a mesh from a file node by node and cell by cell (`meshes.halves`). Boundaries mirror
+where their nodes and facets do: what acts on one needs a counterpart on its image, whatever the two
+are called. What stands in the way along an axis is told.
 """
 
 from __future__ import annotations
@@ -37,7 +37,15 @@ from contact_app.scene import (
     Scene,
     Traction,
 )
-from meshes.halves import SAME, AsymmetryError, HalfSurface, half_box, half_mesh
+from meshes.halves import (
+    SAME,
+    AsymmetryError,
+    HalfSurface,
+    box_images,
+    half_box,
+    half_mesh,
+    mesh_images,
+)
 
 ALIKE = 1e-12
 """Relative difference below which two numbers of a scene are the same."""
@@ -48,6 +56,7 @@ SAMPLES = {2: 32, 3: 8}
 Bools = NDArray[np.bool_]
 Item = DisplacementCondition | Traction | Pressure | BodyForce | Contact | BodyContact
 Key = tuple[Any, ...]
+Description = tuple[Key, NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -64,6 +73,25 @@ class Halving:
 
     scene: Scene
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Half:
+    """What a body is in a symmetric scene.
+
+    Attributes
+    ----------
+    body
+        What is left of it; None where it is left out as the image of another body.
+    surface
+        Beside its image.
+    kept
+        Number of the body that is kept: its own, or that of which it is the image.
+    """
+
+    body: Body | None
+    surface: HalfSurface
+    kept: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +129,7 @@ def halved(scene: Scene) -> Halving:
     """Cut a scene at each plane it mirrors about."""
     notes = []
     for axis in range(scene.dimension):
-        name = "xyz"[axis]
+        name, before = "xyz"[axis], [body.name for body in scene.bodies]
         try:
             scene = _cut(scene, axis)
         except AsymmetryError as why:
@@ -112,6 +140,12 @@ def halved(scene: Scene) -> Halving:
             f"symmetry: everything mirrors about {name} = {at:g}: what lies above is left out "
             "of the solve and written as the image of what lies below"
         )
+        left = {body.name for body in scene.bodies}
+        notes += [
+            f"symmetry: {body} is the image of another body and left out"
+            for body in before
+            if body not in left
+        ]
     if scene.mirrors:
         notes += [
             f"symmetry: the {body.mesh.cell}s of {body.name} are laid out in what is solved and "
@@ -125,54 +159,135 @@ def halved(scene: Scene) -> Halving:
 def _cut(scene: Scene, axis: int) -> Scene:
     """The lower side of the middle of an axis; raises where the scene does not mirror about it."""
     mirror = _plane(scene, axis)
-    halves = [_half(body, mirror) for body in scene.bodies]
-    bodies = [body for body, _ in halves]
+    halves = _halves(scene, mirror)
+    left = [half.body for half in halves if half.body is not None]
+    number = np.cumsum([half.body is not None for half in halves]) - 1
     parts: dict[tuple[int, str], _Part] = {}
 
     def part(body: int, boundary: str) -> _Part:
         if (body, boundary) not in parts:
             samples = SAMPLES[scene.dimension] if scene.accuracy is not None else 0
-            found = _part(scene.bodies[body], halves[body][1], boundary, samples)
+            found = _part(scene.bodies[body], halves[body].surface, boundary, samples)
             parts[body, boundary] = found
         return parts[body, boundary]
 
-    _refuse_unpaired(scene, mirror, part)
+    described = _Described(_size(scene), [half.kept for half in halves], part)
+    _refuse_unpaired(scene, mirror, described)
 
     def kept(items: Iterable[Any]) -> tuple[Any, ...]:
-        return tuple(item for item in items if _is_kept(item, bodies, part))
+        return tuple(
+            replace(item, **{key: int(number[getattr(item, key)]) for key in ("body", "other")
+                             if hasattr(item, key)})
+            for item in items
+            if _is_kept(item, scene, halves, part)
+        )  # fmt: skip
 
     held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
     planes = [
-        DisplacementCondition(number, body.cuts[-1], held, f"symmetry across {'xyz'[axis]}")
-        for number, body in enumerate(bodies)
+        DisplacementCondition(
+            int(number[k]), half.body.cuts[-1], held, f"symmetry across {'xyz'[axis]}"
+        )
+        for k, half in enumerate(halves)
+        if half.body is not None and all(half.surface.of)
     ]
     return replace(
         scene,
-        bodies=tuple(bodies),
+        bodies=tuple(left),
         displacements=(*kept(scene.displacements), *planes),
         tractions=kept(scene.tractions),
         pressures=kept(scene.pressures),
+        forces=kept(scene.forces),
         contacts=kept(scene.contacts),
         pairs=kept(scene.pairs),
-        decomposition=_divided(scene.decomposition, bodies),
-        mirrors=(*scene.mirrors, replace(mirror, partners=_partners(scene, mirror, part))),
+        decomposition=_divided(scene.decomposition, left),
+        mirrors=(*scene.mirrors, replace(mirror, partners=_partners(scene, mirror, described))),
     )
 
 
 def _plane(scene: Scene, axis: int) -> Mirror:
     """The middle of all bodies along an axis."""
-    ends = np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in scene.bodies])
-    boxes = np.array([isinstance(b.mesh, Box) for b in scene.bodies])
-    middles, size = ends.mean(axis=1), _size(scene)
-    at = float(middles[np.argmax(boxes)])  # a box has it exactly
-    tolerance = np.where(boxes, ALIKE * max(size, *np.abs(middles)), SAME * size)
-    if (np.abs(middles - at) > tolerance).any():
-        raise AsymmetryError("the bodies have different middles")
+    ends, size = _ends(scene, axis), _size(scene)
+    at = 0.5 * float(ends[:, 0].min() + ends[:, 1].max())
+    for body, middle in zip(scene.bodies, ends.mean(axis=1), strict=True):
+        if isinstance(body.mesh, Box) and abs(middle - at) <= SAME * size:
+            return Mirror(axis, float(middle))  # a box has it exactly
     return Mirror(axis, at)
+
+
+def _ends(scene: Scene, axis: int) -> NDArray[np.float64]:
+    """Where the bodies begin and end along an axis, (bodies, 2)."""
+    return np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in scene.bodies])
 
 
 def _size(scene: Scene) -> float:
     return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+
+
+def _halves(scene: Scene, mirror: Mirror) -> list[_Half]:
+    """What the bodies are: halves about the plane, or images of one another."""
+    size = _size(scene)
+    middles = _ends(scene, mirror.axis).mean(axis=1)
+    away = middles - mirror.at
+    boxes = np.array([isinstance(b.mesh, Box) for b in scene.bodies])
+    tolerance = np.where(boxes, ALIKE * max(size, *np.abs(middles)), SAME * size)
+    found: dict[int, _Half] = {}
+    for k in np.flatnonzero(np.abs(away) <= tolerance):
+        half, surface = _half(scene.bodies[k], mirror)
+        found[int(k)] = _Half(half, surface, int(k))
+    for k in np.flatnonzero(away < -tolerance):
+        image = _image(scene, int(k), mirror, set(found))
+        surfaces = _beside(scene.bodies[k], scene.bodies[image], mirror, size)
+        found[int(k)] = _Half(scene.bodies[k], surfaces[0], int(k))
+        found[image] = _Half(None, surfaces[1], int(k))
+    for k in range(len(scene.bodies)):
+        if k not in found:
+            raise _alone(scene.bodies[k], mirror)
+    return [found[k] for k in range(len(scene.bodies))]
+
+
+def _alone(body: Body, mirror: Mirror) -> AsymmetryError:
+    return AsymmetryError(
+        f"{body.name} is off the middle of all bodies, {'xyz'[mirror.axis]} = {mirror.at:g}, and "
+        "no other is its image"
+    )
+
+
+def _image(scene: Scene, number: int, mirror: Mirror, taken: set[int]) -> int:
+    """The body where the image of a body is."""
+    body, size = scene.bodies[number], _size(scene)
+    corners = np.array([body.mesh.lower, body.mesh.upper])
+    corners[:, mirror.axis] = 2.0 * mirror.at - corners[::-1, mirror.axis]
+    for k, other in enumerate(scene.bodies):
+        there = np.array([other.mesh.lower, other.mesh.upper])
+        near = np.abs(corners - there).max() <= SAME * size
+        if near and k not in taken and isinstance(other.mesh, Box) == isinstance(body.mesh, Box):
+            return k
+    raise _alone(body, mirror)
+
+
+def _beside(
+    body: Body, other: Body, mirror: Mirror, size: float
+) -> tuple[HalfSurface, HalfSurface]:
+    """The surfaces of a body and of its image."""
+    mesh, there, name = body.mesh, other.mesh, f"{body.name} and {other.name}"
+    if mesh.upper[mirror.axis] > mirror.at - SAME * size:
+        raise AsymmetryError(f"{name} meet at the plane they mirror about")
+    if body.degree != other.degree:
+        raise AsymmetryError(f"{name} are of different degree")
+    materials = [*body.materials, *other.materials]
+    kinds = tuple(np.array([materials.index(m) for m in b.materials]) for b in (body, other))
+    if isinstance(mesh, Box) and isinstance(there, Box):
+        if (mesh.cells, mesh.cell) != (there.cells, there.cell):
+            raise AsymmetryError(f"{name} have different cells")
+        if kinds[0] != kinds[1]:
+            raise AsymmetryError(f"{name} are of different materials")
+        return box_images(mesh.shape(body.degree), there.shape(body.degree), mirror.axis)
+    try:
+        return mesh_images(
+            mesh.shape(1), there.shape(1), body.degree, (kinds[0], kinds[1]), mirror.axis, mirror.at
+        )
+    except AsymmetryError as why:
+        raise AsymmetryError(f"{body.name} {why}") from None
 
 
 def _half(body: Body, mirror: Mirror) -> tuple[Body, HalfSurface]:
@@ -209,8 +324,9 @@ def _part(body: Body, surface: HalfSurface, boundary: str, samples: int) -> _Par
     expression = body.boundaries[boundary]
     own = np.ones(len(surface.facets), bool)
     for name in body.cuts:
-        own &= ~surface.sides[name][0]
-    nodes = np.stack([expression(x) for x in points])
+        own &= ~np.any(surface.sides[name], axis=0)
+    both = list(zip(points, surface.of, strict=True))
+    nodes = np.stack([expression(x) & has for x, has in both])
     nodes[1, ~beside] = nodes[0, ~beside]
     facets = nodes[:, surface.facets].all(axis=2) & own
     on_surface = np.zeros(len(beside), bool)
@@ -242,38 +358,96 @@ def _shares(dimension: int, cell: str, count: int) -> NDArray[np.float64]:
     return np.stack([1.0 - a - b, a, b], axis=1)[inside]
 
 
-def _refuse_unpaired(scene: Scene, mirror: Mirror, part: Callable[[int, str], _Part]) -> None:
+@dataclass(frozen=True, eq=False)
+class _Described:
+    """Describes items such that equal ones have equal descriptions.
+
+    Attributes
+    ----------
+    size
+        A length of the scene.
+    kept
+        Number of the body that is kept for each, as a `_Half` has it.
+    part
+        Where a boundary of a body is.
+    """
+
+    size: float
+    kept: list[int]
+    part: Callable[[int, str], _Part]
+
+    def __call__(self, item: Item, mirror: Mirror | None = None) -> Description:
+        """What an item is, or its mirror image: words, and numbers of order one to compare."""
+        kind = type(item).__name__
+        if isinstance(item, BodyForce):
+            return (kind, self._body(item.body, mirror)), _scaled(_reflected(item.vector, mirror))
+        where: Key = (kind, *self._boundary(item.body, item.boundary, mirror))
+        if isinstance(item, DisplacementCondition):
+            free = tuple(v is None for v in item.values)
+            values = _reflected([v or 0.0 for v in item.values], mirror)
+            return (*where, free), _scaled(values)
+        if isinstance(item, Traction):
+            return where, _scaled(_reflected(item.vector, mirror))
+        if isinstance(item, Pressure):
+            return where, _scaled(np.array([item.value]))
+        if isinstance(item, BodyContact):
+            other = self._boundary(item.other, item.other_boundary, mirror)
+            return (*where, *other), np.zeros(0)
+        words, numbers = _described_obstacle(item.obstacle, self.size, mirror)
+        return (*where, *words), numbers
+
+    def _boundary(self, body: int, boundary: str, mirror: Mirror | None) -> Key:
+        return (self.kept[body], self.part(body, boundary).key(image=mirror is not None))
+
+    def _body(self, body: int, mirror: Mirror | None) -> int:
+        """The number of a body, or of its image."""
+        if mirror is None or self.kept.count(self.kept[body]) == 1:
+            return body
+        return next(k for k, n in enumerate(self.kept) if n == self.kept[body] and k != body)
+
+
+def _refuse_unpaired(scene: Scene, mirror: Mirror, described: _Described) -> None:
     """Refuse what acts on a scene as often as its image does not."""
-    items, size = _items(scene), _size(scene)
-    known = [_described(item, size, part) for item in items]
+    items = _items(scene)
+    for item in items:
+        for body, boundary in _boundaries(item):
+            if not described.part(body, boundary).nodes.any():
+                raise AsymmetryError(f"{item.source} is on a boundary without nodes")
+    known = [described(item) for item in items]
     for item, own in zip(items, known, strict=True):
-        image = _described(item, size, part, mirror)
+        image = described(item, mirror)
         if sum(_alike(image, k) for k in known) != sum(_alike(own, k) for k in known):
             raise AsymmetryError(f"{item.source} has no mirror image")
 
 
-def _partners(
-    scene: Scene, mirror: Mirror, part: Callable[[int, str], _Part]
-) -> tuple[tuple[str, str], ...]:
+def _boundaries(item: Item) -> list[tuple[int, str]]:
+    """Bodies and boundaries an item names."""
+    if isinstance(item, BodyForce):
+        return []
+    first = [(item.body, item.boundary)]
+    return [*first, (item.other, item.other_boundary)] if isinstance(item, BodyContact) else first
+
+
+def _partners(scene: Scene, mirror: Mirror, described: _Described) -> tuple[tuple[str, str], ...]:
     """Contacts between bodies that are images of others, not of themselves."""
-    described = {pair.source: _described(pair, 1.0, part) for pair in scene.pairs}
+    known = {pair.source: described(pair) for pair in scene.pairs}
     found = []
     for pair in scene.pairs:
-        image = _described(pair, 1.0, part, mirror)
-        if not _alike(image, described[pair.source]):
-            found.append((pair.source, next(s for s, d in described.items() if _alike(image, d))))
+        image = described(pair, mirror)
+        if not _alike(image, known[pair.source]):
+            found.append((pair.source, next(s for s, d in known.items() if _alike(image, d))))
     return tuple(found)
 
 
-def _is_kept(item: Item, bodies: list[Body], part: Callable[[int, str], _Part]) -> bool:
-    """Whether an item acts on the lower half."""
-    if isinstance(item, BodyContact):
-        sides = (part(item.body, item.boundary), part(item.other, item.other_boundary))
-        return all(side.kept(by_facets=True) for side in sides)
-    assert not isinstance(item, BodyForce)
-    by_facets = isinstance(item, Traction | Pressure)
-    by_facets |= isinstance(item, Contact) and has_averaged_rows(bodies[item.body])
-    return part(item.body, item.boundary).kept(by_facets)
+def _is_kept(
+    item: Item, scene: Scene, halves: list[_Half], part: Callable[[int, str], _Part]
+) -> bool:
+    """Whether an item acts on what is kept."""
+    if isinstance(item, BodyForce):
+        return halves[item.body].body is not None
+    by_facets = isinstance(item, Traction | Pressure | BodyContact)
+    by_facets |= isinstance(item, Contact) and has_averaged_rows(scene.bodies[item.body])
+    return all(part(*where).kept(by_facets) for where in _boundaries(item))
 
 
 def _divided(decomposition: Decomposition, bodies: list[Body]) -> Decomposition:
@@ -295,29 +469,6 @@ def _items(scene: Scene) -> list[Item]:
         *scene.displacements, *scene.tractions, *scene.pressures, *scene.forces, *scene.contacts,
         *scene.pairs,
     ]  # fmt: skip
-
-
-def _described(
-    item: Item, size: float, part: Callable[[int, str], _Part], mirror: Mirror | None = None
-) -> tuple[Key, NDArray[np.float64]]:
-    """What an item is, or its mirror image: words, and numbers of order one to compare."""
-    kind, image = type(item).__name__, mirror is not None
-    if isinstance(item, BodyForce):
-        return (kind, item.body), _scaled(_reflected(item.vector, mirror))
-    where: Key = (kind, item.body, part(item.body, item.boundary).key(image))
-    if isinstance(item, DisplacementCondition):
-        free = tuple(v is None for v in item.values)
-        values = _reflected([v or 0.0 for v in item.values], mirror)
-        return (*where, free), _scaled(values)
-    if isinstance(item, Traction):
-        return where, _scaled(_reflected(item.vector, mirror))
-    if isinstance(item, Pressure):
-        return where, _scaled(np.array([item.value]))
-    if isinstance(item, BodyContact):
-        other = part(item.other, item.other_boundary).key(image)
-        return (*where, item.other, other), np.zeros(0)
-    words, numbers = _described_obstacle(item.obstacle, size, mirror)
-    return (*where, *words), numbers
 
 
 def _reflected(vector: Iterable[float], mirror: Mirror | None) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The lower half of a body that is its own mirror image about a plane across an axis.
+"""The lower half of a body that is its own mirror image about a plane across an axis; and images.
 
 A box is its own image where it has an even number of cells across the plane: the half is a box
 again. Triangles and tetrahedra, whose diagonals no mirror keeps, are laid out in the half and
@@ -47,6 +47,9 @@ class HalfSurface:
         Vertices first.
     sides
         By the name of a part of the surface: which facets are on it, and whose images are.
+    of
+        Whether the body has these facets, and whether it has their images: one of the two where the
+        image is another body.
     """
 
     points: NDArray[np.float64]
@@ -54,6 +57,7 @@ class HalfSurface:
     on_plane: Bools
     facets: NDArray[np.int64]
     sides: Mapping[str, tuple[Bools, Bools]]
+    of: tuple[bool, bool] = (True, True)
 
 
 def half_box(box: BoxShape, axis: int) -> HalfSurface:
@@ -68,11 +72,50 @@ def half_box(box: BoxShape, axis: int) -> HalfSurface:
     if count % 2:
         raise AsymmetryError(f"has an odd number of cells, {count}")
     cells = tuple(n // 2 if a == axis else n for a, n in enumerate(box.cells))
+    place, facets, side_of = _box_surface(box, cells, 2 * axis + 1)
+    image = place.copy()
+    image[:, axis] = box.degree * count - place[:, axis]
+    sides = {}
+    for number, (name, across, _) in enumerate(SIDES[: 2 * box.dimension]):
+        own = side_of == number  # none on the upper side of the axis, whose images are the lower's
+        sides[name] = (own, side_of == (number ^ 1 if across == axis else number))
+    on_plane = place[:, axis] == box.degree * cells[axis]
+    return HalfSurface(_places(box, place), _places(box, image), on_plane, facets, sides)
+
+
+def box_images(box: BoxShape, other: BoxShape, axis: int) -> tuple[HalfSurface, HalfSurface]:
+    """The surface of a box beside that of another box, its image, as either of them sees it."""
+    place, facets, side_of = _box_surface(box, box.cells)
+    image = place.copy()
+    image[:, axis] = box.degree * box.cells[axis] - place[:, axis]
+    beside = np.zeros(len(place), bool)
+    none = np.zeros(len(facets), bool)
+    points, images = _places(box, place), _places(other, image)
+    own, others = {}, {}
+    for number, (name, across, _) in enumerate(SIDES[: 2 * box.dimension]):
+        own[name] = (side_of == number, none)
+        others[name] = (none, side_of == (number ^ 1 if across == axis else number))
+    return (
+        HalfSurface(points, images, beside, facets, own, (True, False)),
+        HalfSurface(points, images, beside, facets, others, (False, True)),
+    )
+
+
+def _box_surface(
+    box: BoxShape, cells: tuple[int, ...], skipped: int = -1
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Surface of the first cells of a box along each axis, all sides but one.
+
+    Returns
+    -------
+    Places of its nodes on the lattice (nodes, d), its facets (facets, nodes a facet), and the
+    number of the side of each.
+    """
     ends = np.array([box.degree * n for n in cells])
     strides = np.cumprod([1, *(ends[:-1] + 1)], dtype=np.int64)
     faces, of_side = [], []
     for number, (_, across, end) in enumerate(SIDES[: 2 * box.dimension]):
-        if (across, end) == (axis, 1):
+        if number == skipped:
             continue
         bricks = lattice_places([1 if a == across else n for a, n in enumerate(cells)])
         bricks[:, across] += end * (cells[across] - 1)
@@ -81,18 +124,14 @@ def half_box(box: BoxShape, axis: int) -> HalfSurface:
         of_side.append(np.full(len(faces[-1]), number))
     used, facets = np.unique(np.concatenate(faces), return_inverse=True)
     place = used[:, None] // strides % (ends + 1)
-    image = place.copy()
-    image[:, axis] = 2 * ends[axis] - place[:, axis]
-    side_of, shape = np.concatenate(of_side), (-1, faces[0].shape[1])
-    sides = {}
-    for number, (name, across, _) in enumerate(SIDES[: 2 * box.dimension]):
-        own = side_of == number  # none on the upper side of the axis, whose images are the lower's
-        sides[name] = (own, side_of == (number ^ 1 if across == axis else number))
-    points, images = np.zeros((len(used), 3)), np.zeros((len(used), 3))
-    for at, lattice in ((points, place), (images, image)):
-        at[:, : box.dimension] = np.array(box.lower) + lattice * (box.spacing / box.degree)
-    on_plane = place[:, axis] == ends[axis]
-    return HalfSurface(points, images, on_plane, facets.reshape(shape), sides)
+    return place, facets.reshape(-1, faces[0].shape[1]), np.concatenate(of_side)
+
+
+def _places(box: BoxShape, lattice: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Coordinates (n, 3) of places on the lattice of a box."""
+    points = np.zeros((len(lattice), 3))
+    points[:, : box.dimension] = np.array(box.lower) + lattice * (box.spacing / box.degree)
+    return points
 
 
 @cache
@@ -126,37 +165,122 @@ def half_mesh(
         It is not its own image.
     """
     whole = mesh.shape(degree)
-    x, tolerance = whole.points, SAME * float(np.ptp(whole.points, axis=0).max())
-    place = _images(x, axis, at, tolerance)
-    above = x[:, axis] - at
+    tolerance = SAME * float(np.ptp(whole.points, axis=0).max())
+    above = whole.points[:, axis] - at
+    place = _image_nodes(whole, whole, axis, at, tolerance)
     lower = (above[whole.cells] <= tolerance).all(axis=1)
     across = ~lower & ~(above[whole.cells] >= -tolerance).all(axis=1)
     if across.any():
         raise AsymmetryError(f"has a {mesh.cell} at {_middle(whole, across)} that the plane cuts")
-    image = row_places(np.sort(whole.cells, axis=1), np.sort(place[whole.cells], axis=1))
-    if (image < 0).any():
-        where = _middle(whole, image < 0)
-        raise AsymmetryError(f"has a {mesh.cell} at {where} whose mirror image is none")
-    kind = kinds[mesh.tags]
-    if (kind != kind[image]).any():
-        where = _middle(whole, kind != kind[image])
-        raise AsymmetryError(f"has a {mesh.cell} at {where} whose image is of another material")
+    _refuse_unlike(whole, whole, place, kinds[mesh.tags], kinds[mesh.tags])
     half = _lower(mesh, lower, axis, at, tolerance, cut)
-    return half, _surface(whole, mesh.sides, lower, place, np.abs(above) <= tolerance)
+    facets, owner = whole.topology.facets, whole.topology.facet_cells
+    points, images, used, local, image = _facet_images(whole, whole, facets[lower[owner]], place)
+    sides = {}
+    for name, rows in mesh.sides.items():
+        member = np.zeros(len(facets), bool)
+        member[rows] = True
+        sides[name] = (member[lower[owner]], member[image])
+    on_plane = np.abs(above[used]) <= tolerance
+    return half, HalfSurface(points, images, on_plane, local, sides)
 
 
-def _images(x: NDArray[np.float64], axis: int, at: float, tolerance: float) -> NDArray[np.int64]:
-    """The node at the image of each node (n,)."""
-    image = x.copy()
+def mesh_images(
+    mesh: CellMesh,
+    other: CellMesh,
+    degree: int,
+    kinds: tuple[NDArray[np.int64], NDArray[np.int64]],
+    axis: int,
+    at: float,
+) -> tuple[HalfSurface, HalfSurface]:
+    """The surface of a mesh beside that of another one, its image, as either of them sees it.
+
+    Parameters and errors are those of `half_mesh`.
+    """
+    whole, image = mesh.shape(degree), other.shape(degree)
+    if (mesh.cell, whole.points.shape, whole.cells.shape) != (
+        other.cell, image.points.shape, image.cells.shape
+    ):  # fmt: skip
+        raise AsymmetryError("has another number of nodes or cells than what should be its image")
+    tolerance = SAME * float(np.ptp(whole.points, axis=0).max())
+    place = _image_nodes(whole, image, axis, at, tolerance)
+    _refuse_unlike(whole, image, place, kinds[0][mesh.tags], kinds[1][other.tags])
+    facets = whole.topology.facets
+    points, images, _, local, rows_there = _facet_images(whole, image, facets, place)
+    beside, none = np.zeros(len(points), bool), np.zeros(len(facets), bool)
+
+    def members(rows: NDArray[np.int32], there: NDArray[np.int64] | slice) -> Bools:
+        member = np.zeros(len(facets), bool)
+        member[rows] = True
+        return np.asarray(member[there])
+
+    own = {name: (members(rows, slice(None)), none) for name, rows in mesh.sides.items()}
+    others = {name: (none, members(rows, rows_there)) for name, rows in other.sides.items()}
+    return (
+        HalfSurface(points, images, beside, local, own, (True, False)),
+        HalfSurface(points, images, beside, local, others, (False, True)),
+    )
+
+
+def _image_nodes(
+    mesh: CellMesh, other: CellMesh, axis: int, at: float, tolerance: float
+) -> NDArray[np.int64]:
+    """The node of another mesh, or the same, at the image of each node of a mesh, (n,)."""
+    x, image = mesh.points, mesh.points.copy()
     image[:, axis] = 2.0 * at - image[:, axis]
-    distance, place = cKDTree(x).query(image)
+    distance, place = cKDTree(other.points).query(image)
     worst = int(np.argmax(distance))
     if distance[worst] > tolerance:
         raise AsymmetryError(
             f"has no node at the image of that at {_point(x[worst])}: the nearest is "
             f"{distance[worst]:.3g} away ({tolerance:.1g} is allowed)"
         )
+    if len(np.unique(place)) < len(place):
+        raise AsymmetryError(f"has nodes nearer to each other than {tolerance:.1g}")
     return np.asarray(place, np.int64)
+
+
+def _refuse_unlike(
+    mesh: CellMesh,
+    other: CellMesh,
+    place: NDArray[np.int64],
+    kind: NDArray[np.int64],
+    other_kind: NDArray[np.int64],
+) -> None:
+    """Refuse cells whose images are no cells, or of another material."""
+    image = row_places(np.sort(other.cells, axis=1), np.sort(place[mesh.cells], axis=1))
+    if (image < 0).any():
+        where = _middle(mesh, image < 0)
+        raise AsymmetryError(f"has a {mesh.cell} at {where} whose mirror image is none")
+    unlike = kind != other_kind[image]
+    if unlike.any():
+        where = _middle(mesh, unlike)
+        raise AsymmetryError(f"has a {mesh.cell} at {where} whose image is of another material")
+
+
+def _facet_images(
+    mesh: CellMesh, other: CellMesh, facets: NDArray[np.int64], place: NDArray[np.int64]
+) -> tuple[
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.int64],
+    NDArray[np.int64],
+    NDArray[np.int64],
+]:
+    """Nodes of facets and of their images.
+
+    Returns
+    -------
+    Coordinates of both (nodes, 3), the nodes, the facets among them, and rows of the images among
+    the facets of the other mesh.
+    """
+    there = np.sort(other.topology.facets, axis=1)
+    image = row_places(there, np.sort(place[facets], axis=1))
+    used, local = np.unique(facets, return_inverse=True)
+    padding = ((0, 0), (0, 3 - mesh.dimension))
+    points = np.pad(mesh.points[used], padding)
+    images = np.pad(other.points[place[used]], padding)
+    return points, images, used, local.reshape(facets.shape), image
 
 
 def _lower(
@@ -188,32 +312,6 @@ def _lower(
         tags=mesh.tags[kept],
         name=f"{mesh.name} below {'xyz'[axis]} = {at:g}",
         middles=middles,
-    )
-
-
-def _surface(
-    whole: CellMesh,
-    sides: Mapping[str, NDArray[np.int32]],
-    lower: Bools,
-    place: NDArray[np.int64],
-    on_plane: Bools,
-) -> HalfSurface:
-    """The surface of the cells on the lower side, and its images."""
-    facets, own = whole.topology.facets, lower[whole.topology.facet_cells]
-    image = row_places(np.sort(facets, axis=1), np.sort(place[facets[own]], axis=1))
-    used, local = np.unique(facets[own], return_inverse=True)
-    padding = ((0, 0), (0, 3 - whole.dimension))
-    found = {}
-    for name, rows in sides.items():
-        member = np.zeros(len(facets), bool)
-        member[rows] = True
-        found[name] = (member[own], member[image])
-    return HalfSurface(
-        points=np.pad(whole.points[used], padding),
-        images=np.pad(whole.points[place[used]], padding),
-        on_plane=on_plane[used],
-        facets=local.reshape(-1, facets.shape[1]),
-        sides=found,
     )
 
 

@@ -316,6 +316,95 @@ def test_expressions_between_nodes(tmp_path: Path) -> None:
     assert "conditions[1] has no mirror image" in found.notes[0]
 
 
+def table(cell: str, degree: int, directory: Path | None) -> scenes.Config:
+    """A slab on two feet, boxes or from files, with loads on both feet; it mirrors across x."""
+    up = scenes.dimension(cell) - 1
+    feet = [
+        scenes.block(cell, 2, "left", lower=(0, 0, 0), upper=(0.4, 1, 1)),
+        scenes.block(cell, 2, "right", lower=(1.6, 0, 0), upper=(2, 1, 1)),
+    ]
+    slab = scenes.block(cell, 4, "slab", lower=(0.1, 0, 1.002), upper=(1.9, 1, 1.4))
+    if directory:
+        foot = meshfiles.block(cell, 2)
+        foot.points[:, 0] *= 0.4 + 0.1 * foot.points[:, up]  # a slanted side
+        image = meshfiles.with_image(foot, 0, 1.0)
+        for body, name, left in ((feet[0], "left", True), (feet[1], "right", False)):
+            half = (image.points[:, 0] < 1.0) == left
+            cells = image.cells[0].data
+            both = meshfiles.named(cell, image.points, cells[half[cells].all(axis=1)])
+            body["mesh"] = {"file": str(meshfiles.write(both, directory / f"{name}.msh"))}
+    for body in feet:
+        body["boundaries"] = {
+            "top": {"where": f"{'xyz'[up]} > 1 - 1e-9"},
+            "foot": {"where": f"{'xyz'[up]} < 1e-9"},
+            "outside": {"where": f"(x < 1e-9 or x > 2 - 1e-9) and {'xyz'[up]} > 0.4"},
+        }
+    slab["boundaries"] = {"middle": {"where": "abs(x - 1) < 1e-9"}}
+    if up == 2:
+        slab["boundaries"]["middle"]["where"] += " and (y < 1e-9 or y > 1 - 1e-9)"
+    down = [0.0] * up + [-3.0]
+    made = scenes.config(
+        cell,
+        [feet[0], slab, feet[1]],
+        [
+            *(scenes.clamp(cell, f"{b}.foot") for b in ("left", "right")),
+            *({"on": f"{b}.outside", "pressure": 7} for b in ("right", "left")),
+            *({"in": b, "force": [f, *[0.0] * (up - 1), -1.0]}
+              for b, f in (("left", 2.0), ("right", -2.0))),
+            {"in": "slab", "force": down},
+            {"on": "slab.middle", "displacement": [0, *[None] * up]},
+            {"on": f"slab.{scenes.up(cell)}", "pressure": 5},
+        ],
+        [{"on": f"{b}.top", "against": f"slab.{scenes.down(cell)}"} for b in ("right", "left")],
+    )  # fmt: skip
+    if up == 2:
+        where = {"where": "abs(y - 0.5) < 1e-9 and z > 1.39 and abs(x - 1) > 0.8"}
+        slab["boundaries"]["line"] = where
+        made["conditions"].append({"on": "slab.line", "displacement": [None, 0, None]})
+    for body in feet:
+        body["degree"] = degree
+    return made
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "parts"),
+    [("quadrilateral", 1, 1), ("quadrilateral", 2, 7), ("hexahedron", 1, 7)],
+)
+@pytest.mark.parametrize("files", [False, True])
+def test_bodies_that_are_images(
+    cell: str, degree: int, parts: int, files: bool, tmp_path: Path
+) -> None:
+    """One of two feet is left out, and what acts on it; it is written, and so are its forces."""
+    made = table(cell, degree, tmp_path if files else None)
+    scene = scenes.build(made, parts)
+    half = halved(scene)
+    assert half.scene.mirrors[0].at == pytest.approx(1.0)
+    assert [body.name for body in half.scene.bodies] == ["left", "slab"]
+    assert "right is the image of another body" in half.notes[1]
+    hold(solve_scene(scene), solve_scene(half.scene), 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda made: made["bodies"][2]["material"].update(young=999.0), "different materials"),
+        (lambda made: made["bodies"][2].update(degree=2), "different degree"),
+        (lambda made: made["bodies"][2]["mesh"]["box"].update(cells=[3, 2]), "different cells"),
+        (lambda made: made["bodies"][2]["mesh"]["box"].update(upper=[2.1, 1]), "off the middle"),
+        (lambda made: made["conditions"].pop(2), "conditions[2] has no mirror image"),
+        (lambda made: made["conditions"].pop(4), "conditions[4] has no mirror image"),
+        (lambda made: made["conditions"][4].update(force=[-2.0, -1.0]), "conditions[4]"),
+        (lambda made: made["contacts"].pop(), "contacts[0] has no mirror image"),
+    ],
+)
+def test_bodies_that_are_not_images(change: Any, why: str) -> None:
+    made = table("quadrilateral", 1, None)
+    change(made)
+    found = halved(scenes.build(made))
+    assert not found.scene.mirrors
+    assert why in found.notes[0]
+
+
 def test_a_box_beside_a_file(tmp_path: Path) -> None:
     """Bodies of both kinds share a plane, or there is none."""
     made = block("triangle", mirrored("triangle", tmp_path, "x"))
@@ -332,7 +421,7 @@ def test_a_box_beside_a_file(tmp_path: Path) -> None:
     scene = scenes.build(made)
     hold(solve_scene(scene), solve_scene(cut(scene, "x")), 1e-6)
     lid["mesh"]["box"]["upper"][0] = 0.95
-    assert "different middles" in halved(scenes.build(made)).notes[0]
+    assert "lid is off the middle of all bodies" in halved(scenes.build(made)).notes[0]
 
 
 def test_shipped_scene(tmp_path: Path) -> None:
