@@ -6,10 +6,13 @@ Everything else in the project calls these functions and knows one dolfinx only.
 from __future__ import annotations
 
 import os
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import basix
 import dolfinx
+import dolfinx.jit
 import numpy as np
 import ufl
 from dolfinx import fem, geometry
@@ -18,22 +21,51 @@ from numpy.typing import NDArray
 
 _MODERN = hasattr(fem, "functionspace")
 
+_compiled: dict[Hashable, Any] = {}
+
+
+@contextmanager
+def _remembering() -> Iterator[None]:
+    """Let dolfinx find compiled code in memory while this lasts.
+
+    It would look it up on disk for every mesh anew, which takes milliseconds a subdomain.
+    """
+    look_up = dolfinx.jit.ffcx_jit
+
+    def remember(comm: MPI.Intracomm, what: Any, *args: Any, **options: Any) -> Any:
+        if comm.size > 1:  # ranks look up together
+            return look_up(comm, what, *args, **options)
+        signature = what.signature() if isinstance(what, ufl.Form) else repr(what)
+        key = signature, repr((args, sorted(options.items())))
+        if key not in _compiled:
+            _compiled[key] = look_up(comm, what, *args, **options)
+        return _compiled[key]
+
+    dolfinx.jit.ffcx_jit = remember
+    try:
+        yield
+    finally:
+        dolfinx.jit.ffcx_jit = look_up
+
 
 def vector_space(mesh: Any, degree: int, components: int) -> Any:
     """Continuous Lagrange space with `components` values a node."""
-    if _MODERN:
-        return fem.functionspace(mesh, ("Lagrange", degree, (components,)))
-    return fem.VectorFunctionSpace(mesh, ("Lagrange", degree), dim=components)
+    with _remembering():
+        if _MODERN:
+            return fem.functionspace(mesh, ("Lagrange", degree, (components,)))
+        return fem.VectorFunctionSpace(mesh, ("Lagrange", degree), dim=components)
 
 
 def scalar_space(mesh: Any, degree: int) -> Any:
     """Continuous Lagrange space with one value a node."""
-    return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("Lagrange", degree))
+    with _remembering():
+        return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("Lagrange", degree))
 
 
 def cellwise_scalars(mesh: Any) -> Any:
     """Piecewise constant space with one value a cell."""
-    return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("DG", 0))
+    with _remembering():
+        return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("DG", 0))
 
 
 def coordinate_element(cell: str, dimension: int, degree: int = 1) -> Any:
@@ -118,7 +150,8 @@ def _lagrange(cell: str, degree: int) -> Any:
 
 def compile_form(form: Any) -> Any:
     """Compiled form."""
-    return fem.form(form)
+    with _remembering():
+        return fem.form(form)
 
 
 def meshtags(mesh: Any, dimension: int, entities: NDArray[np.int32], value: int) -> Any:
