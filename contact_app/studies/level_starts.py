@@ -3,8 +3,7 @@
     python -m contact_app.studies.level_starts
 
 Every level is solved twice, from what touches on springs (or, where bodies are whole and held, from
-columns of F) and from the last level's tractions. Seconds are those of the stage `solve`, which
-takes the tractions to the new mesh.
+columns of F) and from the last level's tractions.
 """
 
 from __future__ import annotations
@@ -63,33 +62,25 @@ CASES = (
 TOLERANCES = ("auto", "1e-6")
 
 
-class Price(NamedTuple):
-    """Products and seconds of one solve."""
-
-    products: int
-    seconds: float
-
-    @classmethod
-    def of(cls, solved: SolvedScene) -> Price:
-        """What a solve took."""
-        summary = solved.summary
-        if not solved.solution.converged:
-            raise RuntimeError(f"{summary['scene']['title']}: {summary['solver']['reason']}")
-        products = int(summary["solver"]["hessian_multiplications"])
-        return cls(products, float(summary["timings"]["solve"]))
+def products(solved: SolvedScene) -> int:
+    """Hessian multiplications of a solve."""
+    summary = solved.summary
+    if not solved.solution.converged:
+        raise RuntimeError(f"{summary['scene']['title']}: {summary['solver']['reason']}")
+    return int(summary["solver"]["hessian_multiplications"])
 
 
-def compared(case: Case, tolerance: str) -> list[tuple[Price, Price]]:
-    """Both prices of each level."""
+def compared(case: Case, tolerance: str) -> list[tuple[int, int]]:
+    """Products of each level, anew and from the last."""
     changes = [f"accuracy={case.accuracy}", f"solver.tolerance={tolerance}", *case.changes]
-    found: list[tuple[Price, Price]] = []
+    found: list[tuple[int, int]] = []
 
     def solve(scene: Scene, *, start: LastLevel | None) -> SolvedScene:
         solved = solve_scene(scene, MPI.COMM_SELF)
-        cold = warm = Price.of(solved)
+        cold = warm = products(solved)
         if start is not None:
             solved = solve_scene(scene, MPI.COMM_SELF, start=start)
-            warm = Price.of(solved)
+            warm = products(solved)
         found.append((cold, warm))
         return solved
 
@@ -103,30 +94,20 @@ def table() -> Iterator[str]:
     """Rows of a table for a page, and the sums."""
     yield (
         "| scene | accuracy | tolerance | products of the levels, anew | from the last | "
-        "all, anew | from the last | seconds | from the last |"
+        "all, anew | from the last |"
     )
-    yield "|---|---|---|---|---|---|---|---|---|"
+    yield "|---|---|---|---|---|---|---|"
     for tolerance in TOLERANCES:
-        sums = [Price(0, 0.0), Price(0, 0.0)]
+        sums = [0, 0]
         for case in CASES:
             ways = list(zip(*compared(case, tolerance), strict=True))
-            levels = [" ".join(str(p.products) for p in way) for way in ways]
-            totals = [Price(sum(p.products for p in w), sum(p.seconds for p in w)) for w in ways]
-            sums = [
-                Price(a.products + b.products, a.seconds + b.seconds)
-                for a, b in zip(sums, totals, strict=True)
-            ]
-            cold, warm = totals
+            levels = [" ".join(map(str, way)) for way in ways]
+            sums = [total + sum(way) for total, way in zip(sums, ways, strict=True)]
             yield (
                 f"| {case.name} | {100 * case.accuracy:g} % | {tolerance} | {levels[0]} | "
-                f"{levels[1]} | {cold.products} | {warm.products} | {cold.seconds:.2f} | "
-                f"{warm.seconds:.2f} |"
+                f"{levels[1]} | {sum(ways[0])} | {sum(ways[1])} |"
             )
-        cold, warm = sums
-        yield (
-            f"| all | | {tolerance} | | | {cold.products} | {warm.products} | "
-            f"{cold.seconds:.2f} | {warm.seconds:.2f} |"
-        )
+        yield f"| all | | {tolerance} | | | {sums[0]} | {sums[1]} |"
 
 
 if __name__ == "__main__":
