@@ -11,9 +11,9 @@ the same on both, so is its square of the difference, and the quotient of the tw
 it. Meshes differ by little in the kinds of cells and of grid lines (`kind`), and by so much in
 error that what is left of a change of that multiple does not decide.
 
-Energies only ever lower an estimate here: by no more than half of its square, no further than any
-of the quotients says, and less by what these are uncertain. Where energies do not fall nothing is
-lowered.
+Energies only ever lower an estimate here: no further than any of the quotients says, and less by
+what these are uncertain, since estimates come closer to errors on the finer of two meshes. Nothing
+is lowered where energies do not fall, or by more than any estimate is known to exceed its error.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from contact_app.scene import Box, Scene
 APART = 2.25
 """η² of one mesh over that of the other from which on their energies are compared."""
 
-UNCERTAIN = 1.1
+UNCERTAIN = 1.2
 """Factor on the quotients: what the multiple changes between two such meshes."""
 
-LOWEST = 0.5
-"""Of η², what an estimate keeps at least."""
+LEAST = 0.5
+"""Quotients that are believed: estimates are at most 1.4 times the error once meshes see it."""
 
 
 def conforms(scene: Scene) -> bool:
@@ -66,7 +66,7 @@ class Calibration:
         --------
         >>> levels = Calibration()  # errors of 4, 2, 1 and squares that are 1.6 times as large
         >>> [round(levels.share("", 0.5 * e**2, 1.6 * e**2), 4) for e in (4.0, 2.0, 1.0)]
-        [1.0, 0.6875, 0.6875]
+        [1.0, 0.75, 0.75]
         """
         before = self._levels.setdefault(kind, [])
         found = self._quotients.setdefault(kind, [])
@@ -75,7 +75,8 @@ class Calibration:
         if apart:
             other, larger = apart[-1]
             quotient = 2.0 * (other - energy) / (larger - square)
-            found.append(quotient if quotient > 0.0 else 1.0)
+            if quotient >= LEAST or quotient <= 0.0:
+                found.append(quotient if quotient > 0.0 else 1.0)
         if not found:
             return 1.0
-        return min(max(UNCERTAIN * max(found), LOWEST), 1.0)
+        return min(UNCERTAIN * max(found), 1.0)
