@@ -335,12 +335,9 @@ def _part(body: Body, surface: HalfSurface, boundary: str, samples: int) -> _Par
     if samples:
         shares = _shares(len(body.mesh.lower), body.mesh.cell, samples)
         vertices = surface.facets[own][:, : shares.shape[1]]
-        between = np.stack(
-            [
-                expression(np.einsum("sv,fvi->fsi", shares, x[vertices]).reshape(-1, 3))
-                for x in points
-            ]
-        )
+        places = [np.einsum("sv,fvi->fsi", shares, x[vertices]).reshape(-1, 3) for x in points]
+        both = list(zip(places, surface.of, strict=True))
+        between = np.stack([expression(x) & has for x, has in both])
     return _Part(nodes & on_surface, facets, beside, between)
 
 
