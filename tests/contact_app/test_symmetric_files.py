@@ -6,6 +6,7 @@ Wholes are held against the same scene without `symmetry`, on the same file.
 from __future__ import annotations
 
 import copy
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import Scene, build_scene
 from contact_app.symmetry import halved
 from tests import meshfiles, scenes
+from tests.contact_app.test_ranks import summary_of
 
 SAMPLES = Path(__file__).parents[2] / "meshes" / "samples"
 HARD, SOFT = {"young": 4000.0, "poisson": 0.35}, {"young": 500.0, "poisson": 0.2}
@@ -382,6 +384,22 @@ def test_bodies_that_are_images(
     assert [body.name for body in half.scene.bodies] == ["left", "slab"]
     assert "right is the image of another body" in half.notes[1]
     hold(solve_scene(scene), solve_scene(half.scene), 1e-6)
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+def test_two_ranks(tmp_path: Path) -> None:
+    """A quarter of two feet and a slab, cut into parts: rows of pairs beside planes, images."""
+    made = {**table("hexahedron", 1, tmp_path), "symmetry": "allow"}
+    made["decomposition"] = {"subdomains": 6}
+    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
+    assert two["environment"]["ranks"] == 2
+    assert one["symmetry"] == two["symmetry"]
+    assert one["symmetry"]["images"] == 4
+    for key in ("energy", "mean_displacement", "max_contact_pressure"):
+        assert two["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7), key
+    for pair, force in one["solution"]["pair_forces"].items():
+        assert two["solution"]["pair_forces"][pair] == pytest.approx(force, abs=1e-6)
 
 
 @pytest.mark.parametrize(
