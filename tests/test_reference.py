@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tests import reference, scenes
+from tests import extended, reference, scenes
 
 
 def at(solution: reference.Reference, *point: float) -> np.ndarray:
@@ -153,3 +153,18 @@ def test_gaps_of_the_obstacles() -> None:
     np.testing.assert_allclose(
         normal[8:12], inward / np.linalg.norm(inward, axis=1)[:, None], atol=1e-14
     )
+
+
+def test_extended_precision_agrees_with_the_reference() -> None:
+    """A well-conditioned programme: the same minimiser by both, from any start."""
+    rng = np.random.default_rng(5)
+    n, rows = 30, 12
+    root = rng.standard_normal((n, n))
+    K, B = sp.csr_matrix(root @ root.T + n * np.eye(n)), sp.csr_matrix(rng.random((rows, n)))
+    load, gap = 50.0 * rng.random(n), rng.random(rows)
+    known = reference.minimise(K, load, B, gap, 1.0)[0]
+    assert ((B @ known - gap) > -1e-9).sum() >= 1
+    for near in (np.zeros(n), known):
+        found = extended.minimise(K, load, B, gap, near)
+        assert found is not None
+        np.testing.assert_allclose(found.astype(float), known, atol=1e-8 * np.abs(known).max())
