@@ -386,6 +386,7 @@ def test_bodies_that_are_images(
     hold(solve_scene(scene), solve_scene(half.scene), 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 def test_two_ranks(tmp_path: Path) -> None:
