@@ -90,9 +90,9 @@ LARGE = 10_000
 SETTLED = 0.85
 """Error that new grid lines are expected to leave from which on they have."""
 
-PROMISE, KEPT = 0.75, (0.3, 1.0)
-"""Power of the evenness that new grid lines are expected to leave of the error: at first, and the
-range of what the last ones left."""
+PROMISE, KEPT = 0.75, 0.3
+"""Power of the evenness that new grid lines are expected to leave of the error: at first, and at
+least from then on, when it is what the last ones left."""
 
 MOST_LEVELS = 12
 
@@ -335,8 +335,8 @@ def kept(before: float, even: float, step: float, after: float, degree: int) -> 
     >>> kept(0.2, 0.25, 1.0, 0.1, 2), kept(0.2, 0.25, 1.0, 0.05, 2), kept(0.2, 0.25, 1.0, 0.3, 2)
     (0.5, 1.0, 0.3)
     """
-    left = after / before * step ** GRADED[degree]
-    return min(max(math.log(left) / math.log(even), KEPT[0]), KEPT[1])
+    left = max(after / before * step ** GRADED[degree], even)
+    return max(math.log(left) / math.log(even), KEPT)
 
 
 def _free_degree(scene: Scene) -> bool:

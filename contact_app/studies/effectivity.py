@@ -330,7 +330,7 @@ class Reached:
     """A run to an accuracy: `error` is measured.
 
     `best_dofs` is what the best mesh of the sweep takes whose measured error meets the target,
-    `knowable_dofs` of those whose estimate does, which is all a run can know; `equal_dofs` what
+    `knowable_dofs` of those whose estimate by stresses alone does; `equal_dofs` what
     equal cells of degree 1 need, by the rate of their sweep. `all_dofs` is the sum over the levels.
     """
 
