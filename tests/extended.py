@@ -12,6 +12,9 @@ REFINEMENTS = 20
 
 ACTIVE_SETS = 60
 
+SINGULAR = 1e-15
+"""Pivot over the largest entry of the diagonal below which a matrix of doubles is singular."""
+
 MET = 1e-13
 """Penetration over the largest displacement that counts as none."""
 
@@ -19,7 +22,9 @@ MET = 1e-13
 def minimise(
     K: sp.spmatrix, load: np.ndarray, B: sp.spmatrix, gap: np.ndarray, near: np.ndarray
 ) -> np.ndarray | None:
-    """Minimiser of ½ uᵀ K u - loadᵀ u with B u ≤ gap, or None where active sets do not settle.
+    """Minimiser of ½ uᵀ K u - loadᵀ u with B u ≤ gap; None where active sets do not settle.
+
+    None, too, where K is singular: rows would have to keep the body.
 
     What is returned meets all optimality conditions in extended precision, wherever it began.
 
@@ -32,6 +37,8 @@ def minimise(
     some = np.flatnonzero(B.getnnz(axis=1))
     rows, gap = B[some].toarray().astype(Extended), gap[some].astype(Extended)
     solved = _solve(K.toarray(), np.column_stack([load, rows.T]))
+    if solved is None:
+        return None
     free, responses = solved[:, 0], solved[:, 1:]
     flexibility, excess = rows @ responses, rows @ free - gap
     closed = np.asarray(rows @ near - gap) > -1e-7 * np.abs(near).max(initial=0.0)
@@ -50,10 +57,13 @@ def minimise(
     return None
 
 
-def _solve(A: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions of a positive definite system by Cholesky's factors."""
+def _solve(A: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    """Solutions of a positive definite system by Cholesky's factors, None of others."""
     L, x = A.astype(Extended), right.astype(Extended)
+    least = SINGULAR * L.diagonal().max(initial=0.0)
     for j in range(len(L)):
+        if not L[j, j] > least:
+            return None
         L[j, j] = np.sqrt(L[j, j])
         L[j + 1 :, j] /= L[j, j]
         L[j + 1 :, j + 1 :] -= np.outer(L[j + 1 :, j], L[j + 1 :, j])

@@ -168,3 +168,5 @@ def test_extended_precision_agrees_with_the_reference() -> None:
         found = extended.minimise(K, load, B, gap, near)
         assert found is not None
         np.testing.assert_allclose(found.astype(float), known, atol=1e-8 * np.abs(known).max())
+    floating = sp.csr_matrix(np.array([[1.0, -1.0], [-1.0, 1.0]]))
+    assert extended.minimise(floating, load[:2], B[:, :2], gap, np.zeros(2)) is None
