@@ -62,7 +62,7 @@ def test_a_solve_stopped_on_a_face_goes_on_from_there(
 ) -> None:
     straight = solve(problem, scene.solver, None)
     assert straight.counts.outer == 0
-    stopped = go(problem, scene, tmp_path, stopped_after_steps(14), resume=False)
+    stopped = go(problem, scene, tmp_path, stopped_after_steps(8), resume=False)
     assert not stopped.converged
     gap = stopped.certificate.duality_gap
     assert gap < 0.1  # what it had reached on the face, not where SMALBE handed over

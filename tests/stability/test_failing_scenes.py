@@ -38,7 +38,8 @@ def check(case: Case) -> None:
         return
     far = case.name.startswith("a million")  # the reference knows gaps to 1e-12 of the body
     made = case.mild() if far and case.mild else case.make()
-    known = reference.solve(scenes.build(made, 1)).energy
+    # a slender body's K leaves its optimality conditions eight digits
+    known = reference.solve(scenes.build(made, 1), tolerance=1e-7).energy
     for method, outcome in found.items():
         assert math.isclose(outcome.energy, known, rel_tol=1e-6, abs_tol=1e-6 * case.scale), method
 
