@@ -596,8 +596,8 @@ def optimality(
     )
 
 
-def solve(scene: Any) -> Reference:
-    """Solve a scene by the active-set method of this module."""
+def solve(scene: Any, tolerance: float = KKT_TOLERANCE) -> Reference:
+    """Solve a scene by the active-set method of this module, to a tolerance of `minimise`."""
     system = assemble(scene)
     free = ~system.held
     K = system.stiffness
@@ -606,7 +606,7 @@ def solve(scene: Any) -> Reference:
     gap = system.gap - system.contact @ u
     extent = float(np.ptp(system.points, axis=0).max())
     u[free], multiplier, residual, steps = minimise(
-        K[free][:, free], load, system.contact[:, free], gap, extent
+        K[free][:, free], load, system.contact[:, free], gap, extent, tolerance
     )
     return _reference(system, u, multiplier, residual, steps)
 
