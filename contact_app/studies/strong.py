@@ -16,7 +16,7 @@ from contact_app.studies.bench import SERIES, Series, config
 from contact_app.studies.processes import python
 from contact_app.studies.runs import STAGES, from_summary
 
-REPEATS = 3
+REPEATS = 5
 
 
 def strong(
