@@ -19,6 +19,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
 
 from solver.tfeti.exchange import NodeExchange
 from solver.tfeti.gram import Blocks, KernelRows
@@ -68,6 +69,7 @@ class CoarseProblem:
         others = Blocks.of(rows.alike(np.flatnonzero(~inequality)), rows.motions)
         places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
         self._others = self._layout.brought(Blocks.join([others, places]))
+        self._places = self._layout.places(self._others)
         self._weights: NDArray[np.float64] | None = None
         self._interface = np.empty(interface)
         self._dual = np.empty(self.size)
@@ -102,7 +104,8 @@ class CoarseProblem:
 
     def _factored(self, weights: NDArray[np.float64] | None) -> CoarseFactor:
         contact = Blocks.of(self._contact, self._others.motions, weights)
-        return CoarseFactor(self._layout, self._others.plus(self._layout.brought(contact)))
+        gram = self._others.plus(self._layout.brought(contact))
+        return CoarseFactor(self._layout, self._places, gram.values.ravel())
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
@@ -174,10 +177,9 @@ class _Layout:
         exchange = NodeExchange(self.comm, blocks.starts[:, 0], self.total, self.starts)
         return blocks.to_owners(exchange).summed()
 
-    def matrix(self, blocks: Blocks) -> PETSc.Mat:
-        """What was brought as a matrix to be factored."""
-        local = blocks.matrix(self._first, self.rows, self.total)
-        return petsc_rows(self.of_factor, local, self.rows)
+    def places(self, blocks: Blocks) -> sparse.csr_matrix:
+        """Where entries of the matrix of what was brought are among its values."""
+        return blocks.places(self._first, self.rows, self.total)
 
 
 class CoarseFactor:
@@ -185,8 +187,8 @@ class CoarseFactor:
 
     Parameters
     ----------
-    gram
-        Its blocks, as `layout` brought them.
+    places, values
+        Its rows, where `layout` wants them: entry k of the sparse matrix is ``values[places[k]]``.
 
     Raises
     ------
@@ -194,9 +196,14 @@ class CoarseFactor:
         It is singular.
     """
 
-    def __init__(self, layout: _Layout, gram: Blocks) -> None:
+    def __init__(
+        self, layout: _Layout, places: sparse.csr_matrix, values: NDArray[np.float64]
+    ) -> None:
         self._layout = layout
-        matrix = layout.matrix(gram)
+        local = sparse.csr_matrix(
+            (values[places.data], places.indices, places.indptr), shape=places.shape
+        )
+        matrix = petsc_rows(layout.of_factor, local, layout.rows)
         self.entries = int(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
         matrix.setOption(PETSc.Mat.Option.SPD, True)
         # a singular G Gᵀ is for the caller to tell; CHOLMOD would write to the terminal, too

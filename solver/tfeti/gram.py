@@ -118,8 +118,12 @@ class Blocks:
         """Each block at the rank that owns its rows (collective)."""
         return Blocks(*map(exchange.to_owners, (self.starts, self.widths, self.values)))
 
-    def matrix(self, first: int, rows: int, columns: int) -> sparse.csr_matrix:
-        """Rows from `first` on as a sparse matrix; whole blocks, a factor is faster with them."""
+    def places(self, first: int, rows: int, columns: int) -> sparse.csr_matrix:
+        """Rows from `first` on of the sparse matrix of `summed` blocks, which stay the same.
+
+        Its entries are not those of the matrix but where they are in ``values.ravel()``. Blocks
+        are whole though entries vanish: a factor is faster with them.
+        """
         motions = np.arange(self.motions)
         used = (motions[:, None] < self.widths[:, 0, None, None]) & (
             motions < self.widths[:, 1, None, None]
@@ -128,9 +132,11 @@ class Blocks:
             self.starts[:, 0, None, None] + motions[:, None] - first,
             self.starts[:, 1, None, None] + motions,
         )
-        return sparse.csr_matrix(
-            (self.values[used], (row[used], column[used])), shape=(rows, columns)
+        result = sparse.csr_matrix(
+            (np.flatnonzero(used), (row[used], column[used])), shape=(rows, columns)
         )
+        result.sort_indices()
+        return result
 
 
 class KernelRows:

@@ -29,16 +29,17 @@ def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PET
 
 
 def petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> PETSc.Mat:
-    """A distributed PETSc matrix from each rank's rows, with its share of the columns."""
-    matrix = PETSc.Mat().createAIJ(
-        ((local.shape[0], PETSc.DETERMINE), (columns, PETSc.DETERMINE)),
-        csr=(
-            local.indptr.astype(PETSc.IntType),
-            local.indices.astype(PETSc.IntType),
-            local.data,
-        ),
-        comm=comm,
-    )
+    """A distributed PETSc matrix from each rank's rows, with its share of the columns.
+
+    Rows are sorted; on one rank the matrix lives on their arrays.
+    """
+    size = ((local.shape[0], PETSc.DETERMINE), (columns, PETSc.DETERMINE))
+    begins, places = (part.astype(PETSc.IntType) for part in (local.indptr, local.indices))
+    matrix = PETSc.Mat()
+    if comm.size == 1:
+        matrix.createAIJWithArrays(size, (begins, places, local.data), comm=comm)
+    else:
+        matrix.createAIJ(size, csr=(begins, places, local.data), comm=comm)
     matrix.assemble()
     return matrix
 
