@@ -34,27 +34,30 @@ LONGEST = 3.0
 """Sub-boxes are up to so many times longer than wide, as far as the cells allow."""
 
 
-def choose_split(box: BoxShape, at_least: int = 1) -> tuple[int, ...]:
+def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[int, ...]:
     """Sub-boxes along each axis for `decomposition: auto`.
 
     Parameters
     ----------
     at_least
         Sub-boxes there have to be: one for each rank.
+    alone
+        Whether it is the only body; several share a coarse problem however they are cut.
     """
     whole = (1,) * box.dimension
     edges = sorted(c * h for c, h in zip(box.cells, box.spacing, strict=True))
     if at_least == 1 and edges[-1] > SLENDER * edges[-2] and box.nodes <= SLENDER_NODES:
         return whole
     enough = [split for split in _splits(box) if math.prod(split) >= at_least]
-    best = min(enough, key=lambda split: seconds(box, split), default=box.cells)
-    if at_least == 1 and seconds(box, best) > WORTH_SPLITTING * seconds(box, whole):
+    best = min(enough, key=lambda split: seconds(box, split, alone), default=box.cells)
+    most = WORTH_SPLITTING * seconds(box, whole, alone)
+    if at_least == 1 and seconds(box, best, alone) > most:
         return whole
     return best
 
 
-def seconds(box: BoxShape, split: tuple[int, ...]) -> float:
-    """Of a run with a box in so many sub-boxes along each axis, by the model."""
+def seconds(box: BoxShape, split: tuple[int, ...], alone: bool = True) -> float:
+    """Of a run with a box in so many sub-boxes along each axis, by the model; as `choose_split`."""
     subdomains = math.prod(split)
     groups = groups_of(box, split)
     rows = box.dimension * (
@@ -62,7 +65,7 @@ def seconds(box: BoxShape, split: tuple[int, ...]) -> float:
     )
     edge = (math.prod(box.degree * c for c in box.cells) / subdomains) ** (1.0 / box.dimension)
     products = PRODUCTS_GLUED * (edge / EDGE) ** 0.2 if subdomains > 1 else PRODUCTS_WHOLE
-    return run_seconds(groups, rows, products, subdomains > 1)
+    return run_seconds(groups, rows, products, subdomains > 1 or not alone)
 
 
 def groups_of(box: BoxShape, split: tuple[int, ...]) -> list[Group]:

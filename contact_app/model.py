@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha1
 
 import numpy as np
@@ -126,7 +126,8 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     """
     try:
         shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
-        return decompose(shapes, scene.decomposition.subdomains, comm, choose_split)
+        choose = partial(choose_split, alone=len(shapes) == 1)
+        return decompose(shapes, scene.decomposition.subdomains, comm, choose)
     except ValueError as error:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
 

@@ -28,6 +28,9 @@ About the fastest in sweeps over the bracket, the ball and cubes of tetrahedra w
 nodes (``python -m contact_app.studies.sweep``); twice or half as many are within a fifth of it.
 """
 
+WHOLE_NODES = {2: 20_000, 3: 2_000}
+"""Nodes up to which a mesh stays whole, by dimension: its factor costs less than faces do."""
+
 Choose = Callable[[BoxShape, int], tuple[int, ...]]
 """Sub-boxes of a box along each axis, at least so many in all."""
 
@@ -103,6 +106,8 @@ def choose_parts(nodes: int, dimension: int, at_least: int = 1, degree: int = 1)
 
     As many vertices a part at degree 2, where gluing takes more iterations: fewer parts.
     """
+    if nodes <= WHOLE_NODES[dimension]:
+        return at_least
     return max(at_least, round(nodes / (PIECE_NODES[dimension] * degree**dimension)))
 
 

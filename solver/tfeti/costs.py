@@ -47,9 +47,9 @@ COARSE_ROW_SECONDS = 1.7e-6
 """B, G and G Gᵀ, for each row of B."""
 
 FACES = 5.0
-"""Faces of a solve, each with a coarse problem to factor; and for the calls of each:"""
+"""Faces of a solve, each with a coarse problem to factor; and for calls of each, by dimension:"""
 
-FACE_SECONDS = 5e-3
+FACE_SECONDS = {2: 5e-4, 3: 5e-3}
 
 
 class BlockKind(Enum):
@@ -116,7 +116,7 @@ def run_seconds(groups: Sequence[Group], rows: int, products: float, glued: bool
         once += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
     if glued:
         once += COARSE_ROW_SECONDS * rows
-        once += FACES * (FACE_SECONDS + coarse_factor_seconds(subdomains, dimension))
+        once += FACES * (FACE_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
         each += 2.0 * coarse_seconds(subdomains)
     return once + products * each
 
