@@ -36,10 +36,10 @@ from contact_app.symmetry import halved
 from meshes import Subdomain
 from solver.tfeti.costs import Group, run_seconds
 
-CELL_RATE = 8e-6
+CELL_RATE = 5e-6
 """Seconds for error estimate, fields and output of a cell."""
 
-STARTED = 0.08
+STARTED = 0.03
 """Seconds of a run beside, whatever its size."""
 
 LEFT_OUT = (

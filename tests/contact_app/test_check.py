@@ -135,12 +135,12 @@ def test_gluing_rows_are_those_of_the_run() -> None:
 
 # Peak memory (GB) and seconds without start-up of `contact-app run` on this cube, on two cores.
 MEASURED = [
-    (20, None, 0.20, 0.24),
-    (40, None, 0.34, 0.99),
-    (60, None, 0.63, 2.6),
-    (20, 1, 0.43, 1.6),
-    (30, 1, 1.33, 7.5),
-    (20, 20, 0.23, 0.57),
+    (20, None, 0.20, 0.20),
+    (40, None, 0.34, 0.94),
+    (60, None, 0.62, 2.3),
+    (20, 1, 0.41, 1.6),
+    (30, 1, 1.27, 6.8),
+    (20, 20, 0.23, 0.81),
 ]
 
 
