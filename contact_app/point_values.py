@@ -16,18 +16,12 @@ from numpy.typing import NDArray
 from contact_app.model import Model
 from meshes import Reference, versions
 from meshes.quadratic import VERTICES
-from meshes.subdomains import vtk_shapes
+from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
 
 Array = NDArray[np.float64]
 
 AROUND = 0.05
 """Distance from a subdomain, over its size, up to which it answers for points outside."""
-
-STEPS = 15
-"""Of Newton's method for the place of a point in a cell, which is one where cells are affine."""
-
-NEAR = 1e-10
-"""Step, in cells, at which it ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,17 +141,9 @@ def _interpolated(
     order = 2 if reference.curved else 1
     cells = reference.cells[versions.cells_at(reference.mesh, points)]
     simplex = VERTICES[reference.cell] == dimension + 1
-    place = np.full((len(points), dimension), 1.0 / (dimension + 1) if simplex else 0.5)
+    corners = reference.points[cells[:, : len(vtk_order(reference.cell, order))], :dimension]
     wanted = points[:, :dimension]
-    for _ in range(STEPS):
-        shapes, slopes = vtk_shapes(reference.cell, order, place)
-        corners = reference.points[cells[:, : shapes.shape[1]], :dimension]
-        missing = wanted - np.einsum("pn,pni->pi", shapes, corners)
-        jacobian = np.einsum("pni,pkn->pik", corners, slopes)
-        step = np.linalg.solve(jacobian, missing[..., None])[..., 0]
-        place = place + step
-        if np.abs(step).max(initial=0.0) < NEAR:
-            break
+    place = vtk_places(reference.cell, order, corners, wanted)
     place = np.clip(place, 0.0, 1.0)
     if simplex:
         place /= np.maximum(place.sum(axis=1, keepdims=True), 1.0)

@@ -28,6 +28,12 @@ VTK_ORDER = {
 }
 """Vertices of dolfinx's tensor-product cells in the order VTK and XDMF use."""
 
+PLACE_STEPS = 20
+"""Of Newton's method at most; cells with straight edges take one, or a few where not parallel."""
+
+PLACED = 1e-12
+"""Step, in cells, at which it ends."""
+
 
 @cache
 def vtk_order(cell: str, degree: int) -> tuple[int, ...]:
@@ -48,6 +54,31 @@ def vtk_shapes(
     order = list(vtk_order(cell, degree))
     values = versions.lagrange_values(cell, degree, points)[:, order]
     return values, versions.lagrange_slopes(cell, degree, points)[..., order]
+
+
+def vtk_places(
+    cell: str, degree: int, nodes: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Where in the reference cell points lie, (points, dimension), by Newton's method.
+
+    Parameters
+    ----------
+    nodes : (points, nodes, dimension)
+        Of the cell of each point, in VTK order.
+    points : (points, dimension)
+    """
+    dimension = points.shape[1]
+    simplex = cell in ("triangle", "tetrahedron")
+    places = np.full(points.shape, 1.0 / (dimension + 1) if simplex else 0.5)
+    for _ in range(PLACE_STEPS):
+        values, slopes = vtk_shapes(cell, degree, places)
+        away = points - np.einsum("nk,nki->ni", values, nodes)
+        jacobian = np.einsum("nrk,nki->nri", slopes, nodes)
+        step = np.linalg.solve(np.swapaxes(jacobian, 1, 2), away[..., None])[..., 0]
+        places = places + step
+        if np.abs(step).max(initial=0.0) < PLACED:
+            break
+    return places
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,15 +24,13 @@ from contact_app.assembly import lame
 from contact_app.scene import Material
 from meshes import versions
 from meshes.quadratic import VERTICES
-from meshes.subdomains import vtk_order, vtk_shapes
+from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 BATCH = 20_000
 """Cells worked on at once."""
-STEPS = 20
-"""Of Newton's method at most; cells with straight edges take one, or a few where not parallel."""
 SHARES = {2: (1, 1), 3: (1, 1, 2), (3, 3): (1, 1, 1), 6: (1, 1, 1, 3, 3, 3),
           4: (1, 1, 1, 1), 9: (1, 1, 1, 1, 2, 2, 2, 2, 4)}  # fmt: skip
 """Parts of a facet's area by its nodes: those of the first-order facets between all of them."""
@@ -145,16 +143,8 @@ def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> spar
     )
     cell = versions.original_cells(grid)[versions.cells_at(grid, at)]
     x = mesh.points[mesh.cells[cell]][..., :d]
-    place = np.full((len(at), d), 1.0 / 3.0 if corners == d + 1 else 0.5)
-    values, slopes = vtk_shapes(mesh.cell, mesh.degree, place)
-    for _ in range(STEPS):
-        away = at[:, :d] - np.einsum("nk,nki->ni", values, x)
-        jacobian = np.einsum("nrk,nki->nri", slopes, x)
-        step = np.linalg.solve(np.swapaxes(jacobian, 1, 2), away[..., None])[..., 0]
-        place = place + step
-        values, slopes = vtk_shapes(mesh.cell, mesh.degree, place)
-        if np.abs(step).max(initial=0.0) < 1e-12:
-            break
+    place = vtk_places(mesh.cell, mesh.degree, x, at[:, :d])
+    values = vtk_shapes(mesh.cell, mesh.degree, place)[0]
     columns = mesh.cells[cell]
     if first_order:
         columns = columns[:, :corners]
