@@ -114,6 +114,8 @@ class Directions:
         In exact arithmetic conjugate gradients are; rounding takes that from them where what F
         does to a direction is small beside what it does to others, and costs steps.
         """
+        if first == self._next:
+            return
         vectors, images = (a[first : self._next] for a in (self._vectors, self._products))
         curvatures = np.einsum("ij,ij->i", vectors, images)
         curvatures, parts = self.comm.allreduce(np.stack([curvatures, images @ z]))
