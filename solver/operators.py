@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from scipy.sparse.linalg import LinearOperator
 
 from solver.errors import NotFiniteError, QPError
-from solver.vectors import Reduction, Vector
+from solver.vectors import Reduction, Vector, on_arrays
 
 
 @runtime_checkable
@@ -70,13 +70,7 @@ class PETScOperator:
 
     def apply(self, x: Vector, out: Vector) -> None:
         """Put the product with x into out."""
-        self._x.placeArray(x)
-        self._out.placeArray(out)
-        try:
-            self.matrix.mult(self._x, self._out)
-        finally:
-            self._x.resetArray()
-            self._out.resetArray()
+        on_arrays(self.matrix.mult, self._x, x, self._out, out)
 
 
 def as_operator(matrix: Any) -> Operator:

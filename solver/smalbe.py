@@ -33,7 +33,7 @@ from solver.mprgp import MPRGP
 from solver.operators import Operator, estimate_norm
 from solver.qp import BoxQP
 from solver.result import Counts, Monitor, Reason, Result
-from solver.vectors import Vector
+from solver.vectors import Vector, on_arrays
 
 WINDOW = 10
 """Outer iterations in which ‖Cx - c‖ should fall tenfold, once the first few are over."""
@@ -460,25 +460,15 @@ class PETScEqualities:
 
     def apply(self, x: Vector, out: Vector) -> None:
         """Put Cx into out."""
-        self._lend(self.matrix.mult, self._x, x, self._rows, out)
+        on_arrays(self.matrix.mult, self._x, x, self._rows, out)
 
     def apply_transpose(self, m: Vector, out: Vector) -> None:
         """Put Cᵀm into out."""
-        self._lend(self.matrix.multTranspose, self._rows, m, self._x, out)
+        on_arrays(self.matrix.multTranspose, self._rows, m, self._x, out)
 
     def penalised(self, operator: Operator, rho: float) -> Operator:
         """The operator x -> Ax + ρ CᵀCx."""
         return Penalised(operator, self, rho)
-
-    @staticmethod
-    def _lend(multiply: Any, source: Any, x: Vector, target: Any, out: Vector) -> None:
-        source.placeArray(x)
-        target.placeArray(out)
-        try:
-            multiply(source, target)
-        finally:
-            source.resetArray()
-            target.resetArray()
 
 
 class Penalised:

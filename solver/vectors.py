@@ -7,18 +7,37 @@ goes through :class:`Reduction`: one collective brings all sums and the minimum 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Action = Callable[[PETSc.Vec, PETSc.Vec], None]
 
 #: Components a block holds: ten vectors of a block fit a second-level cache, so that a pass of
 #: several elementwise operations, block by block, reads the vectors from memory once.
 BLOCK = 8192
+
+
+def on_arrays(action: Action, source: PETSc.Vec, x: Vector, target: PETSc.Vec, out: Vector) -> None:
+    """Let PETSc read x and write out where they are, as the arrays of two vectors of their size.
+
+    Parameters
+    ----------
+    action
+        Takes the vectors: what multiplies, or solves.
+    """
+    source.placeArray(x)
+    target.placeArray(out)
+    try:
+        action(source, target)
+    finally:
+        source.resetArray()
+        target.resetArray()
 
 
 def blocks(size: int, block: int = BLOCK) -> Iterator[slice]:

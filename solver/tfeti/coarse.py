@@ -25,6 +25,7 @@ from solver.tfeti.exchange import NodeExchange
 from solver.tfeti.gram import Blocks, KernelRows
 from solver.tfeti.matrix import ConstraintMatrix, petsc_rows
 from solver.tfeti.openmp import one_openmp_thread
+from solver.vectors import on_arrays
 
 if TYPE_CHECKING:
     from solver.tfeti.dual import DualOperator
@@ -228,21 +229,12 @@ class CoarseFactor:
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
         if self._whole is None:
-            self._solve(rhs, out)
+            on_arrays(self._pc.apply, self._source, rhs, self._target, out)
             return
         self._layout.comm.Allgatherv(rhs, (self._whole, self._layout.counts))
         solution = np.empty_like(self._whole)
-        self._solve(self._whole, solution)
+        on_arrays(self._pc.apply, self._source, self._whole, self._target, solution)
         out[:] = solution[self._layout.mine]
-
-    def _solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        self._source.placeArray(rhs)
-        self._target.placeArray(out)
-        try:
-            self._pc.apply(self._source, self._target)
-        finally:
-            self._source.resetArray()
-            self._target.resetArray()
 
 
 def _kernel_parts(

@@ -27,6 +27,7 @@ from scipy.linalg import lapack
 from solver.tfeti.openmp import one_openmp_thread
 from solver.tfeti.sharing import made_together
 from solver.tfeti.symmetry import Split, Symmetry
+from solver.vectors import on_arrays
 
 COLUMNS_AT_ONCE = 256
 """Right-hand sides a sparse solve takes at once; more only cost memory."""
@@ -118,7 +119,8 @@ class CholeskyFactor:
         result = np.empty(loads.shape, order="F")
         loads = np.asfortranarray(loads)
         if loads.shape[1] == 1 and self.size:
-            self._solve_one(loads[:, 0], result[:, 0])
+            # without matrices made about it
+            on_arrays(self._factor.solve, self._source, loads[:, 0], self._target, result[:, 0])
             return result
         for begin in range(0, loads.shape[1] if self.size else 0, COLUMNS_AT_ONCE):
             part = slice(begin, begin + COLUMNS_AT_ONCE)
@@ -132,16 +134,6 @@ class CholeskyFactor:
             b.destroy()
             x.destroy()
         return result
-
-    def _solve_one(self, load: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """One right-hand side, (n,), without matrices made about it."""
-        self._source.placeArray(load)
-        self._target.placeArray(out)
-        try:
-            self._factor.solve(self._source, self._target)
-        finally:
-            self._source.resetArray()
-            self._target.resetArray()
 
     def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
         """The inverse between some unknowns, (m, m), symmetric."""

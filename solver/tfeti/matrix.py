@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.vectors import on_arrays
+
 
 @contextmanager
 def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PETSc.Vec]]:
@@ -77,11 +79,11 @@ class ConstraintMatrix:
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put B x into out: (interface,) to (dual,)."""
-        _multiply(self.matrix, self._interface, x, self._dual, out)
+        on_arrays(self.matrix.mult, self._interface, x, self._dual, out)
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
-        _multiply(self._transpose, self._dual, x, self._interface, out)
+        on_arrays(self._transpose.mult, self._dual, x, self._interface, out)
 
     def scaled(self, weights: NDArray[np.float64]) -> ScaledConstraintMatrix:
         """W B, for weights of this rank's rows."""
@@ -110,19 +112,3 @@ class ScaledConstraintMatrix(ConstraintMatrix):
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ W x into out."""
         self._B.apply_transpose(self._weights * x, out)
-
-
-def _multiply(
-    matrix: PETSc.Mat,
-    source: PETSc.Vec,
-    x: NDArray[np.float64],
-    target: PETSc.Vec,
-    out: NDArray[np.float64],
-) -> None:
-    source.placeArray(x)
-    target.placeArray(out)
-    try:
-        matrix.mult(source, target)
-    finally:
-        source.resetArray()
-        target.resetArray()
