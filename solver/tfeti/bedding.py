@@ -19,10 +19,8 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.matrix import ConstraintMatrix
 
 SOFTNESS = 0.1
 """Stiffness of a contact spring over what its node has in K: under a pressure its neighbours give
@@ -46,9 +44,9 @@ def bedded(problem: DualProblem) -> NDArray[np.bool_]:
     coarse, comm = problem.coarse, problem.comm
     assert coarse is not None
     contact = problem.inequality
-    stiffness = _row_stiffness(problem)
-    top = comm.allreduce(float(stiffness.max(initial=0.0)), op=MPI.MAX)
-    stiffness = np.where(contact, np.minimum(SOFTNESS * stiffness, top), top)
+    springs, top = problem.contact_stiffness()
+    stiffness = np.full(problem.size, top)
+    stiffness[contact] = np.minimum(SOFTNESS * springs, top)
     motion = np.empty(problem.size)
 
     def force(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -83,22 +81,6 @@ def bedded(problem: DualProblem) -> NDArray[np.bool_]:
             share *= 0.5
         alpha, value = tried, after
     return contact & (found > 0.0)
-
-
-def _row_stiffness(problem: DualProblem) -> NDArray[np.float64]:
-    """What K holds against each row on its own: diagonal of B diag(K) Bᵀ, (dual,)."""
-    diagonal = np.concatenate(
-        [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in problem.classes]
-        or [np.empty(0)]
-    )
-    begins, places, values = problem.B.matrix.getValuesCSR()
-    squares = PETSc.Mat().createAIJ(
-        problem.B.matrix.getSizes(), csr=(begins, places, values**2), comm=problem.comm
-    )
-    found = np.empty(problem.size)
-    ConstraintMatrix(squares).apply(diagonal, found)
-    squares.destroy()
-    return found
 
 
 def _norm(comm: MPI.Intracomm, x: NDArray[np.float64]) -> float:

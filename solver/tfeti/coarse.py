@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING
+from weakref import finalize
 
 import numpy as np
 from mpi4py import MPI
@@ -72,6 +73,7 @@ class CoarseProblem:
         self._others = self._layout.brought(Blocks.join([others, places]))
         self._places = self._layout.places(self._others)
         self._weights: NDArray[np.float64] | None = None
+        self._spare: list[CoarseFactor] = []
         self._interface = np.empty(interface)
         self._dual = np.empty(self.size)
         self._coarse = np.empty(self.kernels)
@@ -89,6 +91,8 @@ class CoarseProblem:
     def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
         """The coarse problem of W B, with weights W that differ from one on contact rows alone.
 
+        Its factor takes the place of that of an earlier one that is no longer in use.
+
         Parameters
         ----------
         weights : (dual,)
@@ -100,13 +104,18 @@ class CoarseProblem:
         """
         result = copy(self)
         result._weights = weights
-        vars(result)["_factor"] = self._factored(weights**2)
+        factor = self._factored(weights**2)
+        vars(result)["_factor"] = factor
+        if self._layout.of_factor.size == 1:  # ranks may let go of it at different times
+            finalize(result, self._spare.append, factor)
         return result
 
     def _factored(self, weights: NDArray[np.float64] | None) -> CoarseFactor:
         contact = Blocks.of(self._contact, self._others.motions, weights)
         gram = self._others.plus(self._layout.brought(contact))
-        return CoarseFactor(self._layout, self._places, gram.values.ravel())
+        factor = self._spare.pop() if self._spare else CoarseFactor(self._layout, self._places)
+        factor.take(gram.values.ravel())
+        return factor
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""
@@ -188,31 +197,51 @@ class CoarseFactor:
 
     Parameters
     ----------
-    places, values
-        Its rows, where `layout` wants them: entry k of the sparse matrix is ``values[places[k]]``.
-
-    Raises
-    ------
-    ArithmeticError
-        It is singular.
+    places
+        Its rows, where `layout` wants them: entry k of the sparse matrix is ``values[places[k]]``
+        of the values it takes.
     """
 
-    def __init__(
-        self, layout: _Layout, places: sparse.csr_matrix, values: NDArray[np.float64]
-    ) -> None:
+    def __init__(self, layout: _Layout, places: sparse.csr_matrix) -> None:
         self._layout = layout
-        local = sparse.csr_matrix(
-            (values[places.data], places.indices, places.indptr), shape=places.shape
+        self._places = places.data
+        self._local = sparse.csr_matrix(
+            (np.empty(places.nnz), places.indices, places.indptr), shape=places.shape
         )
-        matrix = petsc_rows(layout.of_factor, local, layout.rows)
-        self.entries = int(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
-        matrix.setOption(PETSc.Mat.Option.SPD, True)
+        self._matrix = PETSc.Mat()
         # a singular G Gᵀ is for the caller to tell; CHOLMOD would write to the terminal, too
         PETSc.Options().setValue("mat_cholmod_print", 0)
         self._pc = PETSc.PC().create(layout.of_factor)
-        self._pc.setOperators(matrix)
         self._pc.setType("cholesky")
         self._pc.setFactorSolverType("cholmod" if layout.of_factor.size == 1 else "mumps")
+        self._source, self._target = (
+            PETSc.Vec().createWithArray(np.empty(layout.rows), comm=layout.of_factor)
+            for _ in range(2)
+        )
+        self._whole = np.empty(layout.total) if layout.gathered else None
+
+    @property
+    def entries(self) -> int:
+        """Stored entries, over all ranks."""
+        return int(self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+
+    def take(self, values: NDArray[np.float64]) -> None:
+        """Factor values; what depends on the pattern alone is done the first time.
+
+        Only where the factor is this rank's alone can it be asked again.
+
+        Raises
+        ------
+        ArithmeticError
+            The matrix is singular.
+        """
+        np.take(values, self._places, out=self._local.data)
+        if not self._matrix:
+            self._matrix = petsc_rows(self._layout.of_factor, self._local, self._layout.rows)
+            self._matrix.setOption(PETSc.Mat.Option.SPD, True)
+            self._pc.setOperators(self._matrix)
+        else:  # it lives on these arrays
+            self._matrix.assemble()
         try:
             with one_openmp_thread():
                 self._pc.setUp()
@@ -220,11 +249,6 @@ class CoarseFactor:
             raise ArithmeticError(
                 "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"
             ) from error
-        self._source, self._target = (
-            PETSc.Vec().createWithArray(np.empty(layout.rows), comm=layout.of_factor)
-            for _ in range(2)
-        )
-        self._whole = np.empty(layout.total) if layout.gathered else None
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector."""

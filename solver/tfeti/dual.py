@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import sha1
 
 import numpy as np
 from mpi4py import MPI
@@ -65,6 +66,22 @@ def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
     """Where each class lives in an interface vector."""
     ends = np.cumsum([0, *(c.members * len(c.interface) for c in classes)])
     return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def _alike(
+    loads: NDArray[np.float64], chosen: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first of each set of equal columns among the chosen, and the set of each."""
+    sets: dict[bytes, int] = {}
+    firsts: list[int] = []
+    alike = np.empty(len(chosen), np.int64)
+    for k, column in enumerate(chosen):
+        digest = sha1(np.ascontiguousarray(loads[:, column]).data, usedforsecurity=False).digest()
+        if digest not in sets:
+            sets[digest] = len(firsts)
+            firsts.append(int(column))
+        alike[k] = sets[digest]
+    return np.array(firsts), alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +166,38 @@ class DualProblem:
         result[self.inequality] = self.contact.spread
         return result
 
+    @property
+    def _contact_matrix(self) -> PETSc.Mat:
+        """The contact rows of B (collective)."""
+        B = self.B.matrix
+        rows = B.getOwnershipRange()[0] + np.flatnonzero(self.inequality)
+        columns = np.arange(*B.getOwnershipRangeColumn())
+        return B.createSubMatrix(
+            *(
+                PETSc.IS().createGeneral(i.astype(PETSc.IntType), comm=self.comm)
+                for i in (rows, columns)
+            )
+        )
+
+    def contact_stiffness(self) -> tuple[NDArray[np.float64], float]:
+        """What K holds against each contact row on its own, and against any unknown (collective).
+
+        Returns
+        -------
+        Diagonal of B diag(K) Bᵀ, (contact rows,), and the largest entry of diag(K) on interfaces.
+        """
+        parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
+        diagonal = np.concatenate([np.empty(0), *parts])
+        largest = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
+        contact = self._contact_matrix
+        begins, places, values = contact.getValuesCSR()
+        squares = PETSc.Mat().createAIJ(
+            contact.getSizes(), csr=(begins, places, values**2), comm=self.comm
+        )
+        found = np.empty(len(begins) - 1)
+        ConstraintMatrix(squares).apply(diagonal, found)
+        return found, largest
+
     @cached_property
     def overlap(self) -> NDArray[np.float64]:
         """Row sums of |B Bᵀ| over contact rows, 1 for other rows.
@@ -156,17 +205,13 @@ class DualProblem:
         They bound what the corrections of rows that are not orthogonal add up to.
         """
         result = np.ones(self.size)
-        B = self.B.matrix
-        first = B.getOwnershipRange()[0]
-        rows = (first + np.flatnonzero(self.inequality)).astype(PETSc.IntType)
-        columns = np.arange(*B.getOwnershipRangeColumn(), dtype=PETSc.IntType)
-        contact = B.createSubMatrix(
-            *(PETSc.IS().createGeneral(i, comm=self.comm) for i in (rows, columns))
-        )
+        contact = self._contact_matrix
         product = contact.matMult(contact.transpose(PETSc.Mat()))
         starts, _, values = product.getValuesCSR()
         sums = np.bincount(
-            np.repeat(np.arange(len(rows)), np.diff(starts)), np.abs(values), minlength=len(rows)
+            np.repeat(np.arange(len(starts) - 1), np.diff(starts)),
+            np.abs(values),
+            minlength=len(starts) - 1,
         )
         result[self.inequality] = np.maximum(sums, 1.0)
         return result
@@ -177,17 +222,18 @@ class DualProblem:
 
     @cached_property
     def _free(self) -> tuple[NDArray[np.float64], float]:
-        """K⁺ f on the interface and fᵀ K⁺ f on this rank; members without a load are left out."""
+        """K⁺ f on the interface and fᵀ K⁺ f on this rank; equal loads are solved for once."""
         result, work = np.zeros(self.B.columns), 0.0
         for cls, part, load in zip(
             self.classes, interface_slices(self.classes), self.loads, strict=True
         ):
             loaded = np.flatnonzero(load.any(axis=0))
             if len(loaded):
-                mine = result[part].reshape(cls.members, -1)
-                u = cls.solve(load[:, loaded])
-                mine[loaded] = u[cls.interface].T
-                work += float(np.vdot(load[:, loaded], u))
+                first, alike = _alike(load, loaded)
+                u = cls.solve(load[:, first])
+                result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T[alike]
+                each = np.einsum("ij,ij->j", load[:, first], u)
+                work += float(each[alike].sum())
         return result, work
 
     @property

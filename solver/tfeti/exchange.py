@@ -47,7 +47,7 @@ class NodeExchange:
         self.first, self.last = int(starts[comm.rank]), int(starts[comm.rank + 1])
         self._order = np.argsort(owner, kind="stable")
         self._cuts = np.searchsorted(owner[self._order], np.arange(1, comm.size))
-        arrived = comm.alltoall(np.split(nodes[self._order], self._cuts))
+        arrived = self._sent(nodes[self._order], self._cuts)
         self._arrived_cuts = np.cumsum([len(a) for a in arrived])[:-1]
         self.nodes: NDArray[np.int64] = np.concatenate(arrived)
 
@@ -55,13 +55,21 @@ class NodeExchange:
         """Bring one value (or row) a copy to the owners: (copies, …) to (arrived, …)."""
         if self.comm.size == 1:
             return values.copy()
-        return np.concatenate(self.comm.alltoall(np.split(values[self._order], self._cuts)))
+        return np.concatenate(self._sent(values[self._order], self._cuts))
 
     def from_owners(self, values: NDArray) -> NDArray:
         """Bring one value (or row) an arrived copy back: (arrived, …) to (copies, …)."""
         if self.comm.size == 1:
             return values.copy()
-        returned = np.concatenate(self.comm.alltoall(np.split(values, self._arrived_cuts)))
+        returned = np.concatenate(self._sent(values, self._arrived_cuts))
         result = np.empty_like(returned)
         result[self._order] = returned
         return result
+
+    def _sent(self, values: NDArray, cuts: NDArray[np.int64]) -> list[NDArray]:
+        """What all ranks have for this one; most of it, its own, is not copied into messages."""
+        parts: list[NDArray | None] = list(np.split(values, cuts))
+        own, parts[self.comm.rank] = parts[self.comm.rank], None
+        arrived = self.comm.alltoall(parts)
+        arrived[self.comm.rank] = own
+        return arrived

@@ -31,6 +31,13 @@ from solver.tfeti.preconditioner import FacePreconditioner
 DIRECTIONS = 100
 """Directions kept."""
 
+LIGHT = 2**19
+"""Bytes of a direction, over all ranks, up to which to keep it costs nothing beside its product."""
+
+EASY = 8
+"""Steps within which faces end that are better left alone, where directions are not light: the
+first face that takes more keeps those that follow, and each face after it all."""
+
 FEWEST = 9
 """Directions from which on they serve: where faces take few there is little to save."""
 
@@ -63,7 +70,9 @@ class Directions:
     def __init__(self, problem: DualProblem) -> None:
         self.problem, self.comm = problem, problem.comm
         self._contact = np.flatnonzero(problem.inequality)
-        room = BYTES // (8 * max(2 * problem.size + problem.B.columns, 1))
+        entries = 2 * problem.size + problem.B.columns
+        self._light = 8 * self.comm.allreduce(entries) <= LIGHT
+        room = BYTES // (8 * max(entries, 1))
         capacity = int(self.comm.allreduce(min(DIRECTIONS, room), op=MPI.MIN))
         self.capacity = capacity if capacity >= FEWEST else 0
         self.count = self._next = 0
@@ -87,6 +96,10 @@ class Directions:
     def motions(self) -> NDArray[np.float64]:
         """K⁺ Bᵀ p, (count, interface)."""
         return self._motions[: self.count]
+
+    def wanted(self, steps: int) -> bool:
+        """Whether to keep the direction of a face's step of this number, counted from one."""
+        return self._light or self._next > 0 or steps > EASY
 
     def keep(
         self,
@@ -184,11 +197,14 @@ class RecordedOperator(RangeOperator):
         assert face.coarse is not None
         super().__init__(face.F, face.coarse)
         self._directions, self._first = directions, directions.kept
+        self._applied = 0
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """P F x."""
         super().apply(x, out)
-        self._directions.keep(x, self.image, out)
+        self._applied += 1
+        if self._directions.wanted(self._applied):
+            self._directions.keep(x, self.image, out)
 
     def orthogonalise(self, z: NDArray[np.float64]) -> None:
         """Make z F-orthogonal to the directions it was applied to."""

@@ -99,3 +99,22 @@ def test_near_incompressibility_takes_half_the_products(monkeypatch: pytest.Monk
     recycled = products()
     monkeypatch.setattr(recycling, "BYTES", 0)
     assert recycled < 0.6 * products()
+
+
+def test_directions_that_are_not_light_are_kept_once_a_face_is_hard(
+    problem: DualProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first face keeps those after its first steps, the next all of its own."""
+    monkeypatch.setattr(recycling, "LIGHT", 0)
+    directions = Directions(problem)
+    first, second = (closed(problem, count) for count in (16, 12))
+    near, products = solved(Face(problem, first, None, directions))
+    steps = products - 1  # the right-hand side is the other
+    assert steps > recycling.EASY
+    assert directions.kept == steps - recycling.EASY
+    _, products = solved(Face(problem, second, near, directions))
+    assert directions.kept == steps - recycling.EASY + products - 1
+
+    easy = Directions(problem)
+    Face(problem, first, None, easy).solve(MPRGP(max_iterations=recycling.EASY), TOLERANCE, None)
+    assert easy.kept == 0

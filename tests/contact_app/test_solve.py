@@ -39,6 +39,35 @@ def test_a_scene_that_touches_nothing_ends_with_conjugate_gradients() -> None:
     assert found["solution"]["energy"] == pytest.approx(without["solution"]["energy"], rel=1e-9)
 
 
+def test_equal_loads_are_solved_for_once() -> None:
+    """A traction on the top loads alike the members below it; what they do is what each does."""
+    scene = build_scene(
+        load(
+            CONFIGS / "cube.yaml",
+            ["bodies.0.mesh.box.cells=[8,8,8]", "decomposition.subdomains=[2,2,2]"],
+        )
+    )
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    (cls,), (loads,) = problem.classes, problem.loads
+    loaded = np.flatnonzero(loads.any(axis=0))
+    asked: list[int] = []
+
+    class Counting:
+        def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+            asked.append(loads.shape[1])
+            return cls.inverse.solve(loads)
+
+    counting = replace(problem, classes=(replace(cls, inverse=Counting()),))
+    free = counting.free_displacements.reshape(cls.members, -1)
+    assert len(loaded) == 4
+    assert asked == [1]
+    each = cls.solve(np.asfortranarray(loads))
+    np.testing.assert_allclose(free, each[cls.interface].T, atol=1e-12 * np.abs(each).max())
+    zero = np.zeros(problem.size)
+    work = counting.strain_energy(zero, counting.free_displacements)
+    assert work == pytest.approx(float(np.vdot(loads, each)), rel=1e-12)
+
+
 def test_one_held_subdomain_has_neither_gluing_nor_coarse_problem() -> None:
     overrides = ["decomposition.subdomains=[1,1,1]", "bodies.0.mesh.box.cells=[6,6,6]"]
     scene = build_scene(load(CONFIGS / "cube.yaml", overrides))

@@ -39,7 +39,10 @@ def test_rigid_bodies_on_springs(case: str) -> None:
         [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in problem.classes]
     )
     own = np.array([row**2 @ diagonal for row in B])
-    k = np.where(problem.inequality, np.minimum(SOFTNESS * own, own.max()), own.max())
+    springs, top = problem.contact_stiffness()
+    np.testing.assert_allclose(springs, own[problem.inequality], rtol=1e-12)
+    assert top == diagonal.max()
+    k = np.where(problem.inequality, np.minimum(SOFTNESS * own, top), top)
     G = np.array([column(problem, i) for i in range(problem.coarse.kernels)])
 
     def phi(alpha: np.ndarray) -> tuple[float, np.ndarray]:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from solver import MPRGP, SMALBE, BoxQP
 from solver.iterate import Iterate
 from solver.operators import estimate_norm
-from solver.tfeti.coarse import PenalisedOperator, ProjectorEquality
+from solver.tfeti.coarse import CoarseProblem, PenalisedOperator, ProjectorEquality
 from solver.tfeti.dual import DualProblem
 from tests import scenes
 
@@ -94,3 +94,31 @@ def test_the_image_carried_along_is_that_of_the_iterate(
     assert it.image is not None
     assert it.counts.expansion > 0
     assert operator.image_norm(it.image) == pytest.approx(np.linalg.norm(projected), rel=1e-9)
+
+
+def test_a_factor_takes_the_place_of_one_that_is_no_longer_in_use(problem: DualProblem) -> None:
+    """Not of one that is, and what it solves with is what it was given."""
+    coarse = problem.coarse
+    assert coarse is not None
+    rng = np.random.default_rng(1)
+    rhs = rng.standard_normal(coarse.kernels)
+
+    def made() -> CoarseProblem:
+        assert coarse is not None
+        return coarse.weighted(np.where(problem.inequality, rng.random(problem.size), 1.0))
+
+    def residual(of: CoarseProblem) -> float:
+        alpha, multiplier, back = (np.empty(n) for n in (of.kernels, of.size, of.kernels))
+        of.solve(rhs, alpha)
+        of.extend(alpha, multiplier)
+        of.restrict(multiplier, back)
+        return float(np.abs(back - rhs).max())
+
+    first, second = made(), made()
+    assert first._factor is not second._factor
+    freed = id(first._factor)
+    del first
+    third = made()
+    assert id(third._factor) == freed
+    for weighted in (second, third, coarse):
+        assert residual(weighted) < 1e-9
