@@ -12,9 +12,22 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from meshes.box import BoxShape, split_regularly
-from meshes.graph import Piece, place_piece, split_by_graph
+from meshes.box_cells import BoxCells
+from meshes.cells import Cells
+from meshes.graph import (
+    Piece,
+    Rows,
+    bisected,
+    parts_along_graph,
+    pieces_of,
+    place_piece,
+    rows_of,
+    through_facets,
+    without_crumbs,
+)
 from meshes.subdomains import Partition, Subdomain, owned_range
 from meshes.unstructured import CellMesh
 
@@ -54,7 +67,7 @@ def decompose(
     Parameters
     ----------
     shapes
-        One box or mesh a body; on ranks other than the first a mesh serves for its sizes only.
+        One box or mesh a body, the same on all ranks.
     subdomains
         None: regular splits of boxes, as `choose` has them, and graph partitions of meshes. A
         tuple: sub-boxes of every box along each axis, and as many in all by graph partition of
@@ -68,15 +81,12 @@ def decompose(
     first_node = np.cumsum([0, *(shape.nodes for shape in shapes)], dtype=np.int64)
     first_cell = np.cumsum([0, *(shape.total_cells for shape in shapes)], dtype=np.int64)
     plans = _plans(shapes, subdomains, comm, choose)
-    pieces = {b: p for b, p in enumerate(plans) if isinstance(p, int)}
-    cut: dict[int, list[Piece]] = {}
-    if comm.rank == 0:
-        cut = {b: split_by_graph(_cell_mesh(shapes[b]), parts) for b, parts in pieces.items()}
-    found = comm.bcast({b: len(p) for b, p in cut.items()})
-    counts = [found[b] if b in found else math.prod(p) for b, p in enumerate(plans)]  # type: ignore[arg-type]
+    counts = [p if isinstance(p, int) else math.prod(p) for p in plans]
+    mine: dict[int, Piece] = {}
+    if any(isinstance(plan, int) for plan in plans):
+        counts, mine = _cut(shapes, plans, counts, comm)
     starts = np.cumsum([0, *counts])
     begin, end = _share(int(starts[-1]), comm)
-    mine = _dealt(cut, starts, comm) if pieces else {}
     references: dict[Any, Any] = {}
     local: list[Subdomain] = []
     for body, (shape, plan) in enumerate(zip(shapes, plans, strict=True)):
@@ -148,23 +158,69 @@ def _plans(
     return plans
 
 
-def _cell_mesh(shape: Shape) -> CellMesh:
-    return shape.cell_mesh() if isinstance(shape, BoxShape) else shape
+def _cut(
+    shapes: Sequence[Shape],
+    plans: Sequence[int | tuple[int, ...]],
+    counts: Sequence[int],
+    comm: MPI.Intracomm,
+) -> tuple[list[int], dict[int, Piece]]:
+    """Subdomains of each body, and the pieces of this rank by subdomain number.
+
+    A rank finds the parts that it holds, and what of them hangs together. Where some part of a body
+    does not, all ranks learn its pieces, of which there may be more than parts.
+    """
+    counts = list(counts)
+    bodies = {b: _cells(shapes[b]) for b, plan in enumerate(plans) if isinstance(plan, int)}
+    label: dict[int, NDArray[np.int32]] = {}
+    centres: dict[int, NDArray[np.float32]] = {}
+    for b, cells in bodies.items():
+        if counts[b] == 1:
+            label[b] = np.zeros(cells.total_cells, np.int32)
+        elif (places := cells.centres()) is not None:
+            centres[b] = places
+        else:
+            by_first = parts_along_graph(cells, counts[b]) if comm.rank == 0 else None
+            label[b] = comm.bcast(by_first)
+
+    def rows(b: int, wanted: range) -> Rows:
+        if b in label:
+            return rows_of(label[b], wanted)
+        return bisected(centres[b], counts[b], wanted)
+
+    own = {b: rows(b, wanted) for b, wanted in _wanted(counts, comm).items() if b in bodies}
+    hanging = {b: through_facets(bodies[b], parts) for b, parts in own.items()}
+    broken = np.array([len(hanging[b][1]) - len(parts) for b, parts in own.items()])
+    broken = comm.allreduce(broken)
+    if broken.any():
+        for b in np.array(list(own))[broken > 0].tolist():
+            piece, part = hanging[b]
+            piece[piece >= 0] += comm.exscan(len(part)) or 0
+            comm.Allreduce(MPI.IN_PLACE, piece, op=MPI.MAX)
+            part = np.concatenate(comm.allgather(part))
+            label[b] = without_crumbs(bodies[b], piece, part, counts[b])
+            counts[b] = int(label[b].max()) + 1
+        own = {b: rows(b, wanted) for b, wanted in _wanted(counts, comm).items() if b in bodies}
+    centres.clear()
+    starts = np.cumsum([0, *counts])
+    return counts, {
+        int(starts[b]) + part: piece
+        for b, parts in own.items()
+        for part, piece in pieces_of(bodies[b], parts).items()
+    }
 
 
-def _dealt(
-    cut: dict[int, list[Piece]], starts: np.ndarray, comm: MPI.Intracomm
-) -> dict[int, Piece]:
-    """Pieces of this rank by subdomain number; rank 0 has cut them."""
-    if comm.rank:
-        received: dict[int, Piece] = comm.recv(source=0)
-        return received
-    by_number = {int(starts[b]) + k: piece for b, p in cut.items() for k, piece in enumerate(p)}
-    total = int(starts[-1])
-    for rank in range(1, comm.size):
-        numbers = range(total * rank // comm.size, total * (rank + 1) // comm.size)
-        comm.send({n: by_number[n] for n in numbers if n in by_number}, dest=rank)
-    return by_number
+def _cells(shape: Shape) -> Cells:
+    return BoxCells(shape) if isinstance(shape, BoxShape) else shape
+
+
+def _wanted(counts: Sequence[int], comm: MPI.Intracomm) -> dict[int, range]:
+    """Subdomains of each body that fall to this rank, counted from the body's first."""
+    begin, end = owned_range(sum(counts), comm)
+    starts = np.cumsum([0, *counts]).tolist()
+    return {
+        b: range(min(max(begin - start, 0), n), min(max(end - start, 0), n))
+        for b, (start, n) in enumerate(zip(starts, counts, strict=False))
+    }
 
 
 def _share(total: int, comm: MPI.Intracomm) -> tuple[int, int]:

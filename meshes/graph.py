@@ -8,7 +8,7 @@ fall into pieces that touch only along an edge or in a corner; such a part has m
 modes than the rigid motions, so every piece that hangs together through facets becomes a subdomain
 of its own, whose kernel is exactly the rigid motions; small ones are given to a neighbour instead.
 
-A mesh is partitioned on the rank that holds it; each other rank receives its subdomains only.
+Every rank cuts only where its own subdomains come from; the graph is cut on the first rank.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from meshes import versions
+from meshes.cells import Cells
 from meshes.quadratic import STRAIGHT, VERTICES, bulges
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order
-from meshes.unstructured import CellMesh, matching_rows
+from meshes.unstructured import matching_rows
 
 CRUMB = 0.2
 """Share of the mean size below which a piece that broke off a part is given to a neighbour."""
 
-EVEN = 3.0
-"""Largest ratio of large to small cells (length, 95 and 5 of 100) of a mesh that planes cut."""
+ALIKE = 1e-3
+"""Share by which the scatter along one axis exceeds another's before it counts as longer."""
 
 COINCIDENT = -33
 """Power of two: nodes that lie so near, over the size of a piece, are at one place in its copy."""
@@ -38,10 +39,10 @@ COINCIDENT = -33
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A subdomain as it travels from the partitioning rank: plain arrays.
+    """A subdomain before it has a mesh: plain arrays.
 
     `cells` are local nodes in VTK order, of degree 1 or 2; `tags` number the material of each
-    cell; `exterior` and `boundaries` list facets by their sorted local nodes.
+    cell; `exterior` lists facets by their sorted local nodes, `boundaries` are rows of it.
     """
 
     cell: str
@@ -54,94 +55,104 @@ class Piece:
     boundaries: dict[str, NDArray[np.int64]]
 
 
-def split_by_graph(mesh: CellMesh, parts: int) -> list[Piece]:
-    """Partition a mesh into `parts` subdomains or a few more.
+Rows = dict[int, NDArray[Any]]
+"""Cells of parts by their number, ascending."""
+
+
+def parts_along_graph(cells: Cells, parts: int) -> NDArray[np.int32]:
+    """Part of each cell, along the dual graph."""
+    joined = _symmetric(_all_pairs(cells), cells.total_cells)
+    return versions.scotch_parts((joined.indices, joined.indptr), parts)
+
+
+def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
+    """Parts made by planes across the longest extent of what is left.
+
+    Of points in a plane of the cut those that come first are below it: whichever parts are wanted,
+    they are the same.
+
+    Parameters
+    ----------
+    centres : (dimension, cells)
+    parts
+        As equal as they can be.
+    wanted
+        Parts to find; what does not lead there is not cut on.
+    """
+    found: Rows = {}
+    left = [(np.arange(centres.shape[1], dtype=np.int32), list(centres), parts, 0)]
+    while left:
+        rows, places, count, first = left.pop()
+        if count == 1:
+            found[first] = rows
+            continue
+        half = count // 2
+        below = _lowest(places[_longest(places)], len(rows) * half // count)
+        for side, start, share in ((below, first, half), (~below, first + half, count - half)):
+            if start < wanted.stop and wanted.start < start + share:
+                inside = np.flatnonzero(side)
+                left.append((rows[inside], [x[inside] for x in places], share, start))
+    return found
+
+
+def _longest(places: list[NDArray[np.floating]]) -> int:
+    """The axis along which points are scattered most; the first of those that are about alike."""
+    spread = []
+    for x in places:
+        away = x - x.mean()
+        np.square(away, out=away)
+        spread.append(float(away.mean()))
+    return int(np.argmax(np.array(spread) >= (1.0 - ALIKE) * max(spread)))
+
+
+def _lowest(x: NDArray[np.floating], count: int) -> NDArray[np.bool_]:
+    """Which are the smallest `count` of some numbers, the first of equal ones."""
+    cut = np.partition(x, count)[count]
+    lowest = np.asarray(x < cut)
+    equal = np.flatnonzero(x == cut)
+    lowest[equal[: count - np.count_nonzero(lowest)]] = True
+    return lowest
+
+
+def rows_of(label: NDArray[np.int32], wanted: range) -> Rows:
+    """Cells of the wanted parts by the part of each cell."""
+    inside = np.flatnonzero((label >= wanted.start) & (label < wanted.stop))
+    ones, ends = np.ones(len(inside), np.int8), np.arange(len(inside) + 1)
+    part = sparse.csr_matrix((ones, label[inside] - wanted.start, ends), (len(inside), len(wanted)))
+    by_part = part.tocsc()  # sorts by counting
+    return {
+        part: inside[by_part.indices[a:b]]
+        for part, a, b in zip(wanted, by_part.indptr[:-1], by_part.indptr[1:], strict=True)
+    }
+
+
+def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """What of some parts hangs together through facets.
 
     Returns
     -------
-    Pieces with node numbers counted from zero; more than `parts` where a part was not connected
-    through facets.
+    Piece of each cell (cells,), -1 in no part, and the part of each piece (pieces,), ascending.
     """
-    topology = mesh.topology
-    nodes = mesh.points.T[:, mesh.cells.T]
-    if parts == 1:
-        part = np.zeros(mesh.total_cells, np.int32)
-    elif _is_even(nodes):
-        part = bisected(nodes.mean(axis=1).T, parts)
-    else:
-        joined = _symmetric(topology.pairs, mesh.total_cells)
-        part = versions.scotch_parts((joined.indices, joined.indptr), parts)
-    label = facet_connected_parts(topology.pairs, part, parts)
-    facet_label = label[topology.facet_cells]
-    order = np.argsort(label, kind="stable")
-    starts = np.searchsorted(label[order], np.arange(label.max() + 2))
-    return [
-        _piece(mesh, order[a:b], facet_label == part)
-        for part, (a, b) in enumerate(zip(starts[:-1], starts[1:], strict=True))
-    ]
+    label = _labels(cells, rows)
+    inside = np.flatnonzero(label >= 0)
+    number = np.empty(len(label), np.int32)
+    number[inside] = np.arange(len(inside))
+    ends = cells.neighbours(label, lambda a, b: (a == b) & (a >= 0))
+    count, found = connected_components(
+        _graph((number[ends[0]], number[ends[1]]), len(inside)), directed=False
+    )
+    part = np.empty(count, np.int64)
+    part[found] = label[inside]
+    order = np.argsort(part, kind="stable")  # no number depends on the search above
+    renumber = np.empty(count, np.int32)
+    renumber[order] = np.arange(count)
+    label[inside] = renumber[found]
+    return label, part[order]
 
 
-def _is_even(nodes: NDArray[np.float64]) -> bool:
-    """Whether cells, (dimension, nodes, cells), are of much the same size."""
-    size = np.ptp(nodes, axis=1).max(axis=0)
-    small, large = np.quantile(size, (0.05, 0.95))
-    return bool(large <= EVEN * small)
-
-
-def bisected(centres: NDArray[np.float64], parts: int) -> NDArray[np.int32]:
-    """Part of each point, by planes across the longest extent of what is left.
-
-    Parameters
-    ----------
-    centres : (cells, dimension)
-    parts
-        As equal as they can be.
-    """
-    axes = np.ascontiguousarray(centres.T)
-    label = np.empty(len(centres), np.int32)
-    left = [(np.arange(len(centres)), parts, 0)]
-    while left:
-        rows, count, first = left.pop()
-        if count == 1:
-            label[rows] = first
-            continue
-        half = count // 2
-        places = axes[:, rows]
-        along = places[int(np.argmax(places.std(axis=1)))]
-        order = np.argpartition(along, len(rows) * half // count)
-        below, above = np.split(rows[order], [len(rows) * half // count])
-        left += [(below, half, first), (above, count - half, first + half)]
-    return label
-
-
-def facet_connected_parts(
-    pairs: NDArray[np.int64], part: NDArray[np.int32], parts: int
-) -> NDArray[np.int64]:
-    """Label each cell with its subdomain; every subdomain hangs together through facets.
-
-    Parameters
-    ----------
-    pairs : (n, 2)
-        Cells that share a facet.
-    part : (cells,)
-        Part of each cell.
-    parts
-        Parts asked for.
-    """
-    cells = len(part)
-    within = pairs[part[pairs[:, 0]] == part[pairs[:, 1]]]
-    _, label = connected_components(_symmetric(within, cells), directed=False)
-    of_piece = part[np.unique(label, return_index=True)[1]].astype(np.int64)
-    label, of_piece = _without_crumbs(label, of_piece, pairs, CRUMB * cells / parts)
-    # numbered by part, so that the numbers do not depend on the search above
-    renumber = np.empty(len(of_piece), np.int64)
-    renumber[np.argsort(of_piece, kind="stable")] = np.arange(len(of_piece))
-    return renumber[label]
-
-
-def _without_crumbs(
-    label: NDArray[np.int64], part: NDArray[np.int64], pairs: NDArray[np.int64], least: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def without_crumbs(
+    cells: Cells, label: NDArray[np.int32], part: NDArray[np.int64], parts: int
+) -> NDArray[np.int32]:
     """Give small pieces that broke off a part to the piece they share most facets with.
 
     Parameters
@@ -149,28 +160,73 @@ def _without_crumbs(
     label : (cells,)
         Piece of each cell.
     part : (pieces,)
-        Part each piece belongs to.
-    least
-        Cells below which a piece is given away, unless it is the largest of its part.
+        Part each piece belongs to, ascending.
+    parts
+        Parts asked for: what is smaller than `CRUMB` of their mean size is given away, unless it is
+        the largest of its part.
 
     Returns
     -------
-    The same without the pieces given away.
+    The subdomain of each cell: the pieces without those given away.
     """
     size = np.bincount(label)
     largest = np.zeros(part.max() + 1, np.int64)
     np.maximum.at(largest, part, size)
-    crumbs = np.flatnonzero((size < least) & (size < largest[part]))
-    sides = label[pairs]
+    crumb = (size < CRUMB * len(label) / parts) & (size < largest[part])
+    ends = cells.neighbours(crumb[label], lambda a, b: a | b)
+    sides = np.stack([label[end] for end in ends], axis=1)
     sides = sides[sides[:, 0] != sides[:, 1]]
-    for crumb in crumbs[np.argsort(size[crumbs], kind="stable")]:
-        own = sides == crumb
+    taker = np.arange(len(size))
+    crumbs = np.flatnonzero(crumb)
+    for piece in crumbs[np.argsort(size[crumbs], kind="stable")]:
+        own = sides == piece
         out = sides[own.any(axis=1)]
-        taker = np.bincount(out[out != crumb]).argmax()
-        sides[own] = taker
-        label[label == crumb] = taker
-    kept, label = np.unique(label, return_inverse=True)
-    return label.reshape(-1), part[kept]
+        taker[taker == piece] = at = np.bincount(out[out != piece]).argmax()
+        sides[own] = at
+    _, subdomain = np.unique(taker, return_inverse=True)
+    return subdomain.astype(np.int32)[label]
+
+
+def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
+    """Cut parts out of a body: cells, nodes and their share of its surface."""
+    label = _labels(cells, rows)
+    skin = cells.skin(label >= 0)
+    order = np.argsort(label[skin.cells], kind="stable")
+    parts = sorted(rows)
+    of = label[skin.cells][order]
+    bounds = zip(*(np.searchsorted(of, parts, side=s) for s in ("left", "right")), strict=True)
+    place = np.empty(cells.nodes, np.int32)  # only the nodes of the piece at hand mean anything
+    result = {}
+    for part, (a, b) in zip(parts, bounds, strict=True):
+        own = order[a:b]
+        nodes = cells.nodes_at(rows[part])
+        used = np.unique(nodes)
+        place[used] = np.arange(len(used))
+        result[part] = Piece(
+            cell=cells.cell,
+            degree=cells.degree,
+            cells=place[nodes].astype(np.int64),
+            tags=cells.tags_at(rows[part]),
+            points=cells.points_at(used),
+            nodes=used,
+            exterior=np.sort(place[skin.facets[own]], axis=1).astype(np.int64),
+            boundaries={name: np.flatnonzero(on[own]) for name, on in skin.sides.items()},
+        )
+    return result
+
+
+def _labels(cells: Cells, rows: Rows) -> NDArray[np.int32]:
+    """Part of each cell, -1 for those in none of these."""
+    label = np.full(cells.total_cells, -1, np.int32)
+    for part, inside in rows.items():
+        label[inside] = part
+    return label
+
+
+def _all_pairs(cells: Cells) -> NDArray[np.int64]:
+    """Cells that share a facet, (pairs, 2)."""
+    every = np.ones(cells.total_cells, bool)
+    return np.stack(cells.neighbours(every, lambda a, b: a & b), axis=1)
 
 
 def place_piece(
@@ -195,9 +251,11 @@ def place_piece(
         degree = 2 if _curved(piece) else 1
         if degree == 2:
             order = tuple(np.argsort(vtk_order(piece.cell, degree)).tolist())
-        nodes = piece.cells[:, order]
-        used, cells = np.unique(nodes, return_inverse=True)
-        mesh = versions.create_mesh(cells.reshape(nodes.shape), local[used], piece.cell, degree)
+        nodes, corners = piece.cells[:, order], local
+        if degree < piece.degree:
+            used, inverse = np.unique(nodes, return_inverse=True)
+            nodes, corners = inverse.reshape(nodes.shape), local[used]
+        mesh = versions.create_mesh(nodes, corners, piece.cell, degree)
         references[key] = Reference.of(mesh, piece.cell, piece.degree, piece.tags)
     reference = references[key]
     given = np.empty(len(local), np.int64)
@@ -205,17 +263,15 @@ def place_piece(
     translation = np.zeros(3)
     translation[: len(origin)] = origin
     table = np.sort(given[reference.facets], axis=1)
+    exterior = matching_rows(table, piece.exterior).astype(np.int32)
     return Subdomain(
         number=number,
         body=body,
         reference=reference,
         translation=translation,
         nodes=first_node + piece.nodes[given],
-        exterior=matching_rows(table, piece.exterior).astype(np.int32),
-        boundaries={
-            name: matching_rows(table, rows).astype(np.int32)
-            for name, rows in piece.boundaries.items()
-        },
+        exterior=exterior,
+        boundaries={name: exterior[rows] for name, rows in piece.boundaries.items()},
     )
 
 
@@ -229,37 +285,10 @@ def _curved(piece: Piece) -> bool:
 
 
 def _symmetric(pairs: NDArray[np.int64], size: int) -> sparse.csr_matrix:
-    ones = np.ones(2 * len(pairs), dtype=np.int8)
-    rows = np.concatenate([pairs[:, 0], pairs[:, 1]])
-    cols = np.concatenate([pairs[:, 1], pairs[:, 0]])
-    return sparse.csr_matrix((ones, (rows, cols)), shape=(size, size))
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    return _graph((both[:, 0], both[:, 1]), size)
 
 
-def _piece(mesh: CellMesh, rows: NDArray[np.int64], own: NDArray[np.bool_]) -> Piece:
-    """Cut one subdomain out of a mesh: its cells, nodes and its share of the body's surface.
-
-    Parameters
-    ----------
-    rows
-        Its cells, ascending.
-    own
-        Which facets of the mesh's surface are its own.
-    """
-    cells = mesh.cells[rows]
-    used, local = np.unique(cells, return_inverse=True)
-    place = np.full(mesh.nodes, -1, dtype=np.int64)
-    place[used] = np.arange(len(used))
-
-    def mine(rows: NDArray[Any]) -> NDArray[np.int64]:
-        return np.sort(place[mesh.topology.facets[rows[own[rows]]]], axis=1)
-
-    return Piece(
-        cell=mesh.cell,
-        degree=mesh.degree,
-        cells=local.reshape(cells.shape).astype(np.int64),
-        tags=mesh.tags[rows],
-        points=mesh.points[used],
-        nodes=used,
-        exterior=mine(np.arange(len(own))),
-        boundaries={name: mine(rows) for name, rows in mesh.sides.items()},
-    )
+def _graph(ends: tuple[NDArray[Any], NDArray[Any]], size: int) -> sparse.csr_matrix:
+    ones = np.ones(len(ends[0]), dtype=np.int8)
+    return sparse.csr_matrix((ones, ends), shape=(size, size))

@@ -10,10 +10,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.cells import Choose, Skin
 from meshes.quadratic import VERTICES, facet_table, with_middles
 
 
@@ -30,6 +32,9 @@ FACETS = {
     ),
 }  # fmt: skip
 """Vertices of each facet of a cell, vertices of the cell in VTK order."""
+
+EVEN = 3.0
+"""Largest ratio of large to small cells (length, 95 and 5 of 100) of a mesh of even cells."""
 
 
 def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -244,6 +249,52 @@ class CellMesh:
             points[cells[:, VERTICES[self.cell] :]] = self.middles
         topology = Topology.of(cells, self.cell)  # facets in the same order
         return replace(self, points=points, cells=cells, topology=topology, degree=2, middles=None)
+
+    def centres(self) -> NDArray[np.float32] | None:
+        """About where cells are from the lower corner, or None where sizes are too uneven."""
+        corners = self.cells[:, : VERTICES[self.cell]].T
+        centres = np.empty((self.dimension, self.total_cells), np.float32)
+        size = np.zeros(self.total_cells, np.float32)
+        for axis, (x, lower) in enumerate(zip(self.points.T, self.lower, strict=True)):
+            x = (x - lower).astype(np.float32)
+            least, most, total = (x[corners[0]] for _ in range(3))
+            for corner in corners[1:]:
+                value = x[corner]
+                np.minimum(least, value, out=least)
+                np.maximum(most, value, out=most)
+                total += value
+            np.divide(total, len(corners), out=centres[axis])
+            np.maximum(size, most - least, out=size)
+        small, large = np.quantile(size, (0.05, 0.95))
+        return centres if large <= EVEN * small else None
+
+    def nodes_at(self, rows: NDArray[Any]) -> NDArray[np.int64]:
+        """Nodes of cells, (rows, nodes a cell)."""
+        return self.cells[rows]
+
+    def points_at(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Coordinates of nodes, (nodes, dimension)."""
+        return self.points[nodes]
+
+    def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
+        """Numbers of the materials of cells, (rows,)."""
+        return self.tags[rows]
+
+    def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:
+        """Pairs of cells that share a facet, chosen by the labels (cells,) of the two."""
+        a, b = self.topology.pairs.T
+        chosen = np.flatnonzero(choose(label[a], label[b]))
+        return a[chosen], b[chosen]
+
+    def skin(self, chosen: NDArray[np.bool_]) -> Skin:
+        """Facets on the surface of the chosen cells (cells,), ordered by their cells."""
+        rows = np.flatnonzero(chosen[self.topology.facet_cells])
+        sides = {}
+        for name, on in self.sides.items():
+            member = np.zeros(len(self.topology.facets), bool)
+            member[on] = True
+            sides[name] = member[rows]
+        return Skin(self.topology.facets[rows], self.topology.facet_cells[rows], sides)
 
     def shape(self, degree: int) -> CellMesh:
         """What is cut into subdomains: the mesh itself, with the nodes of a degree."""

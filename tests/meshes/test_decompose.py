@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from meshes import BoxShape, Partition, decompose, graph, versions
+from meshes.box_cells import BoxCells
+from meshes.cells import Cells
+from meshes.unstructured import CellMesh, Topology
+from tests.contact_app.test_ranks import ENVIRONMENT
 
 BOXES = {
     "hexahedron": BoxShape((0.0, -1.0, 2.0), (1.0, 1.0, 2.5), (5, 6, 3), "hexahedron"),
@@ -122,12 +131,19 @@ def test_more_subdomains_than_cells_is_refused() -> None:
 @pytest.mark.parametrize("parts", [2, 3, 7, 20])
 def test_planes_cut_equal_parts(parts: int) -> None:
     centres = np.random.default_rng(1).random((1000, 3)) * (1.0, 5.0, 2.0)
-    sizes = np.bincount(graph.bisected(centres, parts))
+    rows = graph.bisected(centres.T, parts, range(parts))
+    assert sorted(np.concatenate(list(rows.values()))) == list(range(1000))
+    sizes = [len(inside) for inside in rows.values()]
     assert len(sizes) == parts
     assert np.ptp(sizes) <= 4
-    first = graph.bisected(centres, 2)  # across the longest extent
-    assert centres[first == 0, 1].max() <= centres[first == 1, 1].min()
-    assert sorted(graph.bisected(centres[:7], 7)) == list(range(7))
+    first = graph.bisected(centres.T, 2, range(2))  # across the longest extent
+    assert centres[first[0], 1].max() <= centres[first[1], 1].min()
+    few = graph.bisected(centres[:7].T, 7, range(7))
+    assert sorted(np.concatenate(list(few.values()))) == list(range(7))
+    for part in range(parts):  # whoever looks for it finds the same
+        found = graph.bisected(centres.T, parts, range(part, part + 1))
+        assert list(found) == [part]
+        np.testing.assert_array_equal(found[part], rows[part])
 
 
 def test_graded_meshes_are_cut_along_their_graph(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,19 +151,121 @@ def test_graded_meshes_are_cut_along_their_graph(monkeypatch: pytest.MonkeyPatch
     asked: list[int] = []
     scotch = versions.scotch_parts
     monkeypatch.setattr(versions, "scotch_parts", lambda g, n: asked.append(n) or scotch(g, n))
-    assert len(graph.split_by_graph(even, 5)) == 5
+    assert decompose([even], 5, MPI.COMM_SELF).count == 5
     assert not asked
     graded = replace(even, points=even.points**3)
-    assert len(graph.split_by_graph(graded, 5)) >= 5
+    assert decompose([graded], 5, MPI.COMM_SELF).count >= 5
     assert asked == [5]
 
 
 def test_what_breaks_off_a_part_is_split_or_given_away() -> None:
     """A row of 20 cells; part 1 is in three pieces of 8, 1 and 4 cells, part 2 has one cell."""
-    part = np.repeat([1, 0, 1, 0, 1, 2], [8, 3, 1, 3, 4, 1])
-    pairs = np.stack([np.arange(19), np.arange(1, 20)], axis=1)
-    label = graph.facet_connected_parts(pairs, part, 3)
+    row = BoxCells(BoxShape((0.0, 0.0), (20.0, 1.0), (20, 1), "quadrilateral"))
+    part = np.repeat([1, 0, 1, 0, 1, 2], [8, 3, 1, 3, 4, 1]).astype(np.int32)
+    piece, of_part = graph.through_facets(row, graph.rows_of(part, range(3)))
+    np.testing.assert_array_equal(of_part, [0, 0, 1, 1, 1, 2])
+    np.testing.assert_array_equal(of_part[piece], part)
+    label = graph.without_crumbs(row, piece, of_part, 3)
     pieces = [np.flatnonzero(label == k).tolist() for k in range(label.max() + 1)]
     assert sorted(pieces) == [
         list(range(8)), [8, 9, 10, 11], [12, 13, 14], list(range(15, 19)), [19],
     ]  # fmt: skip
+
+
+def prongs(cell: str) -> CellMesh:
+    """Two long prongs on a short base: a plane across both leaves two pieces on its far side."""
+    whole = BoxShape((0.0, 0.0), (9.0, 5.0), (9, 5), cell).cell_mesh()
+    x, y = whole.points[whole.cells].mean(axis=1).T
+    cells = whole.cells[(x < 2.0) | (y < 1.0) | (y > 3.0)]
+    used, cells = np.unique(cells, return_inverse=True)
+    cells = cells.reshape(-1, whole.cells.shape[1])
+    return CellMesh(
+        cell, whole.points[used], cells, Topology.of(cells, cell), {}, {},
+        (np.arange(len(cells)) % 3).astype(np.int32),
+    )  # fmt: skip
+
+
+def graded() -> CellMesh:
+    even = BoxShape((0.0,) * 3, (1.0,) * 3, (5, 4, 4), "tetrahedron").cell_mesh()
+    return replace(even, points=even.points**3)
+
+
+CUTS: dict[str, tuple[list, None | int | tuple[int, ...]]] = {
+    "box": ([BOXES["tetrahedron"]], 13),
+    "box of degree 2": ([replace(BOXES["triangle"], degree=2)], 7),
+    "graded": ([graded()], 6),
+    "torn between others": ([BOXES["triangle"], prongs("triangle"), BOXES["quadrilateral"]], 16),
+    "beside a regular split": ([prongs("quadrilateral"), BOXES["quadrilateral"]], (2, 1)),
+}
+
+
+def test_parts_that_fall_into_pieces_are_more_subdomains() -> None:
+    shapes, subdomains = CUTS["beside a regular split"]
+    counts = decompose(shapes, subdomains, MPI.COMM_SELF).subdomains_of_body
+    assert counts == (3, 2)
+
+
+def compare_with_one_rank() -> None:
+    """Each rank holds its share of what one rank would cut; run below by mpirun."""
+    comm = MPI.COMM_WORLD
+    for name, (shapes, subdomains) in CUTS.items():
+        here = decompose(shapes, subdomains, comm)
+        alone = decompose(shapes, subdomains, MPI.COMM_SELF)
+        assert here.count == alone.count, name
+        assert here.subdomains_of_body == alone.subdomains_of_body, name
+        numbers = [s.number for s in here.subdomains]
+        assert sorted(sum(comm.allgather(numbers), [])) == list(range(alone.count)), name
+        for start, s in zip(here.cell_starts, here.subdomains, strict=True):
+            t = alone.subdomains[s.number]
+            assert (s.body, start) == (t.body, alone.cell_starts[s.number]), name
+            np.testing.assert_array_equal(s.nodes, t.nodes)
+            np.testing.assert_array_equal(s.nodes[s.reference.cells], t.nodes[t.reference.cells])
+            np.testing.assert_array_equal(s.reference.tags, t.reference.tags)
+            np.testing.assert_allclose(s.points(), t.points(), rtol=0, atol=1e-14)
+            np.testing.assert_array_equal(s.exterior, t.exterior)
+            assert s.boundaries.keys() == t.boundaries.keys(), name
+            for side, rows in s.boundaries.items():
+                np.testing.assert_array_equal(rows, t.boundaries[side])
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_share_what_one_would_cut(ranks: int) -> None:
+    program = "from tests.meshes.test_decompose import compare_with_one_rank as c; c(); print('ok')"
+    done = subprocess.run(
+        ["mpirun", "--oversubscribe", "-n", str(ranks),
+         sys.executable, "-m", "mpi4py", "-c", program],
+        capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2],
+        env={**os.environ, **ENVIRONMENT},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("ok") == ranks
+
+
+@pytest.mark.parametrize("cell", BOXES)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_cells_of_a_box_are_known_by_arithmetic(cell: str, degree: int) -> None:
+    box = replace(BOXES[cell], degree=degree)
+    found, listed = BoxCells(box), box.cell_mesh()
+    every = np.arange(listed.total_cells)
+    np.testing.assert_array_equal(found.nodes_at(every), listed.cells)
+    np.testing.assert_array_equal(found.points_at(np.arange(listed.nodes)), listed.points)
+    centres = listed.centres()
+    assert centres is not None
+    np.testing.assert_allclose(found.centres(), centres, rtol=0, atol=1e-6)
+    label = np.random.default_rng(2).integers(-1, 2, listed.total_cells)
+
+    def alike(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return (a == b) & (a >= 0)
+
+    def pairs(cells: Cells) -> set[frozenset[int]]:
+        return {frozenset(p) for p in np.stack(cells.neighbours(label, alike), axis=1).tolist()}
+
+    assert pairs(found) == pairs(listed)
+    own, theirs = found.skin(label == 0), listed.skin(label == 0)
+    np.testing.assert_array_equal(own.cells, theirs.cells)
+    np.testing.assert_array_equal(own.facets, theirs.facets)
+    assert own.sides.keys() == theirs.sides.keys()
+    for name, on in own.sides.items():
+        np.testing.assert_array_equal(on, theirs.sides[name])
