@@ -194,7 +194,7 @@ class Face:
         if not recycled.empty:
             self.glued.move_offset(*recycled.best(self.glued.rhs))
         rhs, outside = self.glued.rhs, np.empty(problem.size)
-        self.glued.coarse.apply(rhs, outside)
+        self.glued.coarse.apply_transpose(rhs, outside)
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does

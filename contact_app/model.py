@@ -277,7 +277,9 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
     held, contact, elements, loads = known.held, known.contact, known.elements, known.loads
     balances, eliminated = known.balances, known.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
-    rows, contact = write_rows(exchange, held, contact, eliminated[body_of_held])
+    rows, contact = write_rows(
+        exchange, surface.subdomains, held, contact, eliminated[body_of_held]
+    )
     supports = _supports(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
 
@@ -370,6 +372,8 @@ class _Surface:
         self.starts = np.cumsum([0, *(len(n) for n in self.local)])
         parts = [s.nodes[local] for s, local in zip(partition.subdomains, self.local, strict=True)]
         self.nodes: NDArray[np.int64] = np.concatenate(parts)
+        numbers = np.array([s.number for s in partition.subdomains], np.int64)
+        self.subdomains = np.repeat(numbers, np.diff(self.starts))
 
     def copies(self, subdomain: int) -> slice:
         """Copies of one subdomain (local number)."""
@@ -864,7 +868,9 @@ def _dual_problem(
     if comm.allreduce(len(e)):
         with timings.measure("factorization"):
             kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
-            coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT)
+            metric = np.ones(len(kinds))
+            metric[: len(rows.weight)] = rows.weight
+            coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT, metric)
     wide = np.zeros(len(kinds), bool)
     wide[kinds == RowKind.CONTACT] = contact.wide
     problem = DualProblem(

@@ -45,7 +45,7 @@ def bedded(problem: DualProblem) -> NDArray[np.bool_]:
     assert coarse is not None
     contact = problem.inequality
     springs, top = problem.contact_stiffness()
-    stiffness = np.full(problem.size, top)
+    stiffness = top * coarse.metric
     stiffness[contact] = np.minimum(SOFTNESS * springs, top)
     motion = np.empty(problem.size)
 
@@ -68,8 +68,9 @@ def bedded(problem: DualProblem) -> NDArray[np.bool_]:
         rest -= problem.e
         if _norm(comm, rest) <= BALANCED * load:
             break
-        faint = np.where(contact & (found <= 0.0), FAINT, 1.0)
-        coarse.weighted(np.sqrt(faint * stiffness / top)).solve(rest, step)
+        faint = np.where(found <= 0.0, FAINT, 1.0)
+        weights = np.where(contact, faint * stiffness / top, 1.0)
+        coarse.weighted(np.sqrt(weights)).solve(rest, step)
         step /= top
         share = 1.0
         while True:

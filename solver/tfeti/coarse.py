@@ -1,10 +1,19 @@
 """The natural coarse space: G = Rᵀ Bᵀ, its factor and the projectors Q and P = I - Q.
 
 Gλ = e says that every floating subdomain is in equilibrium under its load and the multipliers.
-Q = Gᵀ (G Gᵀ)⁻¹ G projects onto the range of Gᵀ, P onto the kernel of G. As an equality
-constraint of the dual problem, Q itself serves as the matrix C: with C = Cᵀ = C² the rows are
-orthonormal, the penalty product Cᵀ C x is one projection, and ‖C x‖ measures ‖G x‖ in a norm that
-does not depend on the scaling of R.
+With positive weights W of the rows,
+
+    Q = W Gᵀ (G W Gᵀ)⁻¹ G
+
+projects onto the range of W Gᵀ, P = I - Q onto the kernel of G (C. Farhat, K. Pierson, M. Lesoinne,
+*The second generation FETI methods and their application to the parallel solution of large-scale
+linear and geometrically non-linear structural analysis problems*, 2000).
+
+W = I makes Q symmetric. As an equality constraint of the dual problem it then serves as the matrix
+C: with C = Cᵀ = C² the rows are orthonormal, the penalty product Cᵀ C x is one projection, and
+‖C x‖ measures ‖G x‖ in a norm that does not depend on the scaling of R. Conjugate gradients on a
+face need no symmetric projector: there W is what `crossings` chose, and G W Gᵀ has blocks between
+subdomains with a common face alone, a third of those of G Gᵀ.
 """
 
 from __future__ import annotations
@@ -12,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 from weakref import finalize
@@ -24,7 +34,7 @@ from scipy import sparse
 
 from solver.tfeti.exchange import NodeExchange
 from solver.tfeti.gram import Blocks, KernelRows
-from solver.tfeti.matrix import ConstraintMatrix, petsc_rows
+from solver.tfeti.matrix import ConstraintMatrix, RowWeights, petsc_rows
 from solver.tfeti.openmp import one_openmp_thread
 from solver.vectors import on_arrays
 
@@ -34,6 +44,9 @@ if TYPE_CHECKING:
 SHARED = 20_000
 """Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather of the
 right-hand side costs less than the messages of a triangular solve in parts."""
+
+VANISHING = 1e-13
+"""Blocks of G W Gᵀ, over the largest entry, that are what rounding left of none."""
 
 
 class CoarseProblem:
@@ -52,6 +65,8 @@ class CoarseProblem:
         each member.
     inequality : (dual,)
         Contact rows, which `weighted` may weigh down.
+    metric : (dual,)
+        W of the problems that `weighted` makes, one on contact rows; in this one W = I.
     """
 
     def __init__(
@@ -59,89 +74,122 @@ class CoarseProblem:
         B: ConstraintMatrix,
         kernels: Sequence[tuple[int, NDArray[np.float64]]],
         inequality: NDArray[np.bool_],
+        metric: NDArray[np.float64],
     ) -> None:
         self.comm = B.comm
         self.B = B
         self.size, interface = B.rows, B.columns
         self.kernels = sum(members * R.shape[1] for members, R in kernels)
-        self._classes = _kernel_parts(kernels)
-        rows = KernelRows(B, kernels)
+        self.metric = metric
+        self._kernels, self._classes = kernels, _kernel_parts(kernels)
         self._layout = _Layout(self.comm, self.kernels)
+        self._others = np.flatnonzero(~inequality)
+        rows = KernelRows(B, kernels)
         self._contact = list(rows.alike(np.flatnonzero(inequality)))
-        others = Blocks.of(rows.alike(np.flatnonzero(~inequality)), rows.motions)
-        places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
-        self._others = self._layout.brought(Blocks.join([others, places]))
-        self._places = self._layout.places(self._others)
-        self._weights: NDArray[np.float64] | None = None
+        self._weighed = self._gram(rows, metric)
+        self._left = self._both = RowWeights(np.ones(self.size))
         self._spare: list[CoarseFactor] = []
         self._interface = np.empty(interface)
         self._dual = np.empty(self.size)
         self._coarse = np.empty(self.kernels)
         self._solution = np.empty(self.kernels)
 
+    def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
+        """What G W Gᵀ is without contact rows, which are summed from `_contact` (collective)."""
+        others = self._layout.brought(Blocks.of(rows.alike(self._others), rows.motions, metric))
+        others = others.without(VANISHING * self._layout.largest(others))
+        places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
+        others = Blocks.join([others, self._layout.brought(places)]).summed()
+        return _Gram(others, self._layout.places(others))
+
     @cached_property
     def _factor(self) -> CoarseFactor:
-        return self._factored(None)
+        one = np.ones(self.size)
+        return self._factored(self._gram(KernelRows(self.B, self._kernels), one), one)
 
     @property
     def entries(self) -> int:
-        """Stored entries of G Gᵀ, over all ranks."""
+        """Stored entries of G W Gᵀ, over all ranks."""
         return self._factor.entries
 
     def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
-        """The coarse problem of W B, with weights W that differ from one on contact rows alone.
+        """The coarse problem of the rows of B times weights, with W the metric.
 
         Its factor takes the place of that of an earlier one that is no longer in use.
 
         Parameters
         ----------
         weights : (dual,)
+            They differ from one on contact rows alone.
 
         Raises
         ------
         ArithmeticError
-            Its G Gᵀ is singular: some rigid motion is seen by no row with a weight.
+            Its G W Gᵀ is singular: some rigid motion is seen by no row with a weight.
         """
         result = copy(self)
-        result._weights = weights
-        factor = self._factored(weights**2)
+        result._left, result._both = RowWeights(weights), RowWeights(weights * self.metric)
+        factor = self._spare.pop() if self._spare else None
+        factor = self._factored(self._weighed, weights**2, factor)
         vars(result)["_factor"] = factor
         if self._layout.of_factor.size == 1:  # ranks may let go of it at different times
             finalize(result, self._spare.append, factor)
         return result
 
-    def _factored(self, weights: NDArray[np.float64] | None) -> CoarseFactor:
-        contact = Blocks.of(self._contact, self._others.motions, weights)
-        gram = self._others.plus(self._layout.brought(contact))
-        factor = self._spare.pop() if self._spare else CoarseFactor(self._layout, self._places)
-        factor.take(gram.values.ravel())
+    def _factored(
+        self, gram: _Gram, weights: NDArray[np.float64], factor: CoarseFactor | None = None
+    ) -> CoarseFactor:
+        """The factor with weights of contact rows, in place of one with the same pattern."""
+        contact = Blocks.of(self._contact, gram.others.motions, weights)
+        values = gram.others.plus(self._layout.brought(contact)).values
+        factor = factor or CoarseFactor(self._layout, gram.places)
+        factor.take(values.ravel())
         return factor
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """(G Gᵀ)⁻¹ times a coarse vector."""
+        """(G W Gᵀ)⁻¹ times a coarse vector."""
         self._factor.solve(rhs, out)
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
-        if self._weights is not None:
-            dual = self._weights * dual
-        self.B.apply_transpose(dual, self._interface)
-        for interface, coarse, members, R in self._classes:
-            forces = self._interface[interface].reshape(members, -1)
-            np.matmul(forces, R, out=out[coarse].reshape(members, -1))
+        self._restrict(dual, self._left, out)
 
     def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Gᵀ times a coarse vector."""
+        self._extend(coarse, self._left, out)
+
+    def carry(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector: the least multipliers whose G is that."""
+        self.solve(coarse, self._solution)
+        self._extend(self._solution, self._both, out)
+
+    def _restrict(
+        self,
+        dual: NDArray[np.float64],
+        weights: RowWeights,
+        out: NDArray[np.float64],
+    ) -> None:
+        self.B.apply_transpose(weights.times(dual, self._dual), self._interface)
+        for interface, coarse, members, R in self._classes:
+            forces = self._interface[interface].reshape(members, -1)
+            # wide results are multiplied faster than narrow ones
+            out[coarse].reshape(members, -1)[:] = (R.T @ forces.T).T
+
+    def _extend(
+        self,
+        coarse: NDArray[np.float64],
+        weights: RowWeights,
+        out: NDArray[np.float64],
+    ) -> None:
         for interface, part, members, R in self._classes:
             motions = self._interface[interface].reshape(members, -1)
             np.matmul(coarse[part].reshape(members, -1), R.T, out=motions)
         self.B.apply(self._interface, out)
-        if self._weights is not None:
-            out *= self._weights
+        weights.scale(out)
 
     def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(G Gᵀ)⁻¹ G times a dual vector: the α whose Gᵀ α is closest to it."""
-        self.restrict(dual, self._coarse)
+        """(G W Gᵀ)⁻¹ G W times a dual vector: the α whose Gᵀ α is closest to it."""
+        self._restrict(dual, self._both, self._coarse)
         alpha = np.empty(self.kernels)
         self.solve(self._coarse, alpha)
         return alpha
@@ -149,6 +197,11 @@ class CoarseProblem:
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Q x."""
         self.restrict(x, self._coarse)
+        self.carry(self._coarse, out)
+
+    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Qᵀ x."""
+        self._restrict(x, self._both, self._coarse)
         self.solve(self._coarse, self._solution)
         self.extend(self._solution, out)
 
@@ -156,6 +209,19 @@ class CoarseProblem:
         """P x = x - Q x; `out` may be `x`."""
         self.apply(x, self._dual)
         np.subtract(x, self._dual, out=out)
+
+    def project_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Pᵀ x = x - Qᵀ x; `out` may be `x`."""
+        self.apply_transpose(x, self._dual)
+        np.subtract(x, self._dual, out=out)
+
+
+@dataclass(frozen=True, eq=False)
+class _Gram:
+    """G W Gᵀ with zeros where contact rows belong, and where the entries of a matrix are."""
+
+    others: Blocks
+    places: sparse.csr_matrix
 
 
 class _Layout:
@@ -186,6 +252,11 @@ class _Layout:
             return Blocks.join(self.comm.allgather(blocks)).summed()
         exchange = NodeExchange(self.comm, blocks.starts[:, 0], self.total, self.starts)
         return blocks.to_owners(exchange).summed()
+
+    def largest(self, blocks: Blocks) -> float:
+        """Largest magnitude on all ranks (collective)."""
+        own = float(np.abs(blocks.values).max(initial=0.0))
+        return float(self.comm.allreduce(own, op=MPI.MAX))
 
     def places(self, blocks: Blocks) -> sparse.csr_matrix:
         """Where entries of the matrix of what was brought are among its values."""
@@ -309,7 +380,7 @@ class ProjectorEquality:
 
 
 class ProjectedOperator:
-    """P F P on dual vectors."""
+    """Pᵀ F P on dual vectors."""
 
     def __init__(
         self, F: Callable[[NDArray[np.float64], NDArray[np.float64]], None], coarse: CoarseProblem
@@ -321,14 +392,14 @@ class ProjectedOperator:
         self._projected = np.empty(self.size)
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """P F P x."""
+        """Pᵀ F P x."""
         self.coarse.project(x, self._projected)
         self.F(self._projected, out)
-        self.coarse.project(out, out)
+        self.coarse.project_transpose(out, out)
 
 
 class RangeOperator:
-    """P F on the range of P, where it is P F P with one projection less.
+    """Pᵀ F on the range of P, where it is Pᵀ F P with one projection less.
 
     Conjugate gradients that start there and are preconditioned within it stay there.
 
@@ -350,9 +421,9 @@ class RangeOperator:
         return self.F.displacements
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """P F x."""
+        """Pᵀ F x."""
         self.F.apply(x, out)
-        self.coarse.project(out, out)
+        self.coarse.project_transpose(out, out)
 
 
 class PenalisedOperator:

@@ -8,8 +8,8 @@ held components
     one row for each copy, u = value; these make gluing rows of the same component redundant, so
     none are written.
 gluing
-    for each component that is not held, with m copies, the m - 1 Helmert rows: an orthonormal
-    basis of the complement of (1, …, 1).
+    for each component that is not held, with m copies, m - 1 rows: an orthonormal basis of the
+    complement of (1, …, 1), which `crossings` chooses and weighs.
 contact
     Σ a_k ū_k ≤ g on the means ū of the copies of one node or of several (which other ranks may
     own): each coefficient is shared equally by the m copies, a_k/m, which is orthogonal to the
@@ -32,6 +32,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
+from solver.tfeti.crossings import Neighbours
 from solver.tfeti.exchange import NodeExchange
 
 PARALLEL = 1e-10
@@ -207,6 +208,8 @@ class Rows:
         Kind and node of each row, sorted by node, then kind.
     rhs : (rows,)
         c.
+    weight : (rows,)
+        Weights of gluing rows in a coarse problem that joins neighbours alone, others one.
     row, copy, component, value : (entries,)
         Entries of gluing and held rows; `copy` counts the copies that arrived at this rank.
     contact
@@ -216,6 +219,7 @@ class Rows:
     kind: NDArray[np.int8]
     node: NDArray[np.int64]
     rhs: NDArray[np.float64]
+    weight: NDArray[np.float64]
     row: NDArray[np.int64]
     copy: NDArray[np.int64]
     component: NDArray[np.int64]
@@ -466,14 +470,17 @@ def cut_held(
 
 def write_rows(
     exchange: NodeExchange,
+    subdomains: NDArray[np.int64],
     held: HeldRows,
     contact: ContactRows,
     eliminated: NDArray[np.bool_],
 ) -> tuple[Rows, ContactRows]:
-    """Write the rows of the owned nodes.
+    """Write the rows of the owned nodes (collective).
 
     Parameters
     ----------
+    subdomains : (copies,)
+        Number of the subdomain of each of this rank's copies, among all.
     eliminated : (held nodes,)
         Held nodes whose conditions are imposed in the stiffness itself: no rows.
 
@@ -490,6 +497,9 @@ def write_rows(
     is_held[at], value[at] = held.held, held.values
     skipped = np.zeros(len(nodes), bool)
     skipped[at] = eliminated
+    of_copy = exchange.to_owners(subdomains)
+    two = order[start[copies == 2][:, None] + np.arange(2)]
+    neighbours = Neighbours(exchange.comm, of_copy[two])
 
     parts: list[_Part] = []
     for m in np.unique(copies):
@@ -505,30 +515,23 @@ def write_rows(
                     np.repeat(value[rows, component], m),
                 )
             )  # fmt: skip
-            if m > 1:
-                where = copy[~fixed]
+            if m == 1:
+                continue
+            free, where = group[~fixed], copy[~fixed]
+            for of, stencil, weight in neighbours.patterns(of_copy[where]):
                 parts.append(
                     _Part.of(
-                        RowKind.GLUING, nodes[group[~fixed]], helmert(int(m)), where, component,
-                        np.zeros(len(where) * (m - 1)),
+                        RowKind.GLUING, nodes[free[of]], stencil, where[of], component,
+                        np.zeros(len(of) * (m - 1)), weight,
                     )
                 )  # fmt: skip
     shared = SharedEntries(exchange, contact.entries, len(contact.nodes))
     contact = replace(contact, spread=1.0 / shared.lengths)
     none = np.zeros(0, np.int64)
     rhs = contact.gaps * contact.spread
-    parts.append(_Part(RowKind.CONTACT, contact.nodes, rhs, none, none, none, np.zeros(0)))
+    weight = np.ones(len(rhs))
+    parts.append(_Part(RowKind.CONTACT, contact.nodes, rhs, weight, none, none, none, np.zeros(0)))
     return _assemble(parts, shared), contact
-
-
-def helmert(m: int) -> NDArray[np.float64]:
-    """Orthonormal rows (m - 1, m) that span the complement of (1, …, 1)."""
-    rows = np.zeros((m - 1, m))
-    for k in range(1, m):
-        rows[k - 1, :k] = 1.0
-        rows[k - 1, k] = -k
-        rows[k - 1] /= np.sqrt(k * (k + 1.0))
-    return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -538,6 +541,7 @@ class _Part:
     kind: RowKind
     node: NDArray[np.int64]
     rhs: NDArray[np.float64]
+    weight: NDArray[np.float64]
     row: NDArray[np.int64]
     copy: NDArray[np.int64]
     component: NDArray[np.int64]
@@ -552,8 +556,9 @@ class _Part:
         copies: NDArray[np.int64],
         component: int,
         rhs: NDArray[np.float64],
+        weight: NDArray[np.float64] | None = None,
     ) -> _Part:
-        """The same stencil (rows, m) on the copies (nodes, m) of each node."""
+        """The same stencil (rows, m) and weights (rows,) on the copies (nodes, m) of each node."""
         per_node, m = stencil.shape
         r, c = np.nonzero(stencil)
         base = np.arange(len(nodes))[:, None]
@@ -562,6 +567,7 @@ class _Part:
             kind,
             np.repeat(nodes, per_node),
             rhs,
+            np.tile(np.ones(per_node) if weight is None else weight, len(nodes)),
             row,
             copies[:, c].ravel(),
             np.full(len(row), component, np.int64),
@@ -582,6 +588,7 @@ def _assemble(parts: list[_Part], contact: SharedEntries) -> Rows:
         kind=kind[order],
         node=node[order],
         rhs=np.concatenate([p.rhs for p in parts])[order],
+        weight=np.concatenate([p.weight for p in parts])[order],
         row=new[row.astype(np.int64)],
         copy=np.concatenate([p.copy for p in parts]),
         component=np.concatenate([p.component for p in parts]),

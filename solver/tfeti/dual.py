@@ -26,7 +26,7 @@ from petsc4py import PETSc
 from solver.tfeti.classes import SubdomainClass
 from solver.tfeti.coarse import CoarseProblem, ProjectedOperator
 from solver.tfeti.constraints import ContactRows, RowKind
-from solver.tfeti.matrix import ConstraintMatrix
+from solver.tfeti.matrix import ConstraintMatrix, RowWeights
 
 
 class DualOperator:
@@ -262,16 +262,14 @@ class DualProblem:
 
     @cached_property
     def offset(self) -> NDArray[np.float64]:
-        """λ̃ = Gᵀ (G Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads.
+        """λ̃ = W Gᵀ (G W Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads.
 
         On contact rows it is the bound of x, and where symmetry makes it vanish round-off would
         decide which rows start active: such entries are zero.
         """
         result = np.zeros(self.size)
         if self.coarse is not None:
-            alpha = np.empty_like(self.e)
-            self.coarse.solve(self.e, alpha)
-            self.coarse.extend(alpha, result)
+            self.coarse.carry(self.e, result)
             largest = self.comm.allreduce(float(np.abs(result).max(initial=0.0)), op=MPI.MAX)
             result[self.inequality & (np.abs(result) < 1e-11 * largest)] = 0.0
         return result
@@ -290,11 +288,11 @@ class DualProblem:
 
     @cached_property
     def rhs(self) -> NDArray[np.float64]:
-        """P (d - F λ̃), the right-hand side of the homogenised problem."""
+        """Pᵀ (d - F λ̃), the right-hand side of the homogenised problem."""
         if self.coarse is None:
             return self.d
         result = self._residual_of_offset.copy()
-        self.coarse.project(result, result)
+        self.coarse.project_transpose(result, result)
         return result
 
     @cached_property
@@ -359,7 +357,7 @@ class DualProblem:
         keep = np.where(self.inequality & ~touching, 0.0, 1.0)
         face = replace(
             self,
-            B=self.B.scaled(keep),
+            B=self.B.scaled(RowWeights(keep)),
             c=self.c * keep,
             kinds=np.where(self.inequality, np.int8(RowKind.SUPPORT), self.kinds),
             contact=self.contact.none(),
@@ -369,8 +367,7 @@ class DualProblem:
         if near is not None and face.coarse is not None:
             missing, change = np.empty_like(self.e), np.empty(self.size)
             face.coarse.restrict(near * keep, missing)
-            face.coarse.solve(self.e - missing, missing)
-            face.coarse.extend(missing, change)
+            face.coarse.carry(self.e - missing, change)
             vars(face)["offset"] = near * keep + change
         return face
 

@@ -52,7 +52,7 @@ def _balance(
     assert problem.coarse is not None
     root = np.where(open_rows, OPEN_WEIGHT, 1.0)
     coarse = None
-    missing, solution = np.empty(len(problem.e)), np.empty(len(problem.e))
+    missing = np.empty(len(problem.e))
     change = np.empty(problem.size)
     tolerance = 1e-13 * max(
         largest_magnitude(problem.comm, problem.e), largest_magnitude(problem.comm, multiplier)
@@ -67,8 +67,7 @@ def _balance(
         if largest_magnitude(problem.comm, missing) <= tolerance:
             break
         coarse = coarse or problem.coarse.weighted(root)
-        coarse.solve(missing, solution)
-        coarse.extend(solution, change)
+        coarse.carry(missing, change)
         change *= root
         multiplier += change
     multiplier[problem.inequality & (multiplier < 0.0)] = 0.0

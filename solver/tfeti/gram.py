@@ -108,6 +108,11 @@ class Blocks:
         chosen = order[first]
         return Blocks(self.starts[chosen], self.widths[chosen], values)
 
+    def without(self, vanishing: float) -> Blocks:
+        """The same without blocks that have no entry above a magnitude."""
+        some = np.abs(self.values).max(axis=(1, 2), initial=0.0) > vanishing
+        return Blocks(self.starts[some], self.widths[some], self.values[some])
+
     def plus(self, part: Blocks) -> Blocks:
         """The sum with blocks that are among these; both are `summed`."""
         values = self.values.copy()

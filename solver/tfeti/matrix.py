@@ -14,6 +14,9 @@ from scipy import sparse
 
 from solver.vectors import on_arrays
 
+FEW = 0.1
+"""Share of weights that differ from one up to which they are taken one by one."""
+
 
 @contextmanager
 def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PETSc.Vec]]:
@@ -85,30 +88,63 @@ class ConstraintMatrix:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
         on_arrays(self._transpose.mult, self._dual, x, self._interface, out)
 
-    def scaled(self, weights: NDArray[np.float64]) -> ScaledConstraintMatrix:
+    def scaled(self, weights: RowWeights) -> ScaledConstraintMatrix:
         """W B, for weights of this rank's rows."""
         return ScaledConstraintMatrix(self, weights)
+
+
+class RowWeights:
+    """Weights of this rank's rows; where few differ from one, only those are touched.
+
+    Parameters
+    ----------
+    values : (dual,)
+    """
+
+    def __init__(self, values: NDArray[np.float64]) -> None:
+        self.values = values
+        self._places = np.flatnonzero(values != 1.0)
+        self._few = len(self._places) < FEW * len(values)
+        self._others = values[self._places]
+
+    def times(self, x: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.float64]:
+        """W x: x itself where that is the same, else what is put into `room`."""
+        if not self._few:
+            return np.multiply(self.values, x, out=room)
+        if not x[self._places].any():
+            return x
+        np.copyto(room, x)
+        room[self._places] *= self._others
+        return room
+
+    def scale(self, x: NDArray[np.float64]) -> None:
+        """Replace x by W x."""
+        if self._few:
+            x[self._places] *= self._others
+        else:
+            x *= self.values
 
 
 class ScaledConstraintMatrix(ConstraintMatrix):
     """W B, applied as it is written: what it serves for is over before copies would pay."""
 
-    def __init__(self, B: ConstraintMatrix, weights: NDArray[np.float64]) -> None:
+    def __init__(self, B: ConstraintMatrix, weights: RowWeights) -> None:
         self._B, self._weights = B, weights
         self.comm, self.rows, self.columns = B.comm, B.rows, B.columns
+        self._room = np.empty(B.rows)
 
     @cached_property
     def matrix(self) -> PETSc.Mat:  # type: ignore[override]
         """Made when it is asked for."""
         result = self._B.matrix.copy()
-        scale_rows(result, self._weights)
+        scale_rows(result, self._weights.values)
         return result
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put W B x into out."""
         self._B.apply(x, out)
-        out *= self._weights
+        self._weights.scale(out)
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ W x into out."""
-        self._B.apply_transpose(self._weights * x, out)
+        self._B.apply_transpose(self._weights.times(x, self._room), out)

@@ -1,8 +1,8 @@
 """The preconditioner of the projected dual operator, applied in the face of free rows.
 
-    z = P B S Bᵀ P r + ρ⁻¹ Q r
+    z = P B S Bᵀ Pᵀ r + ρ⁻¹ Q r
 
-approximates the inverse of P F P + ρ Q, F = B K⁺ Bᵀ. S is, class by class, the Schur complement
+approximates the inverse of Pᵀ F P + ρ Q, F = B K⁺ Bᵀ. S is, class by class, the Schur complement
 of the stiffness on the interface (Dirichlet) or the stiffness between interface unknowns as it
 stands (lumped; C. Farhat, F.-X. Roux, 1991, and C. Farhat, J. Mandel, F.-X. Roux, *Optimal
 convergence properties of the FETI domain decomposition method*, 1994). The Schur complement saves
@@ -32,7 +32,7 @@ class FacePreconditioner:
     problem
         A dual problem with a coarse problem.
     rho
-        Penalty ρ of Q, in the unit of F. Infinite where r is in the range of P already: then
+        Penalty ρ of Q, in the unit of F. Infinite where r is in the range of Pᵀ already: then
         one projection is enough.
     """
 
@@ -59,7 +59,7 @@ class FacePreconditioner:
         """Put z into out; cutting it to the mask is the caller's business."""
         penalised = math.isfinite(self.rho)
         if penalised:
-            self.coarse.apply(r, self._q)
+            self.coarse.apply_transpose(r, self._q)
             np.subtract(r, self._q, out=self._p)
         else:
             np.copyto(self._p, r)

@@ -108,9 +108,8 @@ def test_a_factor_takes_the_place_of_one_that_is_no_longer_in_use(problem: DualP
         return coarse.weighted(np.where(problem.inequality, rng.random(problem.size), 1.0))
 
     def residual(of: CoarseProblem) -> float:
-        alpha, multiplier, back = (np.empty(n) for n in (of.kernels, of.size, of.kernels))
-        of.solve(rhs, alpha)
-        of.extend(alpha, multiplier)
+        multiplier, back = np.empty(of.size), np.empty(of.kernels)
+        of.carry(rhs, multiplier)
         of.restrict(multiplier, back)
         return float(np.abs(back - rhs).max())
 

@@ -12,7 +12,6 @@ from solver.tfeti.constraints import (
     ContradictionError,
     NodeConditions,
     RowKind,
-    helmert,
     merge_contact,
     merge_held,
     write_rows,
@@ -48,18 +47,12 @@ def build(nodes: list[int], given: NodeConditions, eliminate: bool = False):
     exchange = NodeExchange(MPI.COMM_SELF, np.array(nodes, dtype=np.int64), max(nodes) + 1)
     held = merge_held(exchange, given)
     contact = merge_contact(exchange, given, held, 1.0)
-    rows, contact = write_rows(exchange, held, contact, np.full(len(held.nodes), eliminate))
+    eliminated = np.full(len(held.nodes), eliminate)
+    rows, contact = write_rows(exchange, np.arange(len(nodes)), held, contact, eliminated)
     B = np.zeros((len(rows.kind), len(nodes) * D))
     row, column, value = rows.entries(np.arange(len(nodes) * D).reshape(-1, D))
     np.add.at(B, (row, column), value)
     return B, rows.rhs, rows.kind, contact
-
-
-@pytest.mark.parametrize("m", range(2, 9))
-def test_helmert_rows_span_the_differences_of_copies(m: int) -> None:
-    rows = helmert(m)
-    np.testing.assert_allclose(rows @ rows.T, np.eye(m - 1), atol=1e-15)
-    np.testing.assert_allclose(rows @ np.ones(m), 0, atol=1e-15)
 
 
 def test_an_edge_shared_by_four_is_glued_by_three_rows_a_component() -> None:

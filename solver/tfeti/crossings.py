@@ -1,0 +1,126 @@
+"""Where more than two subdomains meet: gluing rows that join neighbours across faces alone.
+
+The m copies of a node are glued by m - 1 orthonormal rows C, any basis of the complement of
+(1, …, 1). In the graph whose edges join subdomains with a common face, with the Laplacian
+L = Cᵀ Λ C, eigenvectors are such a basis, and weighed by W = Λ/λ, λ the largest eigenvalue, they
+join neighbours alone:
+
+    Cᵀ W C = L/λ.
+
+So G W Gᵀ has blocks between subdomains with a common face, and none between those that only meet at
+an edge or a corner. At an edge of a regular split four subdomains are a cycle, Λ = (2, 2, 4); at a
+corner eight are a cube, Λ = (2, 2, 2, 4, 4, 4, 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+EQUAL = 1e-9
+"""Eigenvalues closer than this are one."""
+
+
+def helmert(m: int) -> NDArray[np.float64]:
+    """Orthonormal rows (m - 1, m) that span the complement of (1, …, 1)."""
+    rows = np.zeros((m - 1, m))
+    for k in range(1, m):
+        rows[k - 1, :k] = 1.0
+        rows[k - 1, k] = -k
+        rows[k - 1] /= np.sqrt(k * (k + 1.0))
+    return rows
+
+
+def joining(adjacent: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gluing rows of the copies of a node and their weights.
+
+    Parameters
+    ----------
+    adjacent : (m, m)
+        Which of the copies' subdomains are neighbours.
+
+    Returns
+    -------
+    Orthonormal rows (m - 1, m) that span the complement of (1, …, 1), as sparse as is easily had,
+    and weights (m - 1,): Λ/λ, or Helmert's rows and ones where the graph is not connected or all
+    are neighbours.
+    """
+    m = len(adjacent)
+    if m == 2 or adjacent.sum() == m * (m - 1) or connected_components(adjacent)[0] > 1:
+        return helmert(m), np.ones(m - 1)
+    laplacian = np.diag(adjacent.sum(axis=1)) - adjacent.astype(float)
+    values, vectors = np.linalg.eigh(laplacian)
+    rows, weights = [], []
+    for of in np.split(np.arange(1, m), np.flatnonzero(np.diff(values[1:]) > EQUAL) + 1):
+        rows.append(_sparse_basis(vectors[:, of] @ vectors[:, of].T, len(of)))
+        weights.append(np.full(len(of), values[of].mean() / values[-1]))
+    return np.concatenate(rows), np.concatenate(weights)
+
+
+def _sparse_basis(projector: NDArray[np.float64], rank: int) -> NDArray[np.float64]:
+    """An orthonormal basis (rank, m) of the range of a projector, with few entries.
+
+    One by one the sparsest image of a unit vector or of the sum or difference of two.
+    """
+    m = len(projector)
+    first, second = np.triu_indices(m, 1)
+    eye = np.eye(m)
+    tried = np.concatenate([eye, eye[first] + eye[second], eye[first] - eye[second]])
+    rows: list[NDArray[np.float64]] = []
+    for _ in range(rank):
+        images = tried @ projector
+        lengths = np.linalg.norm(images, axis=1)
+        images[np.abs(images) < EQUAL] = 0.0
+        entries = np.where(lengths > 0.1, np.count_nonzero(images, axis=1), m + 1)
+        best = int(np.argmin(entries))
+        row = images[best] / np.linalg.norm(images[best])
+        rows.append(row)
+        projector = projector - np.outer(row, row)
+    return np.array(rows)
+
+
+class Neighbours:
+    """Which subdomains have a face in common, of which every rank knows all.
+
+    Those do that are the only two at some node.
+
+    Parameters
+    ----------
+    pairs : (n, 2)
+        Subdomains that are alone at some node of this rank, with repetitions.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, pairs: NDArray[np.int64]) -> None:
+        mine = np.unique(self._keys(pairs[:, 0], pairs[:, 1]))
+        self._known = np.unique(np.concatenate(comm.allgather(mine)))
+
+    @staticmethod
+    def _keys(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.minimum(a, b) << 32 | np.maximum(a, b)
+
+    def adjacent(self, subdomains: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which of the subdomains (n, m) at each node are neighbours, (n, m, m)."""
+        keys = self._keys(subdomains[:, :, None], subdomains[:, None])
+        if len(self._known) == 0:
+            return np.zeros(keys.shape, bool)
+        at = np.minimum(np.searchsorted(self._known, keys), len(self._known) - 1)
+        return np.asarray(self._known[at] == keys)
+
+    def patterns(
+        self, subdomains: NDArray[np.int64]
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]:
+        """Nodes with the same graph (their places), and what `joining` says of it."""
+        n, m = subdomains.shape
+        if m == 2:
+            yield np.arange(n), *joining(~np.eye(2, dtype=bool))
+            return
+        adjacent = self.adjacent(subdomains).reshape(n, m * m)
+        kinds, kind = np.unique(np.packbits(adjacent, axis=1), axis=0, return_inverse=True)
+        kind = kind.reshape(-1)
+        for number in range(len(kinds)):
+            mine = np.flatnonzero(kind == number)
+            yield mine, *joining(adjacent[mine[0]].reshape(m, m))
