@@ -1,13 +1,14 @@
 """From bodies and a wish to a partition: who holds which subdomain.
 
 Subdomains are numbered body by body and dealt to the ranks in consecutive runs, so the numbers,
-and with them the dual problem, do not depend on how many ranks there are.
+and with them the dual problem, do not depend on how many ranks there are. Runs are as long as one
+another, or make as much work where that differs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from meshes.box import BoxShape, split_regularly
 from meshes.box_cells import BoxCells
 from meshes.cells import Cells
+from meshes.deal import dealt
 from meshes.graph import (
     Piece,
     Rows,
@@ -83,10 +85,13 @@ def decompose(
     plans = _plans(shapes, subdomains, comm, choose)
     counts = [p if isinstance(p, int) else math.prod(p) for p in plans]
     mine: dict[int, Piece] = {}
-    if any(isinstance(plan, int) for plan in plans):
+    graph = any(isinstance(plan, int) for plan in plans)
+    if graph:
         counts, mine = _cut(shapes, plans, counts, comm)
     starts = np.cumsum([0, *counts])
     begin, end = _share(int(starts[-1]), comm)
+    if graph and comm.size > 1:
+        begin, end, mine = _evened(shapes, counts, mine, comm)
     references: dict[Any, Any] = {}
     local: list[Subdomain] = []
     for body, (shape, plan) in enumerate(zip(shapes, plans, strict=True)):
@@ -207,6 +212,32 @@ def _cut(
         for b, parts in own.items()
         for part, piece in pieces_of(bodies[b], parts).items()
     }
+
+
+def _evened(
+    shapes: Sequence[Shape], counts: Sequence[int], mine: dict[int, Piece], comm: MPI.Intracomm
+) -> tuple[int, int, dict[int, Piece]]:
+    """Subdomains of this rank, first and behind the last, and its pieces, by the work on them.
+
+    Sub-boxes of a regular split count as alike.
+    """
+    kinds: list[tuple[Hashable, int]] = [
+        (b, shape.total_cells // count)
+        for b, (shape, count) in enumerate(zip(shapes, counts, strict=True))
+        for _ in range(count)
+    ]
+    for known in comm.allgather({n: (piece.kind, len(piece.cells)) for n, piece in mine.items()}):
+        for number, kind in known.items():
+            kinds[number] = kind
+    starts = dealt(kinds, comm.size)
+    begin, end = starts[comm.rank], starts[comm.rank + 1]
+    away = [
+        {n: piece for n, piece in mine.items() if first <= n < last and not begin <= n < end}
+        for first, last in zip(starts[:-1], starts[1:], strict=True)
+    ]
+    for came in comm.alltoall(away):
+        mine = mine | came
+    return begin, end, mine
 
 
 def _cells(shape: Shape) -> Cells:

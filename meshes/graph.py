@@ -14,6 +14,8 @@ Every rank cuts only where its own subdomains come from; the graph is cut on the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha1
 from typing import Any
 
 import numpy as np
@@ -53,6 +55,22 @@ class Piece:
     nodes: NDArray[np.int64]
     exterior: NDArray[np.int64]
     boundaries: dict[str, NDArray[np.int64]]
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """Its lower corner."""
+        return self.points.min(axis=0)
+
+    @cached_property
+    def kind(self) -> bytes:
+        """Equal for pieces that are translates of each other."""
+        local = self.points - self.origin
+        # a power of two, which the round-off of a translation does not change
+        quantum = np.exp2(np.rint(np.log2(np.ptp(local, axis=0).max())) + COINCIDENT)
+        digest = sha1(f"{self.cell} {self.degree} {quantum}".encode(), usedforsecurity=False)
+        for array in (np.rint(local / quantum).astype(np.int64), self.cells, self.tags):
+            digest.update(np.ascontiguousarray(array).data)
+        return digest.digest()
 
 
 Rows = dict[int, NDArray[Any]]
@@ -237,16 +255,9 @@ def place_piece(
     references: dict[Any, Reference],
 ) -> Subdomain:
     """Build the subdomain of a piece, on a reference it may share with congruent ones."""
-    origin = piece.points.min(axis=0)
+    origin = piece.origin
     local = piece.points - origin
-    # a power of two, which the round-off of a translation does not change
-    quantum = float(np.exp2(np.rint(np.log2(np.ptp(local, axis=0).max())) + COINCIDENT))
-    shape = np.rint(local / quantum).astype(np.int64)
-    key = (
-        piece.cell, piece.degree, quantum, shape.tobytes(), piece.cells.tobytes(),
-        piece.tags.tobytes(),
-    )  # fmt: skip
-    if key not in references:
+    if piece.kind not in references:
         order = VTK_ORDER[piece.cell]  # its own inverse
         degree = 2 if _curved(piece) else 1
         if degree == 2:
@@ -256,8 +267,8 @@ def place_piece(
             used, inverse = np.unique(nodes, return_inverse=True)
             nodes, corners = inverse.reshape(nodes.shape), local[used]
         mesh = versions.create_mesh(nodes, corners, piece.cell, degree)
-        references[key] = Reference.of(mesh, piece.cell, piece.degree, piece.tags)
-    reference = references[key]
+        references[piece.kind] = Reference.of(mesh, piece.cell, piece.degree, piece.tags)
+    reference = references[piece.kind]
     given = np.empty(len(local), np.int64)
     given[reference.cells] = piece.cells[versions.original_cells(reference.mesh)]
     translation = np.zeros(3)

@@ -16,6 +16,7 @@ from mpi4py import MPI
 from meshes import BoxShape, Partition, decompose, graph, versions
 from meshes.box_cells import BoxCells
 from meshes.cells import Cells
+from meshes.deal import dealt
 from meshes.unstructured import CellMesh, Topology
 from tests.contact_app.test_ranks import ENVIRONMENT
 
@@ -190,6 +191,22 @@ def graded() -> CellMesh:
     return replace(even, points=even.points**3)
 
 
+@pytest.mark.parametrize("ranks", [1, 2, 3, 7])
+def test_ranks_get_as_many_subdomains_unless_work_differs(ranks: int) -> None:
+    alike = dealt([(n, 10) for n in range(17)], ranks)
+    assert alike == [17 * rank // ranks for rank in range(ranks + 1)]
+    assert dealt([("one", 10)] * 17, ranks) == alike
+
+
+def test_classes_count_once_on_a_rank() -> None:
+    subdomains = [(n, 10) for n in range(10)] + [("a", 10)] * 10 + [("b", 10)] * 10
+    first, middle, last = dealt(subdomains, 2)
+    assert (first, last) == (0, 30)
+    assert middle == 7
+    assert dealt([(0, 1), (1, 1), (2, 1000)], 3) == [0, 1, 2, 3]
+    assert dealt([(0, 1000), (1, 500), (2, 500), (3, 500)], 2) == [0, 1, 4]
+
+
 CUTS: dict[str, tuple[list, None | int | tuple[int, ...]]] = {
     "box": ([BOXES["tetrahedron"]], 13),
     "box of degree 2": ([replace(BOXES["triangle"], degree=2)], 7),
@@ -214,7 +231,7 @@ def compare_with_one_rank() -> None:
         assert here.count == alone.count, name
         assert here.subdomains_of_body == alone.subdomains_of_body, name
         numbers = [s.number for s in here.subdomains]
-        assert sorted(sum(comm.allgather(numbers), [])) == list(range(alone.count)), name
+        assert sum(comm.allgather(numbers), []) == list(range(alone.count)), name
         for start, s in zip(here.cell_starts, here.subdomains, strict=True):
             t = alone.subdomains[s.number]
             assert (s.body, start) == (t.body, alone.cell_starts[s.number]), name

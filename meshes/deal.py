@@ -1,0 +1,74 @@
+"""Which run of consecutive subdomains each rank gets, so that they have about as much to do."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+MEMBER = 0.2
+"""Work on a subdomain beside that on its class, which is meshed, factored and read once a rank."""
+
+GROWTH = 4.0 / 3.0
+"""Power of its cells with which the work on a class grows: that of an interface's dense block."""
+
+WORTH = 1.05
+"""Work of the busiest rank over the least there can be, up to which each gets as many."""
+
+
+def dealt(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> list[int]:
+    """First subdomain of each rank, and behind the last; none goes empty.
+
+    Parameters
+    ----------
+    subdomains
+        Class and cells of each; there are at least as many as ranks.
+    """
+    count = len(subdomains)
+    even = [count * rank // ranks for rank in range(ranks + 1)]
+    most = _busiest(subdomains, even)
+    best, least = even, most
+    low = most / ranks  # what any deal leaves the busiest of ranks, at least
+    for _ in range(20):
+        limit = 0.5 * (low + least)
+        starts = _within(subdomains, ranks, limit)
+        found = _busiest(subdomains, starts)
+        if found < least:
+            best, least = starts, found
+        else:
+            low = limit
+    return best if most > WORTH * least else even
+
+
+def _within(subdomains: Sequence[tuple[Hashable, int]], ranks: int, limit: float) -> list[int]:
+    """Ranks filled up to a limit one after another; the last one gets what is left."""
+    starts, work = [0], 0.0
+    known: set[Hashable] = set()
+    for number, (kind, cells) in enumerate(subdomains):
+        more = _work(cells, kind in known)
+        left = ranks - len(starts)
+        if (
+            number > starts[-1]
+            and left
+            and (work + more > limit or len(subdomains) - number == left)
+        ):
+            starts.append(number)
+            known, work, more = set(), 0.0, _work(cells, False)
+        known.add(kind)
+        work += more
+    return [*starts, len(subdomains)]
+
+
+def _busiest(subdomains: Sequence[tuple[Hashable, int]], starts: Sequence[int]) -> float:
+    """Work of the rank that has most."""
+    most = 0.0
+    for first, last in zip(starts[:-1], starts[1:], strict=True):
+        known: set[Hashable] = set()
+        work = 0.0
+        for kind, cells in subdomains[first:last]:
+            work += _work(cells, kind in known)
+            known.add(kind)
+        most = max(most, work)
+    return most
+
+
+def _work(cells: int, known: bool) -> float:
+    return float(cells**GROWTH * (MEMBER if known else 1.0 + MEMBER))
