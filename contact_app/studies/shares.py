@@ -19,6 +19,8 @@ from contact_app.configuration import load
 from contact_app.model import build_model
 from contact_app.scene import build_scene
 from contact_app.studies.bench import config
+from solver.tfeti.bedding import bedded
+from solver.tfeti.constraints import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import FacePreconditioner
 
@@ -58,12 +60,16 @@ class Shares:
 
     @classmethod
     def of(cls, problem: DualProblem) -> Shares:
-        """Measure them."""
-        coarse = problem.coarse
-        if coarse is None:
+        """Measure them on the first face of a solve."""
+        if problem.coarse is None:
             raise ValueError("one body in one subdomain has no coarse problem")
+        touching = bedded(problem)
+        problem = problem.face(touching)
+        coarse = problem.coarse
+        assert coarse is not None
         rng = np.random.default_rng(0)
         x, u = rng.standard_normal(problem.size), rng.standard_normal(problem.B.columns)
+        x[(problem.kinds == RowKind.SUPPORT) & ~touching] = 0.0
         alpha, beta = rng.standard_normal(coarse.kernels), np.empty(coarse.kernels)
         image, forces, free = np.empty_like(x), np.empty_like(u), np.ones(problem.size, bool)
         preconditioner = FacePreconditioner(problem, math.inf)
