@@ -79,9 +79,14 @@ class SubdomainClass:
 
     @cached_property
     def preconditioning(self) -> Block | sparse.csr_matrix:
-        """What stands for K on the interface in a preconditioner, dense where that is faster."""
+        """What stands for K on the interface in a preconditioner, dense where that is faster.
+
+        A Schur complement is in single precision, where its condition allows it; certificates
+        need it in double.
+        """
         if self.schur_complement is not None:
-            return self.schur_complement
+            assert self.block is not None
+            return self.schur_complement.in_single(self.block)
         S = self.interface_stiffness
         return DenseBlock(S.toarray()) if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S
 
