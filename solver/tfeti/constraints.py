@@ -32,7 +32,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.crossings import Neighbours
+from solver.tfeti import crossings
 from solver.tfeti.exchange import NodeExchange
 
 PARALLEL = 1e-10
@@ -499,7 +499,8 @@ def write_rows(
     skipped[at] = eliminated
     of_copy = exchange.to_owners(subdomains)
     two = order[start[copies == 2][:, None] + np.arange(2)]
-    neighbours = Neighbours(exchange.comm, of_copy[two])
+    dear = crossings.dear(exchange.comm, subdomains, dimension)
+    neighbours = crossings.Neighbours(exchange.comm, of_copy[two if dear else two[:0]])
 
     parts: list[_Part] = []
     for m in np.unique(copies):

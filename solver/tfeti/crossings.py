@@ -10,6 +10,9 @@ join neighbours alone:
 So G W Gᵀ has blocks between subdomains with a common face, and none between those that only meet at
 an edge or a corner. At an edge of a regular split four subdomains are a cycle, Λ = (2, 2, 4); at a
 corner eight are a cube, Λ = (2, 2, 2, 4, 4, 4, 6).
+
+That halves the coarse factor and its solves, for about as many products. Where there are few
+subdomains, or in the plane, a solve is next to nothing beside a product, and all are neighbours.
 """
 
 from __future__ import annotations
@@ -23,6 +26,16 @@ from scipy.sparse.csgraph import connected_components
 
 EQUAL = 1e-9
 """Eigenvalues closer than this are one."""
+
+
+MANY = 100
+"""Subdomains in space from which on a coarse solve shows beside a product."""
+
+
+def dear(comm: MPI.Intracomm, subdomains: NDArray[np.int64], dimension: int) -> bool:
+    """Whether a coarse solve shows beside a product, by numbers of subdomains (collective)."""
+    count = comm.allreduce(int(subdomains.max(initial=-1)), op=MPI.MAX) + 1
+    return dimension == 3 and count >= MANY
 
 
 def helmert(m: int) -> NDArray[np.float64]:
@@ -84,9 +97,9 @@ def _sparse_basis(projector: NDArray[np.float64], rank: int) -> NDArray[np.float
 
 
 class Neighbours:
-    """Which subdomains have a face in common, of which every rank knows all.
+    """Which subdomains have a face in common: those that are the only two at some node.
 
-    Those do that are the only two at some node.
+    Every rank knows all.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model import build_model
+from contact_app.solve import solve
+from solver.tfeti import crossings
 from solver.tfeti.constraints import RowKind
 from solver.tfeti.crossings import Neighbours, helmert, joining
 from solver.tfeti.dual import DualProblem
@@ -81,8 +84,13 @@ CASES = {
     "regular": ("wall", "hexahedron", [3, 3, 3]),
     "unstructured": ("wall", "tetrahedron", 9),
     "two bodies": ("two_bodies", "hexahedron", 4),
-    "two dimensions": ("rollers_and_floor", "quadrilateral", 6),
 }
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few subdomains count as many."""
+    monkeypatch.setattr(crossings, "MANY", 2)
 
 
 def problem_of(case: str, comm: MPI.Intracomm = MPI.COMM_SELF) -> DualProblem:
@@ -118,10 +126,12 @@ def errors_of(problem: DualProblem) -> float:
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.usefixtures("few")
 def test_faces_have_an_oblique_projector_onto_the_kernel(case: str) -> None:
     assert errors_of(problem_of(case)) < 1e-10
 
 
+@pytest.mark.usefixtures("few")
 def test_the_coarse_problem_of_a_face_joins_neighbours_alone() -> None:
     """27 subdomains of six motions, 54 faces; edges count only where there is contact."""
     problem = problem_of("regular")
@@ -136,14 +146,42 @@ def test_the_coarse_problem_of_a_face_joins_neighbours_alone() -> None:
     assert problem.coarse.entries == 36 * 7**3  # 27 neighbours each, less beyond the surface
 
 
+def test_few_subdomains_and_those_in_the_plane_have_no_weights() -> None:
+    plane = build_model(
+        scenes.build(scenes.ALL["wall"]("quadrilateral", 12), [12, 9]), MPI.COMM_SELF
+    )
+    for problem in (problem_of("regular"), plane.problem):
+        assert problem.coarse is not None
+        assert (problem.coarse.metric == 1.0).all()
+
+
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize("case", CASES)
+def test_the_answer_is_the_same(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With weights and without."""
+    made = scenes.ALL[CASES[case][0]](CASES[case][1], 6)
+    scene = scenes.build(made, CASES[case][2])
+    options = replace(scene.solver, tolerance=1e-8)
+    answers = []
+    for many in (2, 1000):
+        monkeypatch.setattr(crossings, "MANY", many)
+        model = build_model(scene, MPI.COMM_SELF)
+        assert model.problem.coarse is not None
+        assert (model.problem.coarse.metric != 1.0).any() == (many == 2)
+        answers.append(solve(model.problem, options, None))
+        assert answers[-1].converged
+    energies = [a.measures.energy for a in answers]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+
+
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 @pytest.mark.parametrize("shared", [0, 20_000])
 def test_on_ranks(shared: int) -> None:
     program = (
         "from mpi4py import MPI\n"
-        "from solver.tfeti import coarse\n"
+        "from solver.tfeti import coarse, crossings\n"
         "from tests.solver.tfeti.test_crossings import CASES, errors_of, problem_of\n"
-        f"coarse.SHARED = {shared}\n"
+        f"coarse.SHARED, crossings.MANY = {shared}, 2\n"
         "for case in CASES:\n"
         "    error = errors_of(problem_of(case, MPI.COMM_WORLD))\n"
         "    assert error < 1e-10, (case, error)\n"
