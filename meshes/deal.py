@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
-MEMBER = 0.2
+MEMBER = 0.5
 """Work on a subdomain beside that on its class, which is meshed, factored and read once a rank."""
 
 GROWTH = 4.0 / 3.0
