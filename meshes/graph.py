@@ -114,13 +114,17 @@ def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
 
 
 def _longest(places: list[NDArray[np.floating]]) -> int:
-    """The axis along which points are scattered most; the first of those that are about alike."""
+    """The axis along which points are scattered most; of those that are about alike the last.
+
+    Nodes of a lattice are numbered along the first axes: ranks then own most of the nodes of their
+    subdomains.
+    """
     spread = []
     for x in places:
         away = x - x.mean()
         np.square(away, out=away)
         spread.append(float(away.mean()))
-    return int(np.argmax(np.array(spread) >= (1.0 - ALIKE) * max(spread)))
+    return int(np.flatnonzero(np.array(spread) >= (1.0 - ALIKE) * max(spread))[-1])
 
 
 def _lowest(x: NDArray[np.floating], count: int) -> NDArray[np.bool_]:
