@@ -5,8 +5,8 @@ after another. Seconds count from the mesh to the certified solution, without st
 writing files; memory is the largest resident set, summed over ranks. A method that needs more than
 the time limit is left out on larger meshes, which is said.
 
-Two series: the cube of hexahedra, and a cube of tetrahedra cut as a mesh from a file is, where no
-two subdomains share a factor.
+Two series: the cube of hexahedra, and a cube of tetrahedra cut as a mesh from a file is, where most
+subdomains have a factor of their own: equal cells leave some of them alike.
 """
 
 from __future__ import annotations
