@@ -21,6 +21,9 @@ BLOCK_LIMIT = 3e9
 PRODUCT_RATE = 3e10
 """Dense products, in floating-point operations a second."""
 
+SINGLE = 0.5
+"""Time of a product in single precision, which a preconditioner takes, over one in double."""
+
 SPLIT_SECONDS = 1.5e-8
 """Change to the coordinates of the characters and back, for each unknown."""
 
@@ -111,7 +114,7 @@ def run_seconds(groups: Sequence[Group], rows: int, products: float, glued: bool
         each += g.members * apply
         if glued:
             relaxed = kind is not BlockKind.NONE
-            each += g.members * (apply if relaxed else SPARSE_SECONDS * g.interface)
+            each += g.members * (SINGLE * apply if relaxed else SPARSE_SECONDS * g.interface)
         each += CALL_SECONDS
         once += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
     if glued:
@@ -169,7 +172,8 @@ def relaxing_pays(interface: int, members: int, order: int) -> bool:
     rest = ROW_SECONDS * interface / 2.0
     inverse = order * (interface / order) ** 3 / PRODUCT_RATE
     lumped = APPLICATIONS * members * (block + SPARSE_SECONDS * interface + rest)
-    relaxed = APPLICATIONS * members * (2.0 * block + rest) * relaxed_share(interface)
+    both = (1.0 + SINGLE) * block + rest
+    relaxed = APPLICATIONS * members * both * relaxed_share(interface)
     return inverse + relaxed < lumped
 
 
