@@ -1,8 +1,8 @@
-"""What the coarse problem costs as subdomains become many: measured on cubes of one cell each.
+"""What the coarse problem costs as subdomains become many: measured on cubes of 2³ cells each.
 
-The size and pattern of G Gᵀ depend on the number of subdomains alone, not on what is inside them,
-so a subdomain of one hexahedron serves. ``python -m contact_app.studies.coarse`` prints the table
-of docs/scaling.md.
+The size and pattern of a face's G W Gᵀ depend on the number of subdomains alone, not on what is
+inside them, so the smallest subdomains serve that have nodes within their faces. ``python -m
+contact_app.studies.coarse`` prints the table of docs/scaling.md.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from contact_app.studies.cube import cube_scene
 
 @dataclass(frozen=True)
 class CoarseCost:
-    """Cost of one coarse problem: seconds to factor and to solve, entries of G Gᵀ."""
+    """Cost of one coarse problem: seconds to factor and to solve, entries of G W Gᵀ."""
 
     subdomains: int
     unknowns: int
@@ -29,8 +29,8 @@ class CoarseCost:
 
 
 def measure(edge: int, comm: MPI.Intracomm = MPI.COMM_WORLD) -> CoarseCost:
-    """Factor and solve the coarse problem of edge³ subdomains (collective)."""
-    coarse = build_model(cube_scene(edge, edge), comm).problem.coarse
+    """Factor and solve the coarse problem of a face of edge³ subdomains (collective)."""
+    coarse = build_model(cube_scene(2 * edge, edge), comm).problem.coarse
     if coarse is None:
         raise ValueError("one subdomain has no coarse problem")
     began = time.perf_counter()
@@ -43,11 +43,11 @@ def measure(edge: int, comm: MPI.Intracomm = MPI.COMM_WORLD) -> CoarseCost:
     for _ in range(repeats):
         again.solve(rhs, out)
     solve = (time.perf_counter() - began) / repeats
-    return CoarseCost(edge**3, comm.allreduce(coarse.kernels), coarse.entries, factor, solve)
+    return CoarseCost(edge**3, comm.allreduce(coarse.kernels), again.entries, factor, solve)
 
 
 if __name__ == "__main__":
-    print("| subdomains | unknowns | entries of G Gᵀ | factor (s) | solve (ms) |")
+    print("| subdomains | unknowns | entries of G W Gᵀ | factor (s) | solve (ms) |")
     print("|---|---|---|---|---|")
     for edge in (4, 6, 8, 10, 14, 18, 22):
         cost = measure(edge)
