@@ -856,7 +856,7 @@ def _dual_problem(
 
     first_column = comm.exscan(size) or 0
     columns = np.where(columns >= 0, columns + first_column, -1)
-    B, c, kinds = _constraint_matrix(comm, exchange, rows, supports, columns, size)
+    B, c, kinds, metric = _constraint_matrix(comm, exchange, surface, rows, supports, columns, size)
     e = np.concatenate(
         [
             np.zeros(0),
@@ -868,8 +868,6 @@ def _dual_problem(
     if comm.allreduce(len(e)):
         with timings.measure("factorization"):
             kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
-            metric = np.ones(len(kinds))
-            metric[: len(rows.weight)] = rows.weight
             coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT, metric)
     wide = np.zeros(len(kinds), bool)
     wide[kinds == RowKind.CONTACT] = contact.wide
@@ -919,12 +917,13 @@ def _made_by_all(
 def _constraint_matrix(
     comm: MPI.Intracomm,
     exchange: NodeExchange,
+    surface: _Surface,
     rows: Rows,
     supports: _Supports,
     columns: NDArray[np.int64],
     size: int,
-) -> tuple[ConstraintMatrix, NDArray[np.float64], NDArray[np.int8]]:
-    """B on interface columns, its right-hand side and the kind of each row."""
+) -> tuple[ConstraintMatrix, NDArray[np.float64], NDArray[np.int8], NDArray[np.float64]]:
+    """B on interface columns, its right-hand side, the kind of each row and its weight."""
     arrived = exchange.to_owners(columns)
     row, column, value = [[part] for part in rows.entries(arrived)]
     for nth, (copies, values) in enumerate(zip(supports.copies, supports.values, strict=True)):
@@ -941,4 +940,32 @@ def _constraint_matrix(
         shape=(len(kinds), total),
     )
     local.sort_indices()
-    return ConstraintMatrix(petsc_rows(comm, local, size)), c, kinds
+    weight = np.concatenate([rows.weight, np.ones(extra)])
+    order = _reading_order(local, kinds, arrived, exchange.to_owners(surface.subdomains))
+    B = ConstraintMatrix(petsc_rows(comm, local[order], size))
+    return B, c[order], kinds[order], weight[order]
+
+
+def _reading_order(
+    local: sparse.csr_matrix,
+    kinds: NDArray[np.int8],
+    columns: NDArray[np.int64],
+    subdomains: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """The order of rows in which products with B read nearby: by subdomains, then by column.
+
+    Rows of contact and supports come last, as they are.
+
+    Parameters
+    ----------
+    columns, subdomains : (arrived, dimension), (arrived,)
+        Columns of the components of the arrived copies, -1 for none, and the subdomain of each.
+    """
+    inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
+    rows = np.flatnonzero(inner)
+    some = columns >= 0
+    known = np.argsort(columns[some])
+    subdomain = np.broadcast_to(subdomains[:, None], columns.shape)[some][known]
+    first, last = local.indices[local.indptr[rows]], local.indices[local.indptr[rows + 1] - 1]
+    ends = [subdomain[np.searchsorted(columns[some][known], of)] for of in (last, first)]
+    return np.concatenate([rows[np.lexsort((first, *ends))], np.flatnonzero(~inner)])
