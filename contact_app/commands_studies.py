@@ -181,7 +181,7 @@ def bench(
         str, typer.Option(help="Cells along an edge of each cube of hexahedra; none leaves it out.")
     ] = "10,20,30,40,60",
     unstructured: Annotated[
-        str, typer.Option(help="The same for tetrahedra cut by a graph partitioner.")
+        str, typer.Option(help="The same for tetrahedra of a file, inner nodes moved at random.")
     ] = "10,20,30,36",
     tolerance: Annotated[float, typer.Option(help="Relative tolerance of all methods.")] = 1e-8,
     limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 60.0,

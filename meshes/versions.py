@@ -79,18 +79,24 @@ def coordinate_element(cell: str, dimension: int, degree: int = 1) -> Any:
 
 
 def create_mesh(
-    cells: NDArray[np.int64], points: NDArray[np.float64], cell: str, degree: int = 1
+    cells: NDArray[np.int64],
+    points: NDArray[np.float64],
+    cell: str,
+    degree: int = 1,
+    comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> Any:
-    """Mesh of given cells (nodes in dolfinx's order) on this process alone.
+    """Mesh of given cells (nodes in dolfinx's order), on this process alone unless told otherwise.
 
     Cells of degree 2 have the nodes of Lagrange cells of that degree and edges as curved as these.
+    Of several ranks each gives some of the cells and of the points, which are numbered through.
     """
     domain = coordinate_element(cell, points.shape[1], degree)
     if _MODERN:
-        return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
+        return dolfinx.mesh.create_mesh(comm, cells, points, domain)
     # given an array it would fail first, and print it into the message it throws away
     listing = dolfinx.cpp.graph.AdjacencyList_int64(cells)
-    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, listing, points, domain, partitioner=_stay)
+    alone = {"partitioner": _stay} if comm.size == 1 else {}
+    return dolfinx.mesh.create_mesh(comm, listing, points, domain, **alone)
 
 
 def _stay(comm: MPI.Intracomm, parts: int, dimension: int, cells: Any, *ghosts: Any) -> Any:

@@ -9,7 +9,9 @@ solution, the least of `REPEATS`.
 from __future__ import annotations
 
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from contact_app.studies.bench import SERIES, Series, config
@@ -26,21 +28,20 @@ def strong(
 
     Numbers of ranks take turns, so that a machine whose speed changes changes it for all.
     """
-    decomposition = series.decomposition(3 * (cells + 1) ** 3)
-    found = [
-        [
-            python(
-                "-m", "contact_app.studies.point", str(config()),
-                "--set", f"bodies.0.mesh.box.cells=[{cells},{cells},{cells}]",
-                "--set", f"bodies.0.mesh.box.cell={series.cell}",
-                "--set", f"decomposition={decomposition}",
-                "--set", f"solver.tolerance={tolerance}",
-                ranks=n, threads=1,
-            )
-            for n in ranks
+    overrides = [
+        f"decomposition={series.decomposition(3 * (cells + 1) ** 3)}",
+        f"solver.tolerance={tolerance}",
+    ]
+    with tempfile.TemporaryDirectory() as directory:
+        overrides += series.mesh(cells, Path(directory))
+        given = [part for override in overrides for part in ("--set", override)]
+        found = [
+            [
+                python("-m", "contact_app.studies.point", str(config()), *given, ranks=n, threads=1)
+                for n in ranks
+            ]
+            for _ in range(REPEATS)
         ]
-        for _ in range(REPEATS)
-    ]  # fmt: skip
     for runs in zip(*found, strict=True):
         yield min(runs, key=lambda summary: from_summary(summary)["seconds"])
 

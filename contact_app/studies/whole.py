@@ -20,11 +20,14 @@ from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy.spatial import cKDTree
 
 from contact_app.assembly import lame, quadrature_degree
 from contact_app.averaged import has_averaged_rows
 from contact_app.scene import Body, Box, Scene
 from meshes import versions
+from meshes.subdomains import VTK_ORDER
+from meshes.unstructured import CellMesh
 from solver.tfeti.kernels import rigid_motions
 
 
@@ -96,11 +99,13 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
     Raises
     ------
     UnsuitableError
-        More than one body, or a node with two contact rows.
+        More than one body or material, curved cells, or a node with two contact rows.
     """
     if len(scene.bodies) != 1:
         raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
     body, d = scene.bodies[0], scene.dimension
+    if len(body.materials) > 1:
+        raise UnsuitableError(f"it has {len(body.materials)} materials")
     if body.materials[0].mean_dilatation:
         raise UnsuitableError("its change of volume is taken as a mean over cells")
     if scene.contacts and has_averaged_rows(body):
@@ -151,8 +156,13 @@ _CELLS = {
 
 def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
     box = body.mesh
+    if isinstance(box, CellMesh) and box.middles is None:
+        cells, points = (
+            np.array_split(rows, comm.size)[comm.rank] for rows in (box.cells, box.points)
+        )
+        return versions.create_mesh(cells[:, VTK_ORDER[box.cell]], points, box.cell, comm=comm)
     if not isinstance(box, Box):
-        raise UnsuitableError("its mesh is no box")
+        raise UnsuitableError("its mesh is no box and has no straight cells")
     corners = [np.array(box.lower), np.array(box.upper)]
     make = dmesh.create_box if len(box.cells) == 3 else dmesh.create_rectangle
     return make(comm, corners, list(box.cells), _CELLS[box.cell])
@@ -201,9 +211,15 @@ def _on(body: Body, boundary: str, points: NDArray[np.float64]) -> NDArray[np.bo
     """Which points (n, 3) lie on a boundary."""
     if boundary in body.boundaries:
         return np.asarray(body.boundaries[boundary](points), bool)
-    axis, box = "xyz".index(boundary[0]), body.mesh
-    side = (box.lower if boundary[1] == "-" else box.upper)[axis]
+    box = body.mesh
     extent = max(b - a for a, b in zip(box.lower, box.upper, strict=True))
+    if isinstance(box, CellMesh):
+        shape = box.shape(body.degree)
+        nodes = np.unique(shape.topology.facets[shape.sides[boundary]])
+        away, _ = cKDTree(shape.points[nodes]).query(points[:, : shape.dimension])
+        return np.asarray(away < 1e-9 * extent)
+    axis = "xyz".index(boundary[0])
+    side = (box.lower if boundary[1] == "-" else box.upper)[axis]
     return np.abs(points[:, axis] - side) < 1e-9 * extent
 
 

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from pathlib import Path
 
+import meshio
+import numpy as np
 import pytest
+from mpi4py import MPI
 
+from contact_app.configuration import load
+from contact_app.model import partition_scene
+from contact_app.run import solve_scene
+from contact_app.scene import Scene, build_scene
 from contact_app.studies import bench, processes
-from contact_app.studies.bench import CONTACT, LINEAR, OURS
+from contact_app.studies.bench import CONTACT, LINEAR, OURS, SERIES
+from contact_app.studies.peers import solve
+from contact_app.studies.perturbed import MOVE, write_cube
+from tests import meshfiles
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +58,8 @@ def test_a_method_that_takes_too_long_is_left_out_from_then_on(
 ) -> None:
     asked = []
 
-    def run(method, series, n, dofs, tolerance, limit):
+    def run(method, series, mesh, dofs, tolerance, limit):
+        n = round((dofs / 3) ** (1 / 3)) - 1
         asked.append((method, n))
         if method == "tao-bnls" and n > 4:
             raise processes.RunError("not done after 1 s")
@@ -98,3 +110,59 @@ def test_energies_are_compared_within_their_family() -> None:
     assert snes["energy_error"] == 0.0
     assert gamg["energy_error"] == 0.0
     assert "energy_error" not in cholmod
+
+
+def _scene(*overrides: str) -> Scene:
+    return build_scene(load(bench.config(), [*overrides, "solver.tolerance=1e-9"]))
+
+
+def test_the_cube_in_the_file_is_moved_inside_and_whole(tmp_path: Path) -> None:
+    n = 7
+    write_cube(tmp_path / "cube.vtu", n)
+    mesh = meshio.read(tmp_path / "cube.vtu")
+    cells = mesh.cells_dict["tetra"]
+    assert cells.shape == (6 * n**3, 4)
+    volume = np.abs(np.linalg.det(np.diff(mesh.points[cells], axis=1))) / 6.0
+    assert volume.min() > 0.1 / (6 * n**3)
+    assert volume.sum() == pytest.approx(1.0, rel=1e-12)  # more if a cell were turned over
+    away = n * mesh.points - np.round(n * mesh.points)
+    surface = (np.abs(mesh.points - 0.5) > 0.5 - 1e-9).any(axis=1)
+    assert surface.sum() == (n + 1) ** 3 - (n - 1) ** 3
+    assert np.abs(away[surface]).max() < 1e-12
+    assert (np.abs(away[~surface]) > 1e-9).all()
+    assert 0.9 * MOVE < np.abs(away).max() <= MOVE
+
+
+def test_no_parts_of_the_tetrahedra_are_alike(tmp_path: Path) -> None:
+    mesh = SERIES[1].mesh(8, tmp_path)
+    parts = partition_scene(_scene(*mesh, "decomposition={subdomains: 8}"), MPI.COMM_SELF)
+    assert len({id(s.reference) for s in parts.subdomains}) == len(parts.subdomains) == 8
+
+
+def test_peers_agree_with_ours_on_the_tetrahedra(tmp_path: Path) -> None:
+    overrides = (*SERIES[1].mesh(5, tmp_path), "decomposition={subdomains: 4}")
+    scene = _scene(*overrides)
+    ours = solve_scene(scene).summary
+    rows = [solve(scene, "snes-vi-cholmod", 1e-10)[0]]
+    if shutil.which("mpirun"):
+        given = [part for override in overrides for part in ("--set", override)]
+        config = str(bench.config())
+        rows += [
+            processes.python("-m", "contact_app.studies.peers", "tao-bnls", config, *given, ranks=2)
+        ]
+        assert rows[1]["ranks"] == 2
+    for row in rows:
+        assert row["dofs"] == ours["mesh"]["dofs"] == 3 * 6**3
+        assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=1e-9)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 1), ("hexahedron", 2)])
+def test_peers_take_the_groups_of_a_file(tmp_path: Path, cell: str, degree: int) -> None:
+    path = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
+    scene = _scene(f"bodies.0.mesh={{file: {path}}}", f"bodies.0.degree={degree}",
+                   "decomposition=auto")  # fmt: skip
+    assert set(scene.bodies[0].mesh.boundaries) >= {"z-", "z+", "x+"}
+    row, _, _ = solve(scene, "snes-vi-cholmod", 1e-10)
+    ours = solve_scene(scene).summary
+    assert row["dofs"] == ours["mesh"]["dofs"]
+    assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=1e-8)

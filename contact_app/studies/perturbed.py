@@ -1,0 +1,30 @@
+"""A cube in which nothing repeats: bricks of tetrahedra whose inner nodes are moved at random.
+
+Written as a file it stands for what a mesher gives: no two subdomains are alike.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from meshes import BoxShape
+
+MOVE = 0.15
+"""Largest move along each axis in edges of a brick.
+
+A tetrahedron has an edge along each axis. Moves change any component of these by 0.3 at most, so
+that their matrix keeps 0.7 on its diagonal against 0.6 beside it: no cell turns over.
+"""
+
+
+def write_cube(path: Path, bricks: int) -> None:
+    """Write the unit cube of bricks³ times six tetrahedra; nodes of the surface stay."""
+    box = BoxShape((0.0,) * 3, (1.0,) * 3, (bricks,) * 3, "tetrahedron").cell_mesh()
+    points, half = box.points.copy(), 0.5 / bricks
+    inside = ((points > half) & (points < 1.0 - half)).all(axis=1)
+    random = np.random.default_rng(1)
+    points[inside] += MOVE / bricks * random.uniform(-1.0, 1.0, (int(inside.sum()), 3))
+    meshio.write(path, meshio.Mesh(points, [("tetra", box.cells)]))
