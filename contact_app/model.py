@@ -959,13 +959,14 @@ def _reading_order(
     Parameters
     ----------
     columns, subdomains : (arrived, dimension), (arrived,)
-        Columns of the components of the arrived copies, -1 for none, and the subdomain of each.
+        Columns of the components of the arrived copies, -1 for none, and the subdomain of each;
+        copies of one come one after another.
     """
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
     rows = np.flatnonzero(inner)
-    some = columns >= 0
-    known = np.argsort(columns[some])
-    subdomain = np.broadcast_to(subdomains[:, None], columns.shape)[some][known]
+    lowest = np.where(columns >= 0, columns, local.shape[1]).min(axis=1)
+    runs = np.flatnonzero(np.diff(subdomains, prepend=-1))
+    begins = np.sort(np.minimum.reduceat(lowest, runs)) if len(runs) else runs
     first, last = local.indices[local.indptr[rows]], local.indices[local.indptr[rows + 1] - 1]
-    ends = [subdomain[np.searchsorted(columns[some][known], of)] for of in (last, first)]
+    ends = [np.searchsorted(begins, of, side="right") for of in (last, first)]
     return np.concatenate([rows[np.lexsort((first, *ends))], np.flatnonzero(~inner)])
