@@ -130,9 +130,10 @@ def bench(
                 rows |= {_key(row): row for row in found}
                 alike = [row for row in rows.values() if _key(row)[:2] == (series.name, n)]
                 rows |= {_key(row): row for row in with_energy_error(alike)}
+                write(_ordered(rows), table)  # whatever stops the next mesh
                 yield from (rows[_key(row)] for row in found)
     finally:
-        ordered = sorted(rows.values(), key=lambda row: _place(*_key(row)))
+        ordered = _ordered(rows)
         write(ordered, table)
         table.with_suffix(".md").write_text(markdown(ordered), encoding="utf-8")
         draw(ordered, picture)
@@ -140,6 +141,10 @@ def bench(
 
 def _key(row: dict[str, Any]) -> tuple[str, int, str]:
     return row["series"], row["cells"], row["method"]
+
+
+def _ordered(rows: dict[tuple[str, int, str], dict[str, Any]]) -> list[dict[str, Any]]:
+    return sorted(rows.values(), key=lambda row: _place(*_key(row)))
 
 
 def _place(series: str, cells: int, method: str) -> tuple[int, int, int]:
