@@ -51,6 +51,8 @@ class WholeSystem:
         Unknowns (local) with a bound.
     area : (bounds,)
         Share of the contact boundary that falls to each of them; not known to the solvers.
+    mesh
+        dolfinx's: its communicator, on which the matrix lives, goes with it.
     """
 
     matrix: PETSc.Mat
@@ -63,6 +65,7 @@ class WholeSystem:
     points: NDArray[np.float64]
     contact: NDArray[np.int64]
     area: NDArray[np.float64]
+    mesh: Any
 
     @property
     def dofs(self) -> int:
@@ -143,7 +146,7 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
         matrix.setBlockSize(d)
         matrix.setOption(PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(_near_null_space(points, d, load, turn))
-    return WholeSystem(matrix, load, lower, upper, turn, constant, d, points, contact, area)
+    return WholeSystem(matrix, load, lower, upper, turn, constant, d, points, contact, area, mesh)
 
 
 _CELLS = {
