@@ -1,6 +1,7 @@
-"""What all tests share: how slow ones are asked for, and MPI that starts as root."""
+"""What all tests share: slow ones only where asked for, MPI that starts as root or is missing."""
 
 import os
+import shutil
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -28,3 +29,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if os.geteuid() == 0:
         os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT", "1")
         os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("mpi") and shutil.which("mpirun") is None:
+        pytest.skip("mpirun is not installed")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from contact_app.studies.exact_fields import lame_ring, relative_errors
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
 from tests.contact_app.test_meshes_from_files import patch, two_materials
-from tests.contact_app.test_ranks import summary_of
+from tests.ranks import summary_of
 
 NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]
 
@@ -94,7 +93,6 @@ def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path
 
 
 @pytest.mark.mpi
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 @pytest.mark.parametrize(
     ("cell", "name"),
     [("quadrilateral", "quad8"), pytest.param("tetrahedron", "tetra10", marks=pytest.mark.slow)],

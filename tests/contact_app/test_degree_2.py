@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,8 @@ from meshes import BoxShape, decompose
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve
 from tests.contact_app.test_meshes_from_files import patch
-from tests.contact_app.test_ranks import summary_of
 from tests.contact_app.test_two_bodies import PAIRS, PRESSURE, patch_displacement, stack
+from tests.ranks import summary_of
 
 CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
 
@@ -223,7 +222,6 @@ def test_meshes_from_files(cell: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 @pytest.mark.parametrize(
     "cell", ["tetrahedron", pytest.param("hexahedron", marks=pytest.mark.slow)]
 )

@@ -10,8 +10,8 @@ import pytest
 from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.test_convergence import column, confined_modulus
-from tests.contact_app.test_ranks import summary_of
 from tests.contact_app.test_two_bodies import stack
+from tests.ranks import summary_of
 
 CELLS = scenes.CELLS_3D + scenes.CELLS_2D
 

@@ -4,50 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from tests import scenes
+from tests.ranks import run_scene, summary_of
 
-pytestmark = [
-    pytest.mark.mpi,
-    pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),
-]
-
-ENVIRONMENT = {
-    "OMPI_ALLOW_RUN_AS_ROOT": "1",
-    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    "OMPI_MCA_hwloc_base_binding_policy": "none",
-    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-}
-
-
-def run(path: Path, directory: Path, ranks: int) -> subprocess.CompletedProcess[str]:
-    """`mpirun -n ranks contact-app run`; one rank without mpirun."""
-    command = [sys.executable, "-m", "contact_app", "run", str(path), "-o", str(directory)]
-    if ranks > 1:
-        command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=180, env={**os.environ, **ENVIRONMENT}
-    )
-
-
-def summary_of(made: scenes.Config, directory: Path, ranks: int) -> dict[str, Any]:
-    path = scenes.write(made, directory / "scene.yaml")
-    out = directory / f"out{ranks}"
-    done = run(path, out, ranks)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return json.loads((out / "summary.json").read_text())
+pytestmark = pytest.mark.mpi
 
 
 def displacement(directory: Path) -> dict[tuple[float, ...], np.ndarray]:
@@ -114,7 +79,7 @@ def test_more_ranks_than_subdomains(tmp_path: Path) -> None:
     made = scenes.wall("quadrilateral", 4)
     made["decomposition"] = {"subdomains": [2, 1]}
     path = scenes.write(made, tmp_path / "scene.yaml")
-    done = run(path, tmp_path / "out", 3)
+    done = run_scene(path, tmp_path / "out", 3)
     said = done.stdout + done.stderr
     assert "Traceback" not in said, said
     if done.returncode == 0:
@@ -133,7 +98,7 @@ def test_no_equilibrium_ends_all_ranks(tmp_path: Path) -> None:
     made["conditions"][0]["traction"] = [5, -50]
     made["decomposition"] = {"subdomains": [2, 2]}
     path = scenes.write(made, tmp_path / "scene.yaml")
-    done = run(path, tmp_path / "out", 2)
+    done = run_scene(path, tmp_path / "out", 2)
     said = done.stdout + done.stderr
     assert done.returncode == 3, said
     assert "Traceback" not in said

@@ -6,7 +6,6 @@ Wholes are held against the same scene without `symmetry`, on the same file.
 from __future__ import annotations
 
 import copy
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import Scene, build_scene
 from contact_app.symmetry import halved
 from tests import meshfiles, scenes
-from tests.contact_app.test_ranks import summary_of
+from tests.ranks import summary_of
 
 SAMPLES = Path(__file__).parents[2] / "meshes" / "samples"
 HARD, SOFT = {"young": 4000.0, "poisson": 0.35}, {"young": 500.0, "poisson": 0.2}
@@ -388,7 +387,6 @@ def test_bodies_that_are_images(
 
 @pytest.mark.slow
 @pytest.mark.mpi
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 def test_two_ranks(tmp_path: Path) -> None:
     """A quarter of two feet and a slab, cut into parts: rows of pairs beside planes, images."""
     made = {**table("hexahedron", 1, tmp_path), "symmetry": "allow"}

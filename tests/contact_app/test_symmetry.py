@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from contact_app.studies.mirrored import saving
 from contact_app.symmetry import halved
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes
-from tests.contact_app.test_ranks import summary_of
+from tests.ranks import summary_of
 
 
 def pressed(cell: str, n: int, degree: int = 1) -> scenes.Config:
@@ -135,7 +134,6 @@ def same_as(
 
 
 @pytest.mark.mpi
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 @pytest.mark.parametrize("mesh", ["box", "file"])
 def test_two_ranks(mesh: str, tmp_path: Path) -> None:
     made = pressed("hexahedron" if mesh == "box" else "tetrahedron", 4, 1 if mesh == "box" else 2)

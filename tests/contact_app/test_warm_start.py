@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import Decomposition, Scene, build_scene
 from contact_app.warm_start import LastLevel
 from tests import scenes
-from tests.contact_app.test_ranks import summary_of
+from tests.ranks import summary_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -149,7 +148,6 @@ def test_values_between_nodes(cell: str, degree: int) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 def test_levels_on_ranks_begin_alike(tmp_path: Path) -> None:
     made = scenes.wall("triangle", 4)
     made |= {"accuracy": 0.1, "decomposition": {"subdomains": 6}}

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +13,7 @@ from meshes.box_cells import BoxCells
 from meshes.cells import Cells
 from meshes.deal import dealt
 from meshes.unstructured import CellMesh, Topology
-from tests.contact_app.test_ranks import ENVIRONMENT
+from tests.ranks import python
 
 BOXES = {
     "hexahedron": BoxShape((0.0, -1.0, 2.0), (1.0, 1.0, 2.5), (5, 6, 3), "hexahedron"),
@@ -246,16 +241,10 @@ def compare_with_one_rank() -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_share_what_one_would_cut(ranks: int) -> None:
     program = "from tests.meshes.test_decompose import compare_with_one_rank as c; c(); print('ok')"
-    done = subprocess.run(
-        ["mpirun", "--oversubscribe", "-n", str(ranks),
-         sys.executable, "-m", "mpi4py", "-c", program],
-        capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2],
-        env={**os.environ, **ENVIRONMENT},
-    )  # fmt: skip
+    done = python("-m", "mpi4py", "-c", program, ranks=ranks, limit=120)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("ok") == ranks
 

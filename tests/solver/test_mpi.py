@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.ranks import python
 
 SCRIPT = """
 import sys
@@ -78,31 +76,16 @@ if comm.rank == 0:
     np.savez(sys.argv[1], x=[x for _, x in lines], counts=counts)
 """
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 def run(ranks: int, directory: Path) -> dict[str, np.ndarray]:
-    script, out = directory / "script.py", directory / f"{ranks}.npz"
-    script.write_text(SCRIPT, encoding="utf-8")
-    environment = {
-        **os.environ,
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-        "PYTHONPATH": str(ROOT),
-    }
-    command = [sys.executable, str(script), str(out)]
-    if ranks > 1:
-        command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=300, check=False
-    )
+    out = directory / f"{ranks}.npz"
+    done = python("-c", SCRIPT, str(out), ranks=ranks, limit=300)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     with np.load(out) as found:
         return dict(found)
 
 
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+@pytest.mark.mpi
 def test_ranks_do_not_change_the_answer(tmp_path):
     one = run(1, tmp_path)
     for ranks in (2, 3):

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +18,7 @@ from solver.tfeti.constraints import RowKind
 from solver.tfeti.crossings import Neighbours, helmert, joining
 from solver.tfeti.dual import DualProblem
 from tests import scenes
+from tests.ranks import python
 
 
 def graph(m: int, edges: list[tuple[int, int]]) -> NDArray[np.bool_]:
@@ -174,7 +171,7 @@ def test_the_answer_is_the_same(case: str, monkeypatch: pytest.MonkeyPatch) -> N
     assert energies[0] == pytest.approx(energies[1], rel=1e-9)
 
 
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+@pytest.mark.mpi
 @pytest.mark.parametrize("shared", [0, 20_000])
 def test_on_ranks(shared: int) -> None:
     program = (
@@ -189,9 +186,5 @@ def test_on_ranks(shared: int) -> None:
         "coarse = coarse.face(coarse.inequality).coarse\n"
         "assert coarse.entries == 36 * 151, coarse.entries\n"
     )
-    command = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", program]
-    environment = {
-        **os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"
-    }  # fmt: skip
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    done = python("-c", program, ranks=2, limit=300)
     assert done.returncode == 0, done.stderr

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -15,6 +10,7 @@ from contact_app.model import build_model
 from solver.tfeti import gram
 from solver.tfeti.dual import DualProblem
 from tests import scenes
+from tests.ranks import python
 
 CASES = {
     "hexahedra": ("wall", "hexahedron", [2, 3, 2]),
@@ -56,7 +52,7 @@ def test_rows_are_taken_in_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     assert error_of(problem_of("hexahedra")) < 1e-8
 
 
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+@pytest.mark.mpi
 @pytest.mark.parametrize("shared", [0, 20_000])
 def test_on_ranks(shared: int) -> None:
     """In parts and whole on every rank."""
@@ -69,9 +65,5 @@ def test_on_ranks(shared: int) -> None:
         "    error = error_of(problem_of(case, MPI.COMM_WORLD))\n"
         "    assert error < 1e-8, (case, error)\n"
     )
-    command = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", program]
-    environment = {
-        **os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"
-    }  # fmt: skip
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    done = python("-c", program, ranks=2, limit=300)
     assert done.returncode == 0, done.stderr

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
-
 import pytest
+
+from tests.ranks import python
 
 SCRIPT = """
 import numpy as np
@@ -41,19 +38,7 @@ except np.linalg.LinAlgError:
 
 
 @pytest.mark.mpi
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
 def test_two_ranks_share_what_one_makes_alone_and_fail_together() -> None:
-    environment = {
-        **os.environ,
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-        "OPENBLAS_NUM_THREADS": "1",
-    }
-    done = subprocess.run(
-        ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", SCRIPT],
-        capture_output=True, text=True, timeout=120, env=environment,
-    )  # fmt: skip
+    done = python("-c", SCRIPT, ranks=2, limit=120)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("told") == 2  # lines of two ranks may run into each other
