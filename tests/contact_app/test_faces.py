@@ -8,12 +8,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.certificate import duality_gap
-from contact_app.faces import Face, State
+from contact_app.faces import Face, State, decide
 from contact_app.model import build_model
 from contact_app.solution import Accuracy
 from contact_app.solve import solve
 from contact_app.target import GAIN, LOOSEST, SHARPENS, AutomaticTarget
-from solver import MPRGP
+from solver import MPRGP, Reason
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import follows
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
@@ -86,6 +86,41 @@ def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
     dual = -0.5 * state.strained - float(multiplier @ problem.c)
     assert energy - dual > 0.0
     assert energy - dual <= sharp < 0.9 * plain
+
+
+def beside_two_walls(cell: str, angle: float) -> DualProblem:
+    """Two walls through the foot of one side, turned against each other: two rows at each node."""
+    made = scenes.wall(cell, 4)
+    turned = scenes.plane(cell, (1, 0, 0), (-1, 0, angle))
+    made["contacts"].append({"on": "block.x+", "obstacle": turned})
+    return build_model(scenes.build(made, [2] * scenes.dimension(cell)), MPI.COMM_SELF).problem
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_a_face_ends_within_a_step_for_each_unknown(cell: str) -> None:
+    problem = beside_two_walls(cell, 0.1)
+    face = Face(problem, problem.inequality)
+    assert face.solve(MPRGP(), 1e-8, None) is Reason.CONVERGED
+    assert face.counts.cg < problem.size
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_a_face_that_rounding_holds_up_ends_all_the_same(cell: str) -> None:
+    """The two rows of a node are the angle apart, which F and its preconditioner square each.
+
+    The smallest eigenvalue of their product is its fourth power, over the largest: 1e-4 leaves no
+    digit, and without a limit the solve never ends.
+    """
+    problem = beside_two_walls(cell, 1e-4)
+    face, inner = Face(problem, problem.inequality), MPRGP(max_iterations=8 * problem.size)
+    assert face.solve(inner, 1e-8, None) is Reason.ROUND_OFF
+    assert problem.size < face.counts.cg <= 2 * problem.size
+    assert face.at_round_off
+    # whoever asked for it goes on elsewhere, without another step on it
+    spent = face.counts.hessian
+    found = decide(face, inner, lambda state: 1.0, lambda state: False, None)
+    assert found.reason in (None, Reason.ROUND_OFF)
+    assert found.counts.hessian == spent
 
 
 def test_an_automatic_tolerance_asks_for_the_gap_where_it_may_decide() -> None:
