@@ -61,7 +61,7 @@ DEEPER = 0.1
 
 STALLED = 2
 """Steps on a face, over its unknowns, after which rounding holds conjugate gradients up, which end
-within one of them in exact arithmetic: its rows hardly keep some body in place, or hardly differ."""
+within one of them in exact arithmetic: its rows hardly keep some body in place or hardly differ."""
 
 FACES = 60
 """Faces tried: where contact peels off row by row each is a handful of products."""
