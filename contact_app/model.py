@@ -62,7 +62,8 @@ from solver.tfeti.kernels import (
     fixing_nodes,
     rigid_motions,
 )
-from solver.tfeti.matrix import ConstraintMatrix, petsc_rows
+from solver.tfeti.matrix import ConstraintMatrix
+from solver.tfeti.nodal import nodal_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -941,27 +942,43 @@ def _constraint_matrix(
     )
     local.sort_indices()
     weight = np.concatenate([rows.weight, np.ones(extra)])
-    order = _reading_order(local, kinds, arrived, exchange.to_owners(surface.subdomains))
-    B = ConstraintMatrix(petsc_rows(comm, local[order], size))
+    first = comm.exscan(size) or 0
+    order, nodal = _reading_order(
+        local, kinds, rows.node, arrived, exchange.to_owners(surface.subdomains), (first, size)
+    )
+    B = ConstraintMatrix(comm, local[order], size, nodal, arrived.shape[1])
     return B, c[order], kinds[order], weight[order]
 
 
 def _reading_order(
     local: sparse.csr_matrix,
     kinds: NDArray[np.int8],
+    nodes: NDArray[np.int64],
     columns: NDArray[np.int64],
     subdomains: NDArray[np.int64],
-) -> NDArray[np.int64]:
+    own: tuple[int, int],
+) -> tuple[NDArray[np.int64], int]:
     """The order of rows in which products with B read nearby: by subdomains, then by column.
 
-    Rows of contact and supports come last, as they are.
+    Rows that do the same to each component of some nodes of this rank come first, rows of contact
+    and supports last, as they are.
 
     Parameters
     ----------
+    nodes : (rows,)
+        Node of each row but those of supports, sorted; rows of one node and component one after
+        another.
     columns, subdomains : (arrived, dimension), (arrived,)
         Columns of the components of the arrived copies, -1 for none, and the subdomain of each;
         copies of one come one after another.
+    own
+        First column of this rank, and how many it has.
+
+    Returns
+    -------
+    The order, and how many rows come first.
     """
+    d = columns.shape[1]
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
     rows = np.flatnonzero(inner)
     lowest = np.where(columns >= 0, columns, local.shape[1]).min(axis=1)
@@ -969,4 +986,17 @@ def _reading_order(
     begins = np.sort(np.minimum.reduceat(lowest, runs)) if len(runs) else runs
     first, last = local.indices[local.indptr[rows]], local.indices[local.indptr[rows + 1] - 1]
     ends = [np.searchsorted(begins, of, side="right") for of in (last, first)]
-    return np.concatenate([rows[np.lexsort((first, *ends))], np.flatnonzero(~inner)])
+    # rows of a node and component are numbered, for those of its other components to be next
+    component = (first - own[0]) % d
+    of = np.stack([nodes[rows], kinds[rows], component])
+    starts = np.flatnonzero(np.diff(of, axis=1, prepend=-1).any(axis=0))
+    nth = np.arange(len(rows)) - np.repeat(starts, np.diff(starts, append=len(rows)))
+    order = np.lexsort((component, nth, kinds[rows], first - component, *ends))
+    rows = rows[order]
+    alike = np.zeros(len(rows), bool)
+    if own[1] % d == 0:
+        inside = np.flatnonzero(((first >= own[0]) & (last < sum(own)))[order])
+        here = local[rows[inside]]
+        here.indices -= own[0]
+        alike[inside[nodal_rows(here, d)]] = True
+    return np.concatenate([rows[alike], rows[~alike], np.flatnonzero(~inner)]), int(alike.sum())

@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.matrix import ConstraintMatrix, lent, scale_rows
+from solver.tfeti.matrix import ConstraintMatrix, lent, local_rows, scale_rows
 
 
 class CoupledRows:
@@ -57,8 +57,10 @@ class CoupledRows:
         B = problem.B.matrix.copy()
         scale_rows(B, 1.0 - mask)
         B.axpy(1.0, divided, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self.B = ConstraintMatrix(B)
-        for matrix in (wide, divided):
+        self.B = ConstraintMatrix(
+            self.comm, local_rows(B), problem.B.columns, problem.B.nodal, problem.B.components
+        )
+        for matrix in (wide, divided, B):
             matrix.destroy()
         counts = self.comm.allgather(len(self._rows))
         first = sum(counts[: self.comm.rank])
@@ -68,9 +70,7 @@ class CoupledRows:
 
     def _gathered(self, product: PETSc.Mat) -> sparse.csc_matrix:
         """The rows and columns of several nodes, on every rank."""
-        starts, columns, values = product.getValuesCSR()
-        size = product.getSize()
-        local = sparse.csr_matrix((values, columns, starts), shape=(len(starts) - 1, size[1]))
+        local = local_rows(product)
         first = product.getOwnershipRange()[0]
         every = np.concatenate(self.comm.allgather(first + self._rows))
         parts = self.comm.allgather(local[self._rows][:, every])

@@ -22,11 +22,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
 
 from solver.tfeti.classes import SubdomainClass
 from solver.tfeti.coarse import CoarseProblem, ProjectedOperator
 from solver.tfeti.constraints import ContactRows, RowKind
-from solver.tfeti.matrix import ConstraintMatrix, RowWeights
+from solver.tfeti.matrix import ConstraintMatrix, RowWeights, local_rows, petsc_rows
 
 
 class DualOperator:
@@ -167,17 +168,9 @@ class DualProblem:
         return result
 
     @property
-    def _contact_matrix(self) -> PETSc.Mat:
-        """The contact rows of B (collective)."""
-        B = self.B.matrix
-        rows = B.getOwnershipRange()[0] + np.flatnonzero(self.inequality)
-        columns = np.arange(*B.getOwnershipRangeColumn())
-        return B.createSubMatrix(
-            *(
-                PETSc.IS().createGeneral(i.astype(PETSc.IntType), comm=self.comm)
-                for i in (rows, columns)
-            )
-        )
+    def _contact_rows(self) -> sparse.csr_matrix:
+        """This rank's contact rows of B."""
+        return self.B.local[self.inequality]
 
     def contact_stiffness(self) -> tuple[NDArray[np.float64], float]:
         """What K holds against each contact row on its own, and against any unknown (collective).
@@ -189,13 +182,9 @@ class DualProblem:
         parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
         diagonal = np.concatenate([np.empty(0), *parts])
         largest = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
-        contact = self._contact_matrix
-        begins, places, values = contact.getValuesCSR()
-        squares = PETSc.Mat().createAIJ(
-            contact.getSizes(), csr=(begins, places, values**2), comm=self.comm
-        )
-        found = np.empty(len(begins) - 1)
-        ConstraintMatrix(squares).apply(diagonal, found)
+        squares = self._contact_rows.power(2)
+        found = np.empty(squares.shape[0])
+        ConstraintMatrix(self.comm, squares, self.B.columns).apply(diagonal, found)
         return found, largest
 
     @cached_property
@@ -205,14 +194,9 @@ class DualProblem:
         They bound what the corrections of rows that are not orthogonal add up to.
         """
         result = np.ones(self.size)
-        contact = self._contact_matrix
-        product = contact.matMult(contact.transpose(PETSc.Mat()))
-        starts, _, values = product.getValuesCSR()
-        sums = np.bincount(
-            np.repeat(np.arange(len(starts) - 1), np.diff(starts)),
-            np.abs(values),
-            minlength=len(starts) - 1,
-        )
+        contact = petsc_rows(self.comm, self._contact_rows, self.B.columns)
+        product = local_rows(contact.matMult(contact.transpose(PETSc.Mat())))
+        sums = np.asarray(abs(product).sum(axis=1)).ravel()
         result[self.inequality] = np.maximum(sums, 1.0)
         return result
 

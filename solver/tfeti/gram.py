@@ -176,12 +176,12 @@ class KernelRows:
         self._table = np.zeros((int(self._sizes.sum()), self.motions))
         for offset, (_, R) in zip(self._offsets, kernels, strict=True):
             self._table[offset : offset + len(R), : R.shape[1]] = R
-        self._begins, self._columns, self._values = B.matrix.getValuesCSR()
+        self._begins, self._columns, self._values = B.local.indptr, B.local.indices, B.local.data
         self.entries = np.diff(self._begins)
-        self._first, self._last = B.matrix.getOwnershipRangeColumn()
+        self._first, self._last = B.first, B.first + B.columns
         self._distant = self._columns[:0], self._own(np.empty(0, np.int64))
         if self.comm.size > 1:
-            self._distant = self._ask(B.matrix.getSize()[1])
+            self._distant = self._ask(B.local.shape[1])
 
     def _ask(self, total: int) -> tuple[NDArray[np.int64], Seen]:
         """Columns of other ranks that rows of this one touch, and what their owners say of them."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.vectors import on_arrays
+from solver.tfeti.nodal import NodalProduct
+from solver.vectors import Action, on_arrays
 
 FEW = 0.1
 """Share of weights that differ from one up to which they are taken one by one."""
@@ -55,38 +57,118 @@ def scale_rows(matrix: PETSc.Mat, weights: NDArray[np.float64]) -> None:
         matrix.diagonalScale(L=left)
 
 
-class ConstraintMatrix:
-    """B and its explicit transpose, whose product is twice as fast as a transposed one.
+def _adding(matrix: PETSc.Mat) -> Action:
+    """What adds the product of a matrix' transpose to a vector."""
+    return lambda source, target: matrix.multTransposeAdd(source, target, target)
+
+
+def local_rows(matrix: PETSc.Mat) -> sparse.csr_matrix:
+    """A copy of this rank's rows of a distributed matrix, all columns."""
+    begins, places, values = matrix.getValuesCSR()
+    shape = (len(begins) - 1, matrix.getSize()[1])
+    return sparse.csr_matrix((values, places, begins), shape=shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Distributed:
+    """Rows that touch other ranks, or are no nodal ones; the vectors only lend their shape.
 
     Attributes
     ----------
-    matrix : PETSc matrix (dual, interface)
-        Not to be changed any more.
-    rows, columns : int
-        Of this rank.
+    transpose
+        Where there are nodal rows beside them they are few, and products with the transpose of
+        `matrix` cost less than those with a transpose that has all columns for its rows.
     """
 
-    def __init__(self, matrix: PETSc.Mat) -> None:
-        self.matrix = matrix
-        self.comm: MPI.Intracomm = matrix.getComm().tompi4py()
-        self.rows, self.columns = (int(n) for n in matrix.getLocalSize())
-        # their own arrays are never touched: they only lend their shape
-        self._dual, self._interface = (
-            PETSc.Vec().createWithArray(np.empty(n), comm=self.comm)
-            for n in (self.rows, self.columns)
-        )
+    matrix: PETSc.Mat
+    transpose: PETSc.Mat | None
+    dual: PETSc.Vec
+    interface: PETSc.Vec
+
+
+class ConstraintMatrix:
+    """B and its explicit transpose, whose product is twice as fast as a transposed one.
+
+    Parameters
+    ----------
+    local : (dual, all columns)
+        This rank's rows with sorted entries; not to be changed any more.
+    columns
+        Interface unknowns of this rank.
+    nodal
+        How many of the rows, the first ones, touch this rank alone and are all `nodal_rows`.
+    components
+        Of a node.
+
+    Attributes
+    ----------
+    rows : int
+        Of this rank.
+    first : int
+        First column of this rank.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        local: sparse.csr_matrix,
+        columns: int,
+        nodal: int = 0,
+        components: int = 1,
+    ) -> None:
+        self.comm, self.local = comm, local
+        self.rows, self.columns = local.shape[0], columns
+        self.first = comm.exscan(columns) or 0
+        self.nodal, self.components = nodal, components
 
     @cached_property
-    def _transpose(self) -> PETSc.Mat:
-        return self.matrix.transpose(PETSc.Mat())
+    def matrix(self) -> PETSc.Mat:
+        """The same as one PETSc matrix (collective)."""
+        return petsc_rows(self.comm, self.local, self.columns)
+
+    @cached_property
+    def _nodal(self) -> NodalProduct | None:
+        if not self.nodal:
+            return None
+        rows = self.local[: self.nodal]
+        own = sparse.csr_matrix(
+            (rows.data, rows.indices - self.first, rows.indptr), shape=(self.nodal, self.columns)
+        )
+        return NodalProduct(own, self.components)
+
+    @cached_property
+    def _others(self) -> _Distributed | None:
+        others, nodal = self.comm.allreduce(np.array([self.rows - self.nodal, self.nodal]))
+        if not others:
+            return None
+        matrix, transpose = self.matrix, None
+        if nodal:
+            matrix = petsc_rows(self.comm, self.local[self.nodal :], self.columns)
+        else:
+            transpose = matrix.transpose(PETSc.Mat())
+        dual, interface = (
+            PETSc.Vec().createWithArray(np.empty(n), comm=self.comm) for n in matrix.getLocalSize()
+        )
+        return _Distributed(matrix, transpose, dual, interface)
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put B x into out: (interface,) to (dual,)."""
-        on_arrays(self.matrix.mult, self._interface, x, self._dual, out)
+        nodal, others = self._nodal, self._others
+        if nodal:
+            nodal.apply(x, out[: self.nodal])
+        if others:
+            on_arrays(others.matrix.mult, others.interface, x, others.dual, out[self.nodal :])
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
-        on_arrays(self._transpose.mult, self._dual, x, self._interface, out)
+        nodal, others = self._nodal, self._others
+        if nodal:
+            nodal.apply_transpose(x[: self.nodal], out)
+        elif not (others and others.transpose):
+            out.fill(0.0)
+        if others:
+            action = _adding(others.matrix) if not others.transpose else others.transpose.mult
+            on_arrays(action, others.dual, x[self.nodal :], others.interface, out)
 
     def scaled(self, weights: RowWeights) -> ScaledConstraintMatrix:
         """W B, for weights of this rank's rows."""
@@ -130,15 +212,15 @@ class ScaledConstraintMatrix(ConstraintMatrix):
 
     def __init__(self, B: ConstraintMatrix, weights: RowWeights) -> None:
         self._B, self._weights = B, weights
-        self.comm, self.rows, self.columns = B.comm, B.rows, B.columns
+        self.comm, self.rows, self.columns, self.first = B.comm, B.rows, B.columns, B.first
+        even = (weights.values[: B.nodal] == 1.0).all()
+        self.nodal, self.components = B.nodal if even else 0, B.components
         self._room = np.empty(B.rows)
 
     @cached_property
-    def matrix(self) -> PETSc.Mat:  # type: ignore[override]
+    def local(self) -> sparse.csr_matrix:  # type: ignore[override]
         """Made when it is asked for."""
-        result = self._B.matrix.copy()
-        scale_rows(result, self._weights.values)
-        return result
+        return sparse.diags(self._weights.values) @ self._B.local
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put W B x into out."""

@@ -161,22 +161,33 @@ class Split:
 
     @cached_property
     def unknowns(self) -> NDArray[np.int64]:
-        """The unknowns in the order in which vectors are taken, (m,)."""
-        groups = [np.concatenate([f.unknowns for f in group], axis=1) for group in self._groups]
-        return np.concatenate([group.ravel() for group in groups])
+        """The unknowns in the order in which vectors are taken, (m,).
+
+        Components of a node that are all there follow one another.
+        """
+        return np.concatenate([unknowns.ravel() for _, unknowns, _ in self._groups])
 
     @cached_property
-    def _groups(self) -> list[list[Family]]:
-        """Families with orbits of one size."""
-        return [list(group) for _, group in groupby(self.families, lambda f: len(f.unknowns))]
+    def _groups(self) -> list[tuple[list[Family], NDArray[np.int64], NDArray[np.int64]]]:
+        """Families with orbits of one size, their unknowns (2^k, orbits), and where each orbit is.
+
+        Orbits are in the order of their first unknowns, whatever their family.
+        """
+        result = []
+        for _, group in groupby(self.families, lambda f: len(f.unknowns)):
+            families = list(group)
+            unknowns = np.concatenate([f.unknowns for f in families], axis=1)
+            order = np.argsort(unknowns[0])
+            result.append((families, unknowns[:, order], np.argsort(order)))
+        return result
 
     @cached_property
     def _transforms(self) -> list[tuple[slice, NDArray[np.float64]]]:
         """Place of each group in a vector, and its Hadamard matrix (cosets, cosets)."""
         result, begin = [], 0
-        for group in self._groups:
-            end = begin + sum(family.unknowns.size for family in group)
-            result.append((slice(begin, end), _characters(len(group[0].unknowns))))
+        for _, unknowns, _ in self._groups:
+            end = begin + unknowns.size
+            result.append((slice(begin, end), _characters(len(unknowns))))
             begin = end
         return result
 
@@ -185,14 +196,14 @@ class Split:
         """Place after the transforms of each coordinate in the order of the characters, (m,)."""
         parts: list[list[NDArray[np.int64]]] = [[] for _ in range(self.order)]
         begin = 0
-        for group in self._groups:
-            width = sum(family.unknowns.shape[1] for family in group)
-            for family in group:
-                orbits = np.arange(family.unknowns.shape[1])
+        for families, unknowns, place in self._groups:
+            width, first = unknowns.shape[1], 0
+            for family in families:
+                orbits = place[first : first + family.unknowns.shape[1]]
                 for gamma, character in enumerate(family.characters):
                     parts[character].append(begin + gamma * width + orbits)
-                begin += len(orbits)
-            begin += (len(group[0].unknowns) - 1) * width
+                first += len(orbits)
+            begin += unknowns.size
         return np.concatenate([np.zeros(0, np.int64), *(a for part in parts for a in part)])
 
     @cached_property
