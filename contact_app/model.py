@@ -985,13 +985,16 @@ def _reading_order(
     runs = np.flatnonzero(np.diff(subdomains, prepend=-1))
     begins = np.sort(np.minimum.reduceat(lowest, runs)) if len(runs) else runs
     first, last = local.indices[local.indptr[rows]], local.indices[local.indptr[rows + 1] - 1]
-    ends = [np.searchsorted(begins, of, side="right") for of in (last, first)]
+    between = np.searchsorted(begins, last, side="right")
+    between += len(begins) * np.searchsorted(begins, first, side="right")
     # rows of a node and component are numbered, for those of its other components to be next
     component = (first - own[0]) % d
-    of = np.stack([nodes[rows], kinds[rows], component])
-    starts = np.flatnonzero(np.diff(of, axis=1, prepend=-1).any(axis=0))
+    of = (nodes[rows] * len(RowKind) + kinds[rows]) * d + component
+    starts = np.flatnonzero(np.diff(of, prepend=-1))
     nth = np.arange(len(rows)) - np.repeat(starts, np.diff(starts, append=len(rows)))
-    order = np.lexsort((component, nth, kinds[rows], first - component, *ends))
+    order = np.lexsort(
+        (component + d * (nth + len(rows) * kinds[rows]), first - component, between)
+    )
     rows = rows[order]
     alike = np.zeros(len(rows), bool)
     if own[1] % d == 0:

@@ -30,18 +30,19 @@ def nodal_rows(rows: sparse.csr_matrix, components: int) -> NDArray[np.int64]:
     rows
         With sorted entries; column ``node * components + component``.
     """
-    count, begin = np.diff(rows.indptr), rows.indptr[:-1]
-    runs = np.flatnonzero(count[: max(len(count) - components + 1, 0)])
-    for component in range(components):
-        runs = runs[count[runs + component] == count[runs]]
-        sizes = count[runs]
-        ends = np.cumsum(sizes)
-        entry = np.arange(sizes.sum()) - np.repeat(ends - sizes, sizes)
-        one, other = (np.repeat(begin[runs + k], sizes) + entry for k in (0, component))
-        same = rows.indices[other] == rows.indices[one] // components * components + component
-        same &= rows.data[other] == rows.data[one]
-        if len(runs):
-            runs = runs[np.logical_and.reduceat(same, ends - sizes)]
+    count = np.diff(rows.indptr)
+    runs = np.arange(max(len(count) - components + 1, 0))
+    for nth in range(1, components):
+        runs = runs[count[runs + nth] == count[runs]]
+    runs = runs[count[runs] > 0]
+    runs = runs[rows.indices[rows.indptr[runs]] % components == 0]
+    first = rows[runs]
+    alike = first.indices % components == 0
+    for nth in range(1, components):
+        other = rows[runs + nth]
+        alike &= (other.indices == first.indices + nth) & (other.data == first.data)
+    if len(runs):
+        runs = runs[np.logical_and.reduceat(alike, first.indptr[:-1])]
     return (runs[:, None] + np.arange(components)).ravel()
 
 
