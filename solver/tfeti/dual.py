@@ -194,8 +194,12 @@ class DualProblem:
         They bound what the corrections of rows that are not orthogonal add up to.
         """
         result = np.ones(self.size)
-        contact = petsc_rows(self.comm, self._contact_rows, self.B.columns)
-        product = local_rows(contact.matMult(contact.transpose(PETSc.Mat())))
+        contact = self._contact_rows
+        if self.comm.allreduce(int(self.wide.any())):
+            matrix = petsc_rows(self.comm, contact, self.B.columns)
+            product = local_rows(matrix.matMult(matrix.transpose(PETSc.Mat())))
+        else:  # rows of one node overlap with others of that node alone, which this rank has
+            product = contact @ contact.T
         sums = np.asarray(abs(product).sum(axis=1)).ravel()
         result[self.inequality] = np.maximum(sums, 1.0)
         return result

@@ -22,7 +22,7 @@ from solver.tfeti.matrix import ConstraintMatrix
 CHUNK = 2**20
 """Entries of B taken at a time: 50 MB of Gᵀ."""
 
-Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,37 +189,40 @@ class KernelRows:
             self._distant = self._ask(B.local.shape[1])
 
     def _ask(self, total: int) -> tuple[NDArray[np.int64], Seen]:
-        """Columns of other ranks that rows of this one touch, and what their owners say of them."""
+        """Columns of other ranks that rows of this one touch, and what their owners say of them.
+
+        Their kernels follow those of this rank in the table.
+        """
         away = self._columns[(self._columns < self._first) | (self._columns >= self._last)]
         columns = np.unique(away).astype(np.int64)
         starts = np.array([*self.comm.allgather(self._first), total], np.int64)
         exchange = NodeExchange(self.comm, columns, total, starts)
-        told = self._own(exchange.nodes - self._first)
-        start, width, kernel = (exchange.from_owners(part) for part in told)
-        return columns, (start, width, kernel)
+        start, width, place = self._own(exchange.nodes - self._first)
+        start, width, kernel = map(exchange.from_owners, (start, width, self._table[place]))
+        place = len(self._table) + np.arange(len(columns))
+        self._table = np.concatenate([self._table, kernel])
+        return columns, (start, width, place)
 
     def _own(self, columns: NDArray[np.int64]) -> Seen:
-        """First coarse unknown, width and kernel (n, motions) of local columns (n,)."""
+        """First coarse unknown, width and place in the table of local columns (n,)."""
         cls = np.searchsorted(self._ends, columns, side="right")
         begins = self._ends[cls - 1] * (cls > 0) if len(self._ends) else columns
         member, at = np.divmod(columns - begins, self._sizes[cls])
         start: NDArray[np.int64] = self._coarse[cls] + member * self._widths[cls]
-        return start, self._widths[cls], self._table[self._offsets[cls] + at]
+        return start, self._widths[cls], self._offsets[cls] + at
 
     def _seen(self, columns: NDArray[np.int32]) -> Seen:
         """The same of any columns of local rows."""
-        away = (columns < self._first) | (columns >= self._last)
-        if not away.any():
+        here = (columns >= self._first) & (columns < self._last)
+        if here.all():
             return self._own(columns.astype(np.int64) - self._first)
         known, told = self._distant
-        at = np.searchsorted(known, columns[away])
-        own = self._own(columns[~away].astype(np.int64) - self._first)
-        place = np.empty(len(away), np.int64)
-        place[~away], place[away] = np.arange(len(own[0])), len(own[0]) + at
-        start, width, kernel = (
-            np.concatenate(parts)[place] for parts in zip(own, told, strict=True)
-        )
-        return start, width, kernel
+        own = self._own(columns[here].astype(np.int64) - self._first)
+        at = np.searchsorted(known, columns[~here])
+        result = np.empty((3, len(columns)), np.int64)
+        for part, ours, theirs in zip(result, own, told, strict=True):
+            part[here], part[~here] = ours, theirs[at]
+        return result[0], result[1], result[2]
 
     def alike(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
         """Some local rows, by the subdomains they touch; those that touch none are left out."""
@@ -233,30 +236,37 @@ class KernelRows:
         nth = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
         entry = np.repeat(self._begins[rows], counts) + nth
         row = np.repeat(np.arange(len(rows)), counts)
-        start, width, kernel = self._seen(self._columns[entry])
-        kernel = kernel * self._values[entry, None]
+        start, width, place = self._seen(self._columns[entry])
+        value = self._values[entry]
         floating = width > 0
         if not floating.all():
             row, start, width = row[floating], start[floating], width[floating]
-            kernel = kernel[floating]
+            place, value = place[floating], value[floating]
         if len(row) == 0:
             return
         # columns are in order, and with them subdomains
         other = np.r_[True, (row[1:] != row[:-1]) | (start[1:] != start[:-1])]
+        several = None
         if not other.all():
             first = np.flatnonzero(other)
-            kernel = np.add.reduceat(kernel, first, axis=0)
+            several = np.add.reduceat(self._table[place] * value[:, None], first, axis=0)
             row, start, width = row[first], start[first], width[first]
         touched = np.bincount(row, minlength=len(rows))
         for m in np.unique(touched[touched > 0]):
-            mine = touched[row] == m
-            starts = start[mine].reshape(-1, m)
-            order = np.lexsort(starts.T)
-            starts, widths = starts[order], width[mine].reshape(-1, m)[order]
-            values, numbers = kernel[mine].reshape(len(starts), -1), rows[row[mine][::m]][order]
+            pairs = np.flatnonzero(touched[row] == m).reshape(-1, m)
+            pairs = pairs[np.lexsort(start[pairs].T)]
+            starts = start[pairs]
             first = np.flatnonzero(np.r_[True, (starts[1:] != starts[:-1]).any(axis=1)])
             sizes = np.diff(first, append=len(starts))
             for n in np.unique(sizes):
                 begins = first[sizes == n]
-                of = begins[:, None] + np.arange(n)
-                yield AlikeRows(numbers[of], starts[begins], widths[begins], values[order[of]])
+                of = pairs[begins[:, None] + np.arange(n)]
+                if several is None:
+                    values = self._table[place[of]]
+                    values *= value[of][..., None]
+                else:
+                    values = several[of]
+                yield AlikeRows(
+                    rows[row[of[:, :, 0]]], starts[begins], width[pairs[begins]],
+                    values.reshape(len(begins), n, -1),
+                )  # fmt: skip

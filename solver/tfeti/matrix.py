@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.tfeti.nodal import NodalProduct
-from solver.vectors import Action, on_arrays
+from solver.vectors import on_arrays
 
 FEW = 0.1
 """Share of weights that differ from one up to which they are taken one by one."""
@@ -57,11 +57,6 @@ def scale_rows(matrix: PETSc.Mat, weights: NDArray[np.float64]) -> None:
         matrix.diagonalScale(L=left)
 
 
-def _adding(matrix: PETSc.Mat) -> Action:
-    """What adds the product of a matrix' transpose to a vector."""
-    return lambda source, target: matrix.multTransposeAdd(source, target, target)
-
-
 def local_rows(matrix: PETSc.Mat) -> sparse.csr_matrix:
     """A copy of this rank's rows of a distributed matrix, all columns."""
     begins, places, values = matrix.getValuesCSR()
@@ -75,15 +70,32 @@ class _Distributed:
 
     Attributes
     ----------
-    transpose
-        Where there are nodal rows beside them they are few, and products with the transpose of
-        `matrix` cost less than those with a transpose that has all columns for its rows.
+    few
+        Whether there are nodal rows beside them. Then products with the transpose of `matrix` cost
+        less than those with an explicit one, which has all columns for its rows.
     """
 
     matrix: PETSc.Mat
-    transpose: PETSc.Mat | None
+    few: bool
     dual: PETSc.Vec
     interface: PETSc.Vec
+
+    @cached_property
+    def transpose(self) -> PETSc.Mat:
+        """Explicit (collective)."""
+        return self.matrix.transpose(PETSc.Mat())
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Put the product with x into out."""
+        on_arrays(self.matrix.mult, self.interface, x, self.dual, out)
+
+    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Put the product of the transpose with x into out; add it where there are few rows."""
+        action = self._add_transpose if self.few else self.transpose.mult
+        on_arrays(action, self.dual, x, self.interface, out)
+
+    def _add_transpose(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        self.matrix.multTransposeAdd(x, out, out)
 
 
 class ConstraintMatrix:
@@ -141,15 +153,12 @@ class ConstraintMatrix:
         others, nodal = self.comm.allreduce(np.array([self.rows - self.nodal, self.nodal]))
         if not others:
             return None
-        matrix, transpose = self.matrix, None
-        if nodal:
-            matrix = petsc_rows(self.comm, self.local[self.nodal :], self.columns)
-        else:
-            transpose = matrix.transpose(PETSc.Mat())
+        rows = self.local[self.nodal :] if nodal else self.local
+        matrix = petsc_rows(self.comm, rows, self.columns)
         dual, interface = (
             PETSc.Vec().createWithArray(np.empty(n), comm=self.comm) for n in matrix.getLocalSize()
         )
-        return _Distributed(matrix, transpose, dual, interface)
+        return _Distributed(matrix, bool(nodal), dual, interface)
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put B x into out: (interface,) to (dual,)."""
@@ -157,18 +166,17 @@ class ConstraintMatrix:
         if nodal:
             nodal.apply(x, out[: self.nodal])
         if others:
-            on_arrays(others.matrix.mult, others.interface, x, others.dual, out[self.nodal :])
+            others.apply(x, out[self.nodal :])
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
         nodal, others = self._nodal, self._others
         if nodal:
             nodal.apply_transpose(x[: self.nodal], out)
-        elif not (others and others.transpose):
+        elif others is None or others.few:
             out.fill(0.0)
         if others:
-            action = _adding(others.matrix) if not others.transpose else others.transpose.mult
-            on_arrays(action, others.dual, x[self.nodal :], others.interface, out)
+            others.apply_transpose(x[self.nodal :], out)
 
     def scaled(self, weights: RowWeights) -> ScaledConstraintMatrix:
         """W B, for weights of this rank's rows."""
