@@ -984,17 +984,18 @@ def _reading_order(
     lowest = np.where(columns >= 0, columns, local.shape[1]).min(axis=1)
     runs = np.flatnonzero(np.diff(subdomains, prepend=-1))
     begins = np.sort(np.minimum.reduceat(lowest, runs)) if len(runs) else runs
-    first, last = local.indices[local.indptr[rows]], local.indices[local.indptr[rows + 1] - 1]
+    ends = local.indptr[rows], local.indptr[rows + 1] - 1
+    first, last = (local.indices[of].astype(np.int64) for of in ends)
     between = np.searchsorted(begins, last, side="right")
     between += len(begins) * np.searchsorted(begins, first, side="right")
     # rows of a node and component are numbered, for those of its other components to be next
-    component = (first - own[0]) % d
-    of = (nodes[rows] * len(RowKind) + kinds[rows]) * d + component
+    component, kind = (first - own[0]) % d, kinds[rows].astype(np.int64)
+    of = (nodes[rows] * len(RowKind) + kind) * d + component
     starts = np.flatnonzero(np.diff(of, prepend=-1))
     nth = np.arange(len(rows)) - np.repeat(starts, np.diff(starts, append=len(rows)))
-    order = np.lexsort(
-        (component + d * (nth + len(rows) * kinds[rows]), first - component, between)
-    )
+    most = int(nth.max(initial=0)) + 1
+    within = (((first - component) * len(RowKind) + kind) * most + nth) * d + component
+    order = np.lexsort((within, between))
     rows = rows[order]
     alike = np.zeros(len(rows), bool)
     if own[1] % d == 0:
