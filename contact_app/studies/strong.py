@@ -19,8 +19,8 @@ from contact_app.studies.bench import SERIES, Series, config
 from contact_app.studies.processes import python
 from contact_app.studies.runs import STAGES, from_summary
 
-REPEATS = 5
-PATIENCE = 120.0
+REPEATS = 12
+PATIENCE = 180.0
 
 
 def strong(

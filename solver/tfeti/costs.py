@@ -18,19 +18,19 @@ APPLICATIONS = 50
 BLOCK_LIMIT = 3e9
 """Largest dense block, in bytes."""
 
-PRODUCT_RATE = 3e10
+PRODUCT_RATE = 3.5e10
 """Dense products, in floating-point operations a second."""
 
-SINGLE = 0.5
+SINGLE = 0.65
 """Time of a product in single precision, which a preconditioner takes, over one in double."""
 
-SPLIT_SECONDS = 1.5e-8
+SPLIT_SECONDS = 8e-9
 """Change to the coordinates of the characters and back, for each unknown."""
 
 SPARSE_SECONDS = 2e-8
 """The lumped preconditioner's product with a sparse matrix, for each interface unknown."""
 
-ROW_SECONDS = 7e-8
+ROW_SECONDS = 4e-8
 """Products with B, projections and vector work of an iteration, for each row of B."""
 
 CLASS_SECONDS = 1.3e-2
@@ -190,7 +190,7 @@ def coarse_seconds(subdomains: int) -> float:
 
 def coarse_factor_seconds(subdomains: int, dimension: int = 3) -> float:
     """The factor of G Gᵀ."""
-    return 3e-7 * subdomains**2 if dimension == 3 else 5e-6 * subdomains**1.5
+    return 8e-6 * subdomains**1.17 if dimension == 3 else 5e-6 * subdomains**1.5
 
 
 def choose_block(
