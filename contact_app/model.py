@@ -41,6 +41,7 @@ from contact_app.timings import Timings
 from meshes import Partition, Reference, Subdomain, decompose
 from solver.tfeti.classes import subdomain_class
 from solver.tfeti.coarse import CoarseProblem
+from solver.tfeti.congruent import Kind, kinds_of
 from solver.tfeti.constraints import (
     ContactRows,
     ContradictionError,
@@ -57,6 +58,7 @@ from solver.tfeti.constraints import (
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.equilibrium import BodyBalance, balance, by_body, holds
 from solver.tfeti.exchange import NodeExchange
+from solver.tfeti.gram import KernelRows
 from solver.tfeti.kernels import (
     MOTIONS,
     fixing_nodes,
@@ -857,7 +859,10 @@ def _dual_problem(
 
     first_column = comm.exscan(size) or 0
     columns = np.where(columns >= 0, columns + first_column, -1)
-    B, c, kinds, metric = _constraint_matrix(comm, exchange, surface, rows, supports, columns, size)
+    kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
+    B, c, kinds, metric, repeated = _constraint_matrix(
+        comm, exchange, rows, supports, columns, size, kernels
+    )
     e = np.concatenate(
         [
             np.zeros(0),
@@ -868,8 +873,7 @@ def _dual_problem(
     coarse = None
     if comm.allreduce(len(e)):
         with timings.measure("factorization"):
-            kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
-            coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT, metric)
+            coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT, metric, repeated)
     wide = np.zeros(len(kinds), bool)
     wide[kinds == RowKind.CONTACT] = contact.wide
     problem = DualProblem(
@@ -918,15 +922,23 @@ def _made_by_all(
 def _constraint_matrix(
     comm: MPI.Intracomm,
     exchange: NodeExchange,
-    surface: _Surface,
     rows: Rows,
     supports: _Supports,
     columns: NDArray[np.int64],
     size: int,
-) -> tuple[ConstraintMatrix, NDArray[np.float64], NDArray[np.int8], NDArray[np.float64]]:
-    """B on interface columns, its right-hand side, the kind of each row and its weight."""
-    arrived = exchange.to_owners(columns)
-    row, column, value = [[part] for part in rows.entries(arrived)]
+    kernels: Sequence[tuple[int, NDArray[np.float64]]],
+) -> tuple[
+    ConstraintMatrix, NDArray[np.float64], NDArray[np.int8], NDArray[np.float64], list[Kind]
+]:
+    """B on interface columns, its right-hand side, the kind and weight of each row; what repeats.
+
+    Parameters
+    ----------
+    kernels : one (members, (m, k) array) pair a class
+        Rigid motions on the class's interface.
+    """
+    d = columns.shape[1]
+    row, column, value = [[part] for part in rows.entries(exchange.to_owners(columns))]
     for nth, (copies, values) in enumerate(zip(supports.copies, supports.values, strict=True)):
         node, component = np.nonzero(values)
         row.append(np.full(len(node), len(rows.kind) + nth))
@@ -942,65 +954,66 @@ def _constraint_matrix(
     )
     local.sort_indices()
     weight = np.concatenate([rows.weight, np.ones(extra)])
-    first = comm.exscan(size) or 0
-    order, nodal = _reading_order(
-        local, kinds, rows.node, arrived, exchange.to_owners(surface.subdomains), (first, size)
-    )
-    B = ConstraintMatrix(comm, local[order], size, nodal, arrived.shape[1])
-    return B, c[order], kinds[order], weight[order]
+    seen = KernelRows(ConstraintMatrix(comm, local, size), kernels)
+    own = comm.exscan(size) or 0, size
+    order, nodal, alike = _row_order(local, kinds, rows.node, seen, own, d)
+    B = ConstraintMatrix(comm, local[order], size, nodal, d)
+    return B, c[order], kinds[order], weight[order], alike
 
 
-def _reading_order(
+def _row_order(
     local: sparse.csr_matrix,
     kinds: NDArray[np.int8],
     nodes: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    subdomains: NDArray[np.int64],
+    seen: KernelRows,
     own: tuple[int, int],
-) -> tuple[NDArray[np.int64], int]:
-    """The order of rows in which products with B read nearby: by subdomains, then by column.
+    d: int,
+) -> tuple[NDArray[np.int64], int, list[Kind]]:
+    """The order of rows in which those that repeat are together and products read nearby.
 
-    Rows that do the same to each component of some nodes of this rank come first, rows of contact
-    and supports last, as they are.
+    Rows that do the same to each component of some nodes of this rank come first, then those that
+    do so to nodes of other ranks as well, rows of contact and supports last, as they are.
 
     Parameters
     ----------
     nodes : (rows,)
         Node of each row but those of supports, sorted; rows of one node and component one after
         another.
-    columns, subdomains : (arrived, dimension), (arrived,)
-        Columns of the components of the arrived copies, -1 for none, and the subdomain of each;
-        copies of one come one after another.
     own
         First column of this rank, and how many it has.
+    d
+        Components of a node.
 
     Returns
     -------
-    The order, and how many rows come first.
+    The order, how many rows come first, and kinds of rows.
     """
-    d = columns.shape[1]
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
     rows = np.flatnonzero(inner)
-    lowest = np.where(columns >= 0, columns, local.shape[1]).min(axis=1)
-    runs = np.flatnonzero(np.diff(subdomains, prepend=-1))
-    begins = np.sort(np.minimum.reduceat(lowest, runs)) if len(runs) else runs
-    ends = local.indptr[rows], local.indptr[rows + 1] - 1
-    first, last = (local.indices[of].astype(np.int64) for of in ends)
-    between = np.searchsorted(begins, last, side="right")
-    between += len(begins) * np.searchsorted(begins, first, side="right")
+    first = local.indices[local.indptr[rows]].astype(np.int64)
     # rows of a node and component are numbered, for those of its other components to be next
     component, kind = (first - own[0]) % d, kinds[rows].astype(np.int64)
     of = (nodes[rows] * len(RowKind) + kind) * d + component
     starts = np.flatnonzero(np.diff(of, prepend=-1))
     nth = np.arange(len(rows)) - np.repeat(starts, np.diff(starts, append=len(rows)))
     most = int(nth.max(initial=0)) + 1
-    within = (((first - component) * len(RowKind) + kind) * most + nth) * d + component
-    order = np.lexsort((within, between))
-    rows = rows[order]
-    alike = np.zeros(len(rows), bool)
-    if own[1] % d == 0:
-        inside = np.flatnonzero(((first >= own[0]) & (last < sum(own)))[order])
-        here = local[rows[inside]]
-        here.indices -= own[0]
-        alike[inside[nodal_rows(here, d)]] = True
-    return np.concatenate([rows[alike], rows[~alike], np.flatnonzero(~inner)]), int(alike.sum())
+    rows = rows[np.argsort((of - component) * most + nth * d + component, kind="stable")]
+    here = local[rows]
+    here.indices -= own[0]
+    runs = nodal_rows(here, d)[::d] if seen.motions and own[1] % d == 0 else rows[:0]
+    begin, end = here.indptr[runs], here.indptr[runs + 1] - 1
+    inside = (here.indices[begin] >= 0) & (here.indices[end] < own[1])
+    parts: list[NDArray[np.int64]] = []
+    alike: list[Kind] = []
+    for mine in (runs[inside], runs[~inside]):
+        order, found = kinds_of(seen, rows[mine], d, d * sum(map(len, parts)))
+        parts.append(mine[order])
+        alike += found
+    nodal = (np.concatenate(parts)[:, None] + np.arange(d)).ravel()
+    left = np.ones(len(rows), bool)
+    left[nodal] = False
+    others = rows[left]
+    begins, start, _, place, _ = seen.entries_of(others)
+    others = others[np.lexsort((place[begins[:-1]], start[begins[1:] - 1], start[begins[:-1]]))]
+    order = np.concatenate([rows[nodal], others, np.flatnonzero(~inner)])
+    return order, d * len(parts[0]), alike

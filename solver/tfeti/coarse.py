@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 from weakref import finalize
 
 import numpy as np
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.tfeti.congruent import Kind, KindProduct, blocks_of, pays
 from solver.tfeti.exchange import NodeExchange
 from solver.tfeti.gram import Blocks, KernelRows
 from solver.tfeti.matrix import ConstraintMatrix, RowWeights, petsc_rows
@@ -49,12 +50,21 @@ VANISHING = 1e-13
 """Blocks of G W Gᵀ, over the largest entry, that are what rounding left of none."""
 
 
+class Restriction(Protocol):
+    """G on vectors as the coarse problem's layout has them: whole, or this rank's part."""
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """G times a dual vector (collective)."""
+
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Gᵀ times a coarse vector (collective)."""
+
+
 class CoarseProblem:
     """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
 
-    G = Rᵀ Bᵀ is applied as it is written: B once, then one product with the small dense kernel of
-    each class; the product of the two, twelve entries a row, would take several times longer. The
-    factor is made when it is first asked for.
+    G is applied kind by kind where rows of B repeat, else by way of the interface; its entries,
+    twelve a row, would take several times longer. The factor is made when it is first asked for.
 
     Parameters
     ----------
@@ -67,6 +77,8 @@ class CoarseProblem:
         Contact rows, which `weighted` may weigh down.
     metric : (dual,)
         W of the problems that `weighted` makes, one on contact rows; in this one W = I.
+    kinds
+        Of the rows of B.
     """
 
     def __init__(
@@ -75,28 +87,38 @@ class CoarseProblem:
         kernels: Sequence[tuple[int, NDArray[np.float64]]],
         inequality: NDArray[np.bool_],
         metric: NDArray[np.float64],
+        kinds: Sequence[Kind] = (),
     ) -> None:
         self.comm = B.comm
         self.B = B
-        self.size, interface = B.rows, B.columns
+        self.size = B.rows
         self.kernels = sum(members * R.shape[1] for members, R in kernels)
         self.metric = metric
-        self._kernels, self._classes = kernels, _kernel_parts(kernels)
+        self._kernels = kernels
         self._layout = _Layout(self.comm, self.kernels)
-        self._others = np.flatnonzero(~inequality)
+        self._inequality = inequality
         rows = KernelRows(B, kernels)
+        repeats = pays(self.comm, kinds, B.rows)
+        self._kinds = kinds if repeats else ()
         self._contact = list(rows.alike(np.flatnonzero(inequality)))
         self._weighed = self._gram(rows, metric)
         self._left = self._both = RowWeights(np.ones(self.size))
         self._spare: list[CoarseFactor] = []
-        self._interface = np.empty(interface)
+        self._product: Restriction
+        if repeats and self._layout.whole:
+            self._product = KindProduct(rows, self._kinds, self._layout.total)
+        else:
+            self._product = _ThroughInterface(B, kernels, self._layout)
         self._dual = np.empty(self.size)
-        self._coarse = np.empty(self.kernels)
-        self._solution = np.empty(self.kernels)
+        self._coarse = np.empty(self._layout.rows)
+        self._solution = np.empty(self._layout.rows)
 
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
         """What G W Gᵀ is without contact rows, which are summed from `_contact` (collective)."""
-        others = self._layout.brought(Blocks.of(rows.alike(self._others), rows.motions, metric))
+        repeated, inside = blocks_of(self._kinds, rows.motions, metric)
+        single = np.flatnonzero(~inside & ~self._inequality)
+        singles = Blocks.of(rows.alike(single), rows.motions, metric)
+        others = self._layout.brought(Blocks.join([repeated, singles]))
         others = others.without(VANISHING * self._layout.largest(others))
         places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
         others = Blocks.join([others, self._layout.brought(places)]).summed()
@@ -148,62 +170,51 @@ class CoarseProblem:
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G W Gᵀ)⁻¹ times a coarse vector."""
-        self._factor.solve(rhs, out)
+        self._factor.solve(self._layout.spread(rhs), self._solution)
+        out[:] = self._solution[self._layout.own]
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
-        self._restrict(dual, self._left, out)
+        self._restrict(dual, self._left, self._coarse)
+        out[:] = self._coarse[self._layout.own]
 
     def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Gᵀ times a coarse vector."""
-        self._extend(coarse, self._left, out)
+        self._extend(self._layout.spread(coarse), self._left, out)
 
     def carry(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector: the least multipliers whose G is that."""
-        self.solve(coarse, self._solution)
+        self._factor.solve(self._layout.spread(coarse), self._solution)
         self._extend(self._solution, self._both, out)
 
     def _restrict(
-        self,
-        dual: NDArray[np.float64],
-        weights: RowWeights,
-        out: NDArray[np.float64],
+        self, dual: NDArray[np.float64], weights: RowWeights, out: NDArray[np.float64]
     ) -> None:
-        self.B.apply_transpose(weights.times(dual, self._dual), self._interface)
-        for interface, coarse, members, R in self._classes:
-            forces = self._interface[interface].reshape(members, -1)
-            # wide results are multiplied faster than narrow ones
-            out[coarse].reshape(members, -1)[:] = (R.T @ forces.T).T
+        self._product.restrict(weights.times(dual, self._dual), out)
 
     def _extend(
-        self,
-        coarse: NDArray[np.float64],
-        weights: RowWeights,
-        out: NDArray[np.float64],
+        self, coarse: NDArray[np.float64], weights: RowWeights, out: NDArray[np.float64]
     ) -> None:
-        for interface, part, members, R in self._classes:
-            motions = self._interface[interface].reshape(members, -1)
-            np.matmul(coarse[part].reshape(members, -1), R.T, out=motions)
-        self.B.apply(self._interface, out)
+        self._product.extend(coarse, out)
         weights.scale(out)
 
     def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
         """(G W Gᵀ)⁻¹ G W times a dual vector: the α whose Gᵀ α is closest to it."""
         self._restrict(dual, self._both, self._coarse)
-        alpha = np.empty(self.kernels)
-        self.solve(self._coarse, alpha)
-        return alpha
+        self._factor.solve(self._coarse, self._solution)
+        return self._solution[self._layout.own].copy()
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Q x."""
-        self.restrict(x, self._coarse)
-        self.carry(self._coarse, out)
+        self._restrict(x, self._left, self._coarse)
+        self._factor.solve(self._coarse, self._solution)
+        self._extend(self._solution, self._both, out)
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Qᵀ x."""
         self._restrict(x, self._both, self._coarse)
-        self.solve(self._coarse, self._solution)
-        self.extend(self._solution, out)
+        self._factor.solve(self._coarse, self._solution)
+        self._extend(self._solution, self._left, out)
 
     def project(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """P x = x - Q x; `out` may be `x`."""
@@ -238,10 +249,19 @@ class _Layout:
         self.starts = np.cumsum([0, *self.counts])
         self.total = int(self.starts[-1])
         first, last = (int(n) for n in self.starts[comm.rank :][:2])
-        self.mine = slice(first, last)
         self.gathered = 1 < comm.size and self.total <= SHARED
+        self.whole = comm.size == 1 or self.gathered
         self.of_factor = MPI.COMM_SELF if self.gathered else comm
         self._first, self.rows = (0, self.total) if self.gathered else (first, kernels)
+        self.own = slice(first, last) if self.gathered else slice(0, kernels)
+
+    def spread(self, own: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The vector as it is had here, from this rank's part (collective)."""
+        if not self.gathered:
+            return own
+        result = np.empty(self.total)
+        self.comm.Allgatherv(own, (result, self.counts))
+        return result
 
     def brought(self, blocks: Blocks) -> Blocks:
         """The sum of what all ranks have, of the rows that are wanted here (collective)."""
@@ -289,7 +309,6 @@ class CoarseFactor:
             PETSc.Vec().createWithArray(np.empty(layout.rows), comm=layout.of_factor)
             for _ in range(2)
         )
-        self._whole = np.empty(layout.total) if layout.gathered else None
 
     @property
     def entries(self) -> int:
@@ -322,14 +341,43 @@ class CoarseFactor:
             ) from error
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """(G Gᵀ)⁻¹ times a coarse vector."""
-        if self._whole is None:
-            on_arrays(self._pc.apply, self._source, rhs, self._target, out)
-            return
-        self._layout.comm.Allgatherv(rhs, (self._whole, self._layout.counts))
-        solution = np.empty_like(self._whole)
-        on_arrays(self._pc.apply, self._source, self._whole, self._target, solution)
-        out[:] = solution[self._layout.mine]
+        """(G Gᵀ)⁻¹ times a coarse vector, both as the layout has them."""
+        on_arrays(self._pc.apply, self._source, rhs, self._target, out)
+
+
+class _ThroughInterface:
+    """G = Rᵀ Bᵀ as it is written (protocol `Restriction`).
+
+    B once, then one product with the small dense kernel of each class.
+    """
+
+    def __init__(
+        self,
+        B: ConstraintMatrix,
+        kernels: Sequence[tuple[int, NDArray[np.float64]]],
+        layout: _Layout,
+    ) -> None:
+        self._B, self._layout = B, layout
+        self._classes = _kernel_parts(kernels)
+        self._interface = np.empty(B.columns)
+        self._coarse = np.empty(layout.counts[layout.comm.rank])
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """G times a dual vector (collective)."""
+        self._B.apply_transpose(dual, self._interface)
+        for interface, coarse, members, R in self._classes:
+            forces = self._interface[interface].reshape(members, -1)
+            # wide results are multiplied faster than narrow ones
+            self._coarse[coarse].reshape(members, -1)[:] = (R.T @ forces.T).T
+        out[:] = self._layout.spread(self._coarse)
+
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Gᵀ times a coarse vector (collective)."""
+        own = coarse[self._layout.own]
+        for interface, part, members, R in self._classes:
+            motions = self._interface[interface].reshape(members, -1)
+            np.matmul(own[part].reshape(members, -1), R.T, out=motions)
+        self._B.apply(self._interface, out)
 
 
 def _kernel_parts(

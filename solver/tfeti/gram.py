@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -231,13 +232,57 @@ class KernelRows:
         for chunk in np.split(rows, cuts):
             yield from self._chunk(chunk)
 
-    def _chunk(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
+    def entries_of(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+        """Entries of some rows of B, and what they see.
+
+        Returns
+        -------
+        Where those of each row begin (rows + 1,), and of each the first coarse unknown of the
+        subdomain, how many it has, where its kernel is in a table, and its value in B.
+        """
         counts = self.entries[rows]
-        nth = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        entry = np.repeat(self._begins[rows], counts) + nth
-        row = np.repeat(np.arange(len(rows)), counts)
-        start, width, place = self._seen(self._columns[entry])
-        value = self._values[entry]
+        begins = np.concatenate([[0], np.cumsum(counts)])
+        entry = np.repeat(self._begins[rows] - begins[:-1], counts) + np.arange(begins[-1])
+        return (begins, *self._seen(self._columns[entry]), self._values[entry])
+
+    def signatures(self, components: int) -> NDArray[np.uint64]:
+        """A number for each place in the table that the kernel of the node there decides.
+
+        It means something where the first component of a node is.
+        """
+        known = np.random.default_rng(0).standard_normal((components, self.motions))
+        sums = [(self._table * each).sum(axis=1) for each in known]
+        for nth in range(1, components):
+            sums[0][:-nth] += sums[nth][nth:]
+        return np.asarray(sums[0].view(np.uint64))
+
+    def values(
+        self, place: NDArray[np.int64], value: NDArray[np.float64], components: int
+    ) -> NDArray[np.float64]:
+        """Rows of Gᵀ of all components of a node, (n · components, m · motions).
+
+        Parameters
+        ----------
+        place, value : (n, m)
+            Of the first components: a kernel in the table and an entry of B.
+        """
+        n, m = place.shape
+        kernel = self._table[place[:, None] + np.arange(components)[:, None]]
+        return (kernel * value[:, None, :, None]).reshape(n * components, m * self.motions)
+
+    def matrix(self, rows: NDArray[np.int64], total: int) -> sparse.csr_matrix:
+        """Some rows of Gᵀ, with a column for each of the `total` coarse unknowns."""
+        begins, start, width, place, value = self.entries_of(rows)
+        motions = np.arange(self.motions)
+        used = motions < width[:, None]
+        row = np.repeat(np.arange(len(rows)), np.diff(begins))
+        at = np.broadcast_to(row[:, None], used.shape)[used], (start[:, None] + motions)[used]
+        entries = (self._table[place] * value[:, None])[used]
+        return sparse.csr_matrix((entries, at), shape=(len(rows), total))
+
+    def _chunk(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
+        begins, start, width, place, value = self.entries_of(rows)
+        row = np.repeat(np.arange(len(rows)), np.diff(begins))
         floating = width > 0
         if not floating.all():
             row, start, width = row[floating], start[floating], width[floating]

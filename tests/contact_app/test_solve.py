@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import gc
 import weakref
 from dataclasses import replace
@@ -183,8 +184,8 @@ def test_active_sets_that_come_back_are_decided_later(monkeypatch: pytest.Monkey
     assert looks[2] == pytest.approx(0.1 * looks[0])
 
 
-def test_rows_of_b_are_read_one_pair_of_subdomains_after_another() -> None:
-    """Gluing rows in runs: each pair of ends comes once; contact rows last, by node."""
+def test_rows_of_b_come_one_face_edge_or_corner_after_another() -> None:
+    """Rows that touch the same subdomains are one run of them; contact rows last, by node."""
     made = scenes.ALL["wall"]("hexahedron", 6)
     problem = build_model(scenes.build(made, [3, 3, 3]), MPI.COMM_SELF).problem
     begins, columns, _ = problem.B.matrix.getValuesCSR()
@@ -192,8 +193,7 @@ def test_rows_of_b_are_read_one_pair_of_subdomains_after_another() -> None:
     subdomain = np.repeat(np.arange(len(widths)), widths)
     contact = np.flatnonzero(problem.inequality)
     assert contact[0] == problem.size - len(contact)
-    first, last = subdomain[columns[begins[:-1]]], subdomain[columns[begins[1:] - 1]]
-    pairs = np.stack([first, last], axis=1)[: contact[0]]
-    runs = 1 + int((pairs[1:] != pairs[:-1]).any(axis=1).sum())
-    assert runs == len(np.unique(pairs, axis=0))
+    touched = [tuple(subdomain[part]) for part in np.split(columns, begins[1:-1])][: contact[0]]
+    runs = 1 + sum(one != next for one, next in itertools.pairwise(touched))
+    assert runs == len(set(touched))
     assert (np.diff(problem.contact.nodes) >= 0).all()
