@@ -956,7 +956,7 @@ def _constraint_matrix(
     weight = np.concatenate([rows.weight, np.ones(extra)])
     seen = KernelRows(ConstraintMatrix(comm, local, size), kernels)
     own = comm.exscan(size) or 0, size
-    order, nodal, alike = _row_order(local, kinds, rows.node, seen, own, d)
+    order, nodal, alike = _row_order(local, kinds, seen, own, d)
     B = ConstraintMatrix(comm, local[order], size, nodal, d)
     return B, c[order], kinds[order], weight[order], alike
 
@@ -964,7 +964,6 @@ def _constraint_matrix(
 def _row_order(
     local: sparse.csr_matrix,
     kinds: NDArray[np.int8],
-    nodes: NDArray[np.int64],
     seen: KernelRows,
     own: tuple[int, int],
     d: int,
@@ -976,9 +975,8 @@ def _row_order(
 
     Parameters
     ----------
-    nodes : (rows,)
-        Node of each row but those of supports, sorted; rows of one node and component one after
-        another.
+    local
+        Rows that do the same to each component of a node next to each other.
     own
         First column of this rank, and how many it has.
     d
@@ -989,31 +987,23 @@ def _row_order(
     The order, how many rows come first, and kinds of rows.
     """
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
-    rows = np.flatnonzero(inner)
-    first = local.indices[local.indptr[rows]].astype(np.int64)
-    # rows of a node and component are numbered, for those of its other components to be next
-    component, kind = (first - own[0]) % d, kinds[rows].astype(np.int64)
-    of = (nodes[rows] * len(RowKind) + kind) * d + component
-    starts = np.flatnonzero(np.diff(of, prepend=-1))
-    nth = np.arange(len(rows)) - np.repeat(starts, np.diff(starts, append=len(rows)))
-    most = int(nth.max(initial=0)) + 1
-    rows = rows[np.argsort((of - component) * most + nth * d + component, kind="stable")]
-    here = local[rows]
-    here.indices -= own[0]
-    runs = nodal_rows(here, d)[::d] if seen.motions and own[1] % d == 0 else rows[:0]
-    begin, end = here.indptr[runs], here.indptr[runs + 1] - 1
-    inside = (here.indices[begin] >= 0) & (here.indices[end] < own[1])
+    runs = np.empty(0, np.int64)
+    if seen.motions and not any(n % d for n in own):
+        runs = nodal_rows(local, d).reshape(-1, d)
+        runs = runs[inner[runs].all(axis=1), 0]
+    begin, end = local.indptr[runs], local.indptr[runs + 1] - 1
+    inside = (local.indices[begin] >= own[0]) & (local.indices[end] < sum(own))
     parts: list[NDArray[np.int64]] = []
     alike: list[Kind] = []
     for mine in (runs[inside], runs[~inside]):
-        order, found = kinds_of(seen, rows[mine], d, d * sum(map(len, parts)))
+        order, found = kinds_of(seen, mine, d, d * sum(map(len, parts)))
         parts.append(mine[order])
         alike += found
     nodal = (np.concatenate(parts)[:, None] + np.arange(d)).ravel()
-    left = np.ones(len(rows), bool)
+    left = inner.copy()
     left[nodal] = False
-    others = rows[left]
+    others = np.flatnonzero(left)
     begins, start, _, place, _ = seen.entries_of(others)
     others = others[np.lexsort((place[begins[:-1]], start[begins[1:] - 1], start[begins[:-1]]))]
-    order = np.concatenate([rows[nodal], others, np.flatnonzero(~inner)])
+    order = np.concatenate([nodal, others, np.flatnonzero(~inner)])
     return order, d * len(parts[0]), alike

@@ -35,6 +35,9 @@ from scipy import sparse
 from solver.tfeti import crossings
 from solver.tfeti.exchange import NodeExchange
 
+MOST_COMPONENTS = 3
+"""Components a node has at most."""
+
 PARALLEL = 1e-10
 """Two unit directions closer than this are one."""
 
@@ -531,16 +534,20 @@ def write_rows(
     none = np.zeros(0, np.int64)
     rhs = contact.gaps * contact.spread
     weight = np.ones(len(rhs))
-    parts.append(_Part(RowKind.CONTACT, contact.nodes, rhs, weight, none, none, none, np.zeros(0)))
+    nth = np.arange(len(rhs))
+    parts.append(
+        _Part(RowKind.CONTACT, contact.nodes, nth, rhs, weight, none, none, none, np.zeros(0))
+    )
     return _assemble(parts, shared), contact
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Rows of one kind before they are sorted into place."""
+    """Rows of one kind before they are sorted into place, those of a node by `nth`."""
 
     kind: RowKind
     node: NDArray[np.int64]
+    nth: NDArray[np.int64]
     rhs: NDArray[np.float64]
     weight: NDArray[np.float64]
     row: NDArray[np.int64]
@@ -559,7 +566,10 @@ class _Part:
         rhs: NDArray[np.float64],
         weight: NDArray[np.float64] | None = None,
     ) -> _Part:
-        """The same stencil (rows, m) and weights (rows,) on the copies (nodes, m) of each node."""
+        """The same stencil (rows, m) and weights (rows,) on the copies (nodes, m) of each node.
+
+        Rows of it that do the same to other components are next to each other.
+        """
         per_node, m = stencil.shape
         r, c = np.nonzero(stencil)
         base = np.arange(len(nodes))[:, None]
@@ -567,6 +577,7 @@ class _Part:
         return cls(
             kind,
             np.repeat(nodes, per_node),
+            np.tile(np.arange(per_node) * MOST_COMPONENTS + component, len(nodes)),
             rhs,
             np.tile(np.ones(per_node) if weight is None else weight, len(nodes)),
             row,
@@ -577,11 +588,11 @@ class _Part:
 
 
 def _assemble(parts: list[_Part], contact: SharedEntries) -> Rows:
-    """Number the rows by node, then kind, then as they were written."""
+    """Number the rows by node, then kind, then as their part says."""
     kind = np.concatenate([np.full(len(p.node), p.kind, np.int8) for p in parts])
     node = np.concatenate([p.node for p in parts])
     offsets = np.cumsum([0, *(len(p.node) for p in parts)])
-    order = np.lexsort((np.arange(len(node)), kind, node))
+    order = np.lexsort((np.concatenate([p.nth for p in parts]), kind, node))
     new = np.empty(len(node), np.int64)
     new[order] = np.arange(len(node))
     row = np.concatenate([o + p.row for o, p in zip(offsets, parts, strict=False)])
