@@ -30,7 +30,7 @@ CASES = (
     ("hexahedron", 40, "auto"),
     ("hexahedron", 60, "auto"),
     ("tetrahedron", 24, "auto"),
-    ("hexahedron", 60, "{subdomains: [6, 6, 6]}"),
+    ("hexahedron", 100, "auto"),
     ("hexahedron", 40, "{subdomains: [10, 10, 10]}"),
 )
 

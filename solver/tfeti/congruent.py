@@ -18,7 +18,7 @@ from scipy import sparse
 
 from solver.tfeti.gram import Blocks, KernelRows
 
-ROWS_OF_A_KIND = 1000
+ROWS_OF_A_KIND = 2000
 """Rows that have to belong to a kind, on average, for its calls to cost less than they save."""
 
 OTHERS = 0.2
