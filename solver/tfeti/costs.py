@@ -190,7 +190,9 @@ def coarse_seconds(subdomains: int) -> float:
 
 def coarse_factor_seconds(subdomains: int, dimension: int = 3) -> float:
     """The factor of G Gᵀ."""
-    return 8e-6 * subdomains**1.17 if dimension == 3 else 5e-6 * subdomains**1.5
+    if dimension == 2:
+        return 5e-6 * subdomains**1.5
+    return max(8e-6 * subdomains**1.17, 2e-8 * subdomains**2.0)
 
 
 def choose_block(
