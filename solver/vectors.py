@@ -105,3 +105,10 @@ class Reduction:
         local = [offset + int(np.argmax(mask))] if mask.any() else []
         found = [number for part in self.comm.allgather(local) for number in part]
         return min(found) if found else None
+
+
+def runs(begins: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The numbers from each of some begins on, as many as its count, one run after another."""
+    ends = np.cumsum(counts)
+    nth = np.arange(ends[-1] if len(ends) else 0)
+    return np.asarray(np.repeat(begins - (ends - counts), counts) + nth)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.gram import Blocks, KernelRows
+from solver.vectors import runs
 
 ROWS_OF_A_KIND = 2000
 """Rows that have to belong to a kind, on average, for its calls to cost less than they save."""
@@ -73,7 +74,7 @@ class _Entries:
         """Those of some rows."""
         counts = np.diff(self.begins)[rows]
         begins = np.concatenate([[0], np.cumsum(counts)])
-        entry = np.repeat(self.begins[rows] - begins[:-1], counts) + np.arange(begins[-1])
+        entry = runs(self.begins[rows], counts)
         return _Entries(begins, self.start[entry], self.place[entry], self.value[entry])
 
     @property
@@ -87,7 +88,7 @@ class _Entries:
 
 
 def kinds_of(
-    kernels: KernelRows, runs: NDArray[np.int64], components: int, first: int = 0
+    kernels: KernelRows, rows: NDArray[np.int64], components: int, first: int = 0
 ) -> tuple[NDArray[np.int64], list[Kind]]:
     """The order in which rows of a kind follow one another, and the kinds.
 
@@ -95,7 +96,7 @@ def kinds_of(
 
     Parameters
     ----------
-    runs
+    rows
         First rows of runs of `components` rows that do the same to each component of some nodes.
     first
         Where the first of them will be among all rows.
@@ -104,7 +105,7 @@ def kinds_of(
     -------
     The order of the runs, those that belong to no kind last, and the kinds.
     """
-    fits, entries = _entries(kernels, runs)
+    fits, entries = _entries(kernels, rows)
     none = np.flatnonzero(~fits)
     if not fits.any():
         return none, []
@@ -128,25 +129,24 @@ def kinds_of(
 
     kinds: list[Kind] = []
     for mine in np.split(by_kind, np.cumsum(np.bincount(appears[kind]))[:-1]):
-        rows = entries.of(sets[mine[0]] + np.arange(sizes[mine[0]]))
-        width = rows.begins[1]
-        V = kernels.values(rows.place.reshape(-1, width), rows.value.reshape(-1, width), components)
+        one_set = entries.of(sets[mine[0]] + np.arange(sizes[mine[0]]))
+        width = one_set.begins[1]
+        place, value = one_set.place.reshape(-1, width), one_set.value.reshape(-1, width)
+        V = kernels.values(place, value, components)
         starts = entries.start[entries.begins[sets[mine]][:, None] + np.arange(width)]
         kinds.append(Kind(first, starts, V))
         first = kinds[-1].rows.stop
-    counts = sizes[by_kind]
-    begins = np.cumsum(counts) - counts
-    nth = np.repeat(sets[by_kind] - begins, counts) + np.arange(counts.sum())
+    nth = runs(sets[by_kind], sizes[by_kind])
     return np.concatenate([np.flatnonzero(fits)[order[nth]], none]), kinds
 
 
-def _entries(kernels: KernelRows, runs: NDArray[np.int64]) -> tuple[NDArray[np.bool_], _Entries]:
-    """Which runs touch floating subdomains alone, each once; and the entries of these."""
-    begins, start, width, place, value = kernels.entries_of(runs)
-    row = np.repeat(np.arange(len(runs)), np.diff(begins))
+def _entries(kernels: KernelRows, rows: NDArray[np.int64]) -> tuple[NDArray[np.bool_], _Entries]:
+    """Which rows touch floating subdomains alone, each once; and the entries of these."""
+    begins, start, width, place, value = kernels.entries_of(rows)
+    row = np.repeat(np.arange(len(rows)), np.diff(begins))
     bad = width < kernels.motions
     bad[1:] |= (row[1:] == row[:-1]) & (start[1:] == start[:-1])
-    fits = np.ones(len(runs), bool)
+    fits = np.ones(len(rows), bool)
     fits[row[bad]] = False
     entries = _Entries(begins, start, place, value)
     return fits, entries if fits.all() else entries.of(np.flatnonzero(fits))

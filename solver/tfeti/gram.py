@@ -19,6 +19,7 @@ from scipy import sparse
 
 from solver.tfeti.exchange import NodeExchange
 from solver.tfeti.matrix import ConstraintMatrix
+from solver.vectors import runs
 
 CHUNK = 2**20
 """Entries of B taken at a time: 50 MB of Gᵀ."""
@@ -242,7 +243,7 @@ class KernelRows:
         """
         counts = self.entries[rows]
         begins = np.concatenate([[0], np.cumsum(counts)])
-        entry = np.repeat(self._begins[rows] - begins[:-1], counts) + np.arange(begins[-1])
+        entry = runs(self._begins[rows], counts)
         return (begins, *self._seen(self._columns[entry]), self._values[entry])
 
     def signatures(self, components: int) -> NDArray[np.uint64]:

@@ -22,6 +22,8 @@ from scipy import sparse
 from scipy.linalg import hadamard
 from scipy.spatial import cKDTree
 
+from solver.vectors import runs
+
 Vectors = NDArray[np.floating[Any]]
 
 TOLERANCE = 1e-10
@@ -73,7 +75,7 @@ class Symmetry:
             widths = np.diff(blocks.indptr)[back]
             begins = np.zeros(nodes + 1, blocks.indptr.dtype)
             np.cumsum(widths, out=begins[1:])
-            source = np.repeat(blocks.indptr[back] - begins[:-1], widths) + np.arange(begins[-1])
+            source = runs(blocks.indptr[back], widths)
             column = node[blocks.indices[source]]
             key = np.repeat(np.arange(nodes), widths) * nodes + column
             order = np.argsort(key)
