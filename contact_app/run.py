@@ -271,6 +271,7 @@ def _solved(
     timings, spent
         Time and work so far.
     """
+    comm.barrier()  # processes begin at different times: nobody's seconds are the wait for others
     timings, spent = timings or Timings(), spent or Counts()
     needed: Needed = "estimated"
     for _ in range(EXTENSIONS):
