@@ -63,6 +63,9 @@ STALLED = 2
 """Steps on a face, over its unknowns, after which rounding holds conjugate gradients up, which end
 within one of them in exact arithmetic: its rows hardly keep some body in place or hardly differ."""
 
+PEELED = 0.1
+"""Share of the touching rows that open, face after face, where contact peels off."""
+
 FACES = 60
 """Faces tried: where contact peels off row by row each is a handful of products."""
 
@@ -155,6 +158,9 @@ is worth one as it stands."""
 
 Keep = Callable[[State, Counts], None]
 """Told of each state, and of the work up to it."""
+
+Guess = Callable[[], NDArray[np.bool_]]
+"""Contact rows that touch, (dual,) (collective)."""
 
 
 class Face:
@@ -377,6 +383,7 @@ def follow(
     monitor: Monitor | None,
     keep: Keep | None = None,
     eager: bool = False,
+    fewer: Guess | None = None,
 ) -> Outcome:
     """Active sets from the contact rows that touch, until an answer is accepted.
 
@@ -386,6 +393,9 @@ def follow(
         Where the first face begins; as for `Face`.
     lacks, eager
         As in `decide`.
+    fewer
+        Another guess of what touches, asked where rows open face after face from the first on: of
+        bodies that lie flat and lift off for the most part, faces alone peel row after row.
 
     Returns
     -------
@@ -397,7 +407,7 @@ def follow(
     directions = Directions(problem)
     levels = RowLevels(problem, thinned=problem.held_without_contact and multiplier is None)
     touching = touching & levels.allowed
-    first_look = FIRST_LOOK if levels.finest else THINNED_LOOK
+    first_look, peels = FIRST_LOOK if levels.finest else THINNED_LOOK, 0
     for _ in range(FACES):
         fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
         if fingerprint in seen:  # decided too early, or the sets do not settle
@@ -424,8 +434,22 @@ def follow(
         PETSc.garbage_cleanup(problem.comm)
         if found.reason is not None or found.state is None:
             break
-        multiplier, touching = found.state.multiplier, found.following
+        following = found.following
+        if fewer is not None:
+            peels = peels + 1 if _peels(problem.comm, touching, following) else 0
+            if peels == 2:
+                following = following & fewer()
+            fewer = fewer if peels == 1 else None
+        multiplier, touching = found.state.multiplier, following
     return replace(found, counts=counts)
+
+
+def _peels(comm: MPI.Intracomm, touching: NDArray[np.bool_], following: NDArray[np.bool_]) -> bool:
+    """Whether contact rows open in number and none closes (collective)."""
+    closed, opened, before = comm.allreduce(
+        np.array([(following & ~touching).sum(), (touching & ~following).sum(), touching.sum()])
+    )
+    return not closed and bool(opened > PEELED * before)
 
 
 def _kept(keep: Keep, before: Counts, state: State, spent: Counts) -> None:

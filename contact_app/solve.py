@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from contact_app.certificate import certify, duality_gap
 from contact_app.checkpoint import Checkpoint
-from contact_app.faces import Keep, Outcome, State, follow
+from contact_app.faces import Guess, Keep, Outcome, State, follow
 from contact_app.scene import SolverOptions
 from contact_app.solution import Solution
 from contact_app.target import Assess, Target, aim
@@ -27,7 +28,7 @@ from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.operators import estimate_norm
 from solver.result import Monitor
 from solver.smalbe import Restart, Save
-from solver.tfeti.bedding import bedded
+from solver.tfeti.bedding import bedded, lies_flat
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.columns import on_columns
 from solver.tfeti.dual import DualProblem
@@ -111,6 +112,7 @@ def _on_faces(
     touching: NDArray[np.bool_],
     monitor: Monitor | None,
     keep: Keep | None,
+    fewer: Guess | None = None,
 ) -> tuple[Outcome, Solution | None]:
     """`follow` active sets to a certified answer, or to the best there is where it was stopped."""
     answer: Solution | None = None
@@ -131,7 +133,9 @@ def _on_faces(
 
         return target.lacks(worst, state.strained, gap)
 
-    found = follow(problem, inner, multiplier, touching, lacks, accept, monitor, keep, target.eager)
+    found = follow(
+        problem, inner, multiplier, touching, lacks, accept, monitor, keep, target.eager, fewer
+    )
     if found.reason not in ENDS:
         return found, None
     if found.reason is not Reason.ACCEPTED:
@@ -306,22 +310,25 @@ def _from_first_face(
 ) -> tuple[Outcome, Solution | None]:
     """Faces from a first one on, or from where a stopped solve had come to.
 
-    The first is what touches when all subdomains are rigid, on springs, or what pushes in a guess
-    of the multipliers. What is saved of a face is λ itself, without a multiplier of Gλ = e.
+    The first is what pushes in a guess of the multipliers; without one it is all contact where
+    bodies lie flat, since rigid subdomains do not bulge, else what touches when all subdomains are
+    rigid, on springs. What is saved of a face is λ itself, without a multiplier of Gλ = e.
     """
-    multiplier, touching, before = None, np.zeros(problem.size, bool), Counts()
-    if restart is None:
-        touching = bedded(problem) if guess is None else problem.inequality & (guess > 0.0)
-        multiplier = guess
+    multiplier, before, fewer = guess, Counts(), None
     if restart is not None:
         multiplier, before = restart.x, restart.counts
-        touching = problem.inequality & (restart.x > 0.0)
+    if multiplier is not None:
+        touching = problem.inequality & (multiplier > 0.0)
+    elif lies_flat(problem):
+        touching, fewer = problem.inequality, partial(bedded, problem)
+    else:
+        touching = bedded(problem)
 
     def keep(state: State, spent: Counts) -> None:
         none = np.zeros(problem.size)
         save(Restart(0, state.multiplier, none, 0.0, 0.0, 0.0, -math.inf, (), before + spent))
 
-    found, answer = _on_faces(problem, target, inner, multiplier, touching, monitor, keep)
+    found, answer = _on_faces(problem, target, inner, multiplier, touching, monitor, keep, fewer)
     return replace(found, counts=before + found.counts), answer
 
 

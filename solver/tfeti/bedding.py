@@ -39,6 +39,19 @@ SHORTEST = 1e-4
 """Share of a step below which it is taken without looking whether φ falls."""
 
 
+FLAT = 1e-12
+"""Gaps over the largest coordinate that are none."""
+
+
+def lies_flat(problem: DualProblem) -> bool:
+    """Whether every contact node touches before any load, and no two rows overlap (collective)."""
+    comm, points = problem.comm, problem.contact.points
+    size = comm.allreduce(float(np.abs(points).max(initial=0.0)), op=MPI.MAX)
+    apart = np.abs(problem.contact.gaps) > FLAT * size
+    overlaps = problem.overlap[problem.inequality] > 1.0 + FLAT
+    return not comm.allreduce(int((apart | overlaps).sum()))
+
+
 def bedded(problem: DualProblem) -> NDArray[np.bool_]:
     """Contact rows (dual,) that touch where rigid subdomains lie on springs."""
     coarse, comm = problem.coarse, problem.comm

@@ -22,6 +22,9 @@ from solver.vectors import runs
 ROWS_OF_A_KIND = 2000
 """Rows that have to belong to a kind, on average, for its calls to cost less than they save."""
 
+ON_RANKS = 1000
+"""The same on several ranks, where the way through the interface is two halos and a gather."""
+
 OTHERS = 0.2
 """Share of rows outside all kinds up to which it pays to apply G kind by kind."""
 
@@ -169,7 +172,8 @@ def pays(comm: MPI.Intracomm, kinds: Sequence[Kind], rows: int) -> bool:
         Of B on this rank.
     """
     inside = sum(k.rows.stop - k.rows.start for k in kinds)
-    good = ROWS_OF_A_KIND * len(kinds) <= rows and rows - inside <= OTHERS * rows
+    least = ROWS_OF_A_KIND if comm.size == 1 else ON_RANKS
+    good = least * len(kinds) <= rows and rows - inside <= OTHERS * rows
     return bool(comm.allreduce(int(good), op=MPI.MIN))
 
 

@@ -88,7 +88,7 @@ def test_on_ranks(ranks: int) -> None:
         "from mpi4py import MPI\n"
         "from solver.tfeti import congruent\n"
         "from tests.solver.tfeti.test_congruent import CASES, coarse_of, error_of, problem_of\n"
-        "congruent.ROWS_OF_A_KIND, congruent.OTHERS = 0, 1.0\n"
+        "congruent.ON_RANKS, congruent.OTHERS = 0, 1.0\n"
         "for case in CASES:\n"
         "    problem = problem_of(case, MPI.COMM_WORLD)\n"
         "    assert isinstance(coarse_of(problem)._product, congruent.KindProduct), case\n"
