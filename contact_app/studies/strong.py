@@ -19,8 +19,8 @@ from contact_app.studies.bench import SERIES, Series, config
 from contact_app.studies.processes import python
 from contact_app.studies.runs import STAGES, from_summary
 
-REPEATS = 12
-PATIENCE = 180.0
+REPEATS = 20
+PATIENCE = 400.0
 
 
 def strong(
@@ -58,11 +58,12 @@ def main() -> None:
     name, *numbers = sys.argv[1:] or ["hexahedra"]
     series = next(series for series in SERIES if series.name == name)
     cells, *ranks = [int(word) for word in numbers] or [60]
+    counts = ranks or [1, 2]
     first = None
     stages = " | ".join(f"{stage} (s)" for stage in STAGES)
     print(f"| unknowns | ranks | {stages} | all (s) | speed-up | products | GB |")
     print("|---:" * (len(STAGES) + 6) + "|")
-    for summary in strong(series, cells, ranks or [1, 2]):
+    for summary in strong(series, cells, counts):
         row = from_summary(summary)
         first = first or row["seconds"]
         stages = " | ".join(f"{summary['timings'][stage]:.2f}" for stage in STAGES)
@@ -71,6 +72,10 @@ def main() -> None:
             f"| {first / row['seconds']:.2f} | {row['products']} | {row['peak_rss_gb']:.2g} |",
             flush=True,
         )
+    print("\n| ranks | dense products (10⁹/s) | vectors from memory (GB/s) |\n|---:|---:|---:|")
+    for n in counts:
+        found = python("-m", "contact_app.studies.machine", ranks=n, threads=1)
+        print(f"| {n} | {found['dense']:.0f} | {found['memory']:.0f} |", flush=True)
 
 
 if __name__ == "__main__":
