@@ -407,8 +407,8 @@ def follow(
     directions = Directions(problem)
     levels = RowLevels(problem, thinned=problem.held_without_contact and multiplier is None)
     touching = touching & levels.allowed
-    first_look, peels = FIRST_LOOK if levels.finest else THINNED_LOOK, 0
-    for _ in range(FACES):
+    first_look = FIRST_LOOK if levels.finest else THINNED_LOOK
+    for number in range(FACES):
         fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
         if fingerprint in seen:  # decided too early, or the sets do not settle
             first_look *= DEEPER
@@ -435,11 +435,10 @@ def follow(
         if found.reason is not None or found.state is None:
             break
         following = found.following
-        if fewer is not None:
-            peels = peels + 1 if _peels(problem.comm, touching, following) else 0
-            if peels == 2:
-                following = following & fewer()
-            fewer = fewer if peels == 1 else None
+        if fewer is not None and not _peels(problem.comm, touching, following):
+            fewer = None
+        if fewer is not None and number == 1:  # the second face in a row peels
+            following, fewer = following & fewer(), None
         multiplier, touching = found.state.multiplier, following
     return replace(found, counts=counts)
 

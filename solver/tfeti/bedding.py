@@ -1,4 +1,4 @@
-"""A first guess of what touches.
+"""A first guess of what touches: all where bodies lie flat against obstacles, else by springs.
 
 Rigid subdomains on springs: the dual operator F is replaced by its diagonal, each row a spring
 between subdomains (gluing) or to an obstacle (contact, pushing only). What is left of
