@@ -223,23 +223,32 @@ class Meeting:
     """
 
     def __init__(self, comm: MPI.Intracomm, numbers: NDArray[np.int64], total: int) -> None:
-        self._alone = comm.size == 1
-        self._exchange = NodeExchange(comm, numbers, total)
-        self.known, at = np.unique(self._exchange.nodes, return_inverse=True)
+        self._exchange = exchange = NodeExchange(comm, numbers, total)
+        self.known, at = np.unique(exchange.nodes, return_inverse=True)
         self._at = at.reshape(-1)
-        arrived = len(self._at)
+        kept, foreign = self._at[exchange.kept], np.delete(self._at, exchange.kept)
         self._sums = sparse.csr_matrix(
-            (np.ones(arrived), (self._at, np.arange(arrived))), shape=(len(self.known), arrived)
+            (np.ones(len(kept)), (kept, exchange.own)), shape=(len(self.known), len(numbers))
+        )
+        # what comes from other ranks belongs to few of the nodes
+        self._shared, place = np.unique(foreign, return_inverse=True)
+        arrived = len(foreign)
+        self._foreign = sparse.csr_matrix(
+            (np.ones(arrived), (place.reshape(-1), np.arange(arrived))),
+            shape=(len(self._shared), arrived),
         )
 
     def gather(self, copies: Array) -> Array:
         """Sum (copies, width) over the copies of a node, (owned, width)."""
-        return self._sums @ (copies if self._alone else self._exchange.to_owners(copies))
+        sums = self._sums @ copies
+        if self._exchange.comm.size > 1:
+            sums[self._shared] += self._foreign @ self._exchange.of_others(copies)
+        return sums
 
     def scatter(self, values: Array) -> Array:
         """Bring (owned, width) to the copies, (copies, width)."""
         copies = values[self._at]
-        return copies if self._alone else self._exchange.from_owners(copies)
+        return copies if self._exchange.comm.size == 1 else self._exchange.from_owners(copies)
 
 
 class Copies(Meeting):

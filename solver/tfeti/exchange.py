@@ -30,6 +30,10 @@ class NodeExchange:
     nodes : (arrived,)
         Node numbers of the copies that arrived at this rank, which owns them; ordered by the
         rank they come from and there as they were given.
+    own : (kept,)
+        Copies this rank owns itself.
+    kept
+        Where they are among those that arrived.
     """
 
     def __init__(
@@ -45,31 +49,39 @@ class NodeExchange:
             starts = total * np.arange(comm.size + 1, dtype=np.int64) // comm.size
         owner = np.searchsorted(starts, nodes, side="right") - 1
         self.first, self.last = int(starts[comm.rank]), int(starts[comm.rank + 1])
-        self._order = np.argsort(owner, kind="stable")
-        self._cuts = np.searchsorted(owner[self._order], np.arange(1, comm.size))
-        arrived = self._sent(nodes[self._order], self._cuts)
-        self._arrived_cuts = np.cumsum([len(a) for a in arrived])[:-1]
+        self._copies = len(nodes)
+        self._of_rank = [np.flatnonzero(owner == rank) for rank in range(comm.size)]
+        self.own: NDArray[np.int64] = self._of_rank[comm.rank]
+        self._of_rank[comm.rank] = self.own[:0]  # these stay here: most of all
+        arrived = comm.alltoall([nodes[copies] for copies in self._of_rank])
+        arrived[comm.rank] = nodes[self.own]
+        self._ends = np.cumsum([0, *map(len, arrived)])
+        self.kept = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
         self.nodes: NDArray[np.int64] = np.concatenate(arrived)
 
     def to_owners(self, values: NDArray) -> NDArray:
         """Bring one value (or row) a copy to the owners: (copies, …) to (arrived, …)."""
         if self.comm.size == 1:
             return values.copy()
-        return np.concatenate(self._sent(values[self._order], self._cuts))
+        result = np.empty((len(self.nodes), *values.shape[1:]), values.dtype)
+        others = self.of_others(values)
+        result[: self.kept.start] = others[: self.kept.start]
+        np.take(values, self.own, 0, out=result[self.kept], mode="clip")
+        result[self.kept.stop :] = others[self.kept.start :]
+        return result
+
+    def of_others(self, values: NDArray) -> NDArray:
+        """Of `to_owners` what comes from other ranks alone, (arrived - kept, …)."""
+        return np.concatenate(self.comm.alltoall([values[copies] for copies in self._of_rank]))
 
     def from_owners(self, values: NDArray) -> NDArray:
         """Bring one value (or row) an arrived copy back: (arrived, …) to (copies, …)."""
         if self.comm.size == 1:
             return values.copy()
-        returned = np.concatenate(self._sent(values, self._arrived_cuts))
-        result = np.empty_like(returned)
-        result[self._order] = returned
+        parts = np.split(values, self._ends[1:-1])
+        parts[self.comm.rank] = values[:0]
+        result = np.empty((self._copies, *values.shape[1:]), values.dtype)
+        result[self.own] = values[self.kept]
+        for copies, part in zip(self._of_rank, self.comm.alltoall(parts), strict=True):
+            result[copies] = part
         return result
-
-    def _sent(self, values: NDArray, cuts: NDArray[np.int64]) -> list[NDArray]:
-        """What all ranks have for this one; most of it, its own, is not copied into messages."""
-        parts: list[NDArray | None] = list(np.split(values, cuts))
-        own, parts[self.comm.rank] = parts[self.comm.rank], None
-        arrived = self.comm.alltoall(parts)
-        arrived[self.comm.rank] = own
-        return arrived
