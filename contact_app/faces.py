@@ -3,9 +3,10 @@
 On a face nothing is left to bounds or augmented Lagrangians: rows that touch join the coarse
 problem, open ones leave it, and conjugate gradients run without a restart. The solution of the
 right face is the solution. `follow` looks for it by primal-dual active sets, solved no further than
-a decision needs: rows that pull by more than the face's error open, rows that are crossed by more
-than it close (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as a semismooth
-Newton method*, 2002), and only a face that asks for no change is solved to the end.
+a decision needs: rows that pull by more than the face's error open, and with them their mirror
+image across the edge where they end (`solver.tfeti.edges`); rows that are crossed by more than it
+close (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as a semismooth Newton
+method*, 2002), and only a face that asks for no change is solved to the end.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from solver.errors import QPError
 from solver.iterate import Iterate
 from solver.result import Monitor
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.edges import mirrored
 from solver.tfeti.feasible import largest_magnitude
 from solver.tfeti.preconditioner import FacePreconditioner
 from solver.tfeti.recovery import add_motions
@@ -176,6 +178,8 @@ class Face:
         Of earlier faces, which serve again; those of this one join them.
     levels
         Which open rows may close; a face that asks for no change goes on to the next level.
+    beyond
+        Whether rows open in the mirror image of what pulls, too.
 
     Raises
     ------
@@ -190,8 +194,10 @@ class Face:
         multiplier: NDArray[np.float64] | None = None,
         directions: Directions | None = None,
         levels: RowLevels | None = None,
+        beyond: bool = True,
     ) -> None:
         self.problem, self.touching = problem, touching
+        self._beyond = beyond
         self._levels = levels or RowLevels(problem, thinned=False)
         directions = directions or Directions(problem)
         recycled = Recycled(directions, touching)
@@ -298,6 +304,8 @@ class Face:
         error = SIGNIFICANT * self.error(strained)
         strongest = largest_magnitude(problem.comm, multiplier[self.touching])
         stays = multiplier > -error * strongest
+        if self._beyond:
+            stays &= ~mirrored(problem, self.touching, self.touching & ~stays)
         for _ in range(2):
             crossed = self._levels.allowed & (distance > error)
             if not problem.comm.allreduce(int(self.touching.sum())):
@@ -403,6 +411,7 @@ def follow(
     """
     counts = Counts()
     seen: set[int] = set()
+    beyond = True
     found = Outcome(None, None, touching, counts)
     directions = Directions(problem)
     levels = RowLevels(problem, thinned=problem.held_without_contact and multiplier is None)
@@ -412,10 +421,11 @@ def follow(
         fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
         if fingerprint in seen:  # decided too early, or the sets do not settle
             first_look *= DEEPER
+            beyond = False
             seen.clear()
         seen.add(fingerprint)
         try:
-            face = Face(problem, touching, multiplier, directions, levels)
+            face = Face(problem, touching, multiplier, directions, levels, beyond)
         except ArithmeticError:  # a body is kept by rows that have opened
             break
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)

@@ -1,0 +1,98 @@
+"""Where contact that is closed too far ends.
+
+Closed too far by a, the pressure at distance s from the edge of a contact without friction is
+
+    p(s) ≈ A √s - A a / (2 √s),
+
+since to first order in a it is what the right edge makes of A √(s - a). It pulls up to s = a/2, so
+that active sets, which open what pulls, halve the excess on each face: the finer the mesh, the more
+faces. What pulls is opened together with its mirror image across the edge where it ends, which
+leaves an excess of second order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from solver.tfeti.dual import DualProblem
+
+SLACK = {2: 2.5, 3: 5.5}
+"""Rows at the inner edge of the mirror image that are left, by dimension: where a face is not
+solved to the end the edge of what pulls is ragged, along a surface more than along a line."""
+
+APART = 10.0
+"""Distance that is put between contacts, over the extent of all: none is near another."""
+
+AROUND = 8
+"""Neighbours among which a row is the one farthest from what pushes."""
+
+Array = NDArray[np.float64]
+
+
+def mirrored(
+    problem: DualProblem, touching: NDArray[np.bool_], pulling: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Touching rows in the mirror image of what pulls (collective).
+
+    A row that pulls at distance w from all that push stands for a zone that is w wide there; of
+    these the rows farthest inside are asked, and the image is what lies within 2 w of them.
+
+    Parameters
+    ----------
+    touching : (dual,)
+        Contact rows of a face.
+    pulling : (dual,)
+        Those that pull.
+
+    Returns
+    -------
+    (dual,), none of which pull.
+    """
+    comm = problem.comm
+    rows = np.flatnonzero(problem.inequality)
+    places = _places(comm, problem.contact.points, problem.contact.sources)
+    pulls = pulling[rows]
+    pushes = touching[rows] & ~pulls
+    asked = np.concatenate(comm.allgather(places[pulls]))
+    result = np.zeros(problem.size, bool)
+    if not len(asked) or not comm.allreduce(int(pushes.sum())):
+        return result
+    pushing = cKDTree(places[pushes])
+    nearest = np.stack([pushing.query(asked)[0], _next(cKDTree(places[touching[rows]]), asked)])
+    comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
+    reach = 2.0 * nearest[0] - SLACK[problem.dimension] * nearest[1]
+    wide = (reach > nearest[0]) & (nearest[0] < 0.5 * APART)
+    some = np.flatnonzero(wide & _innermost(asked, nearest[0]))
+    if len(some):
+        distance, which = cKDTree(asked[some]).query(
+            places[pushes], distance_upper_bound=float(reach[some].max())
+        )
+        found = distance < np.append(reach[some], 0.0)[which]
+        result[rows[pushes][found]] = True
+    return result
+
+
+def _places(comm: MPI.Intracomm, points: Array, sources: NDArray[np.int64]) -> Array:
+    """Points (n, 3) over their extent, each contact's far from all others': (n, 4)."""
+    corners = np.full((2, 3), -np.inf)
+    if len(points):
+        corners = np.stack([points.max(axis=0), -points.min(axis=0)])
+    comm.Allreduce(MPI.IN_PLACE, corners, op=MPI.MAX)
+    extent = float(np.linalg.norm(corners.sum(axis=0)))
+    return np.column_stack([points / (extent or 1.0), APART * sources])
+
+
+def _next(tree: cKDTree, points: Array) -> Array:
+    """Distance to the nearest other point of a tree, which may hold the points."""
+    distances = tree.query(points, 2)[0]
+    return np.asarray(np.where(distances[:, 0] > 0.0, distances[:, 0], distances[:, 1]))
+
+
+def _innermost(points: Array, depth: Array) -> NDArray[np.bool_]:
+    """Which points have no neighbour that lies as much deeper as it is away, or nearly so."""
+    distance, which = cKDTree(points).query(points, AROUND + 1)
+    deeper = np.append(depth, 0.0)[which] - depth[:, None]
+    return np.asarray(~(deeper > 0.5 * np.where(distance > 0.0, distance, np.inf)).any(axis=1))
