@@ -98,11 +98,14 @@ class PointValues:
     def _known(self, points: Array, bodies: NDArray[np.int64]) -> tuple[Array, Array]:
         """Values this rank has at points, and their distance from its mesh."""
         nearest, result = np.full(len(points), np.inf), np.zeros((len(points), self._width))
+        order = np.argsort(points[:, 0], kind="stable")
+        along = points[order, 0]
         for piece in self._pieces:
-            asked = [
-                np.flatnonzero((bodies == body) & _inside(box, points))
-                for body, box in zip(piece.bodies, piece.boxes, strict=True)
-            ]
+            asked = []
+            for body, box in zip(piece.bodies, piece.boxes, strict=True):
+                begin = np.searchsorted(along, box[0, 0])
+                near = order[begin : np.searchsorted(along, box[1, 0], side="right")]
+                asked.append(near[(bodies[near] == body) & _inside(box, points[near])])
             member = np.repeat(np.arange(len(asked)), [len(rows) for rows in asked])
             row = np.concatenate(asked)
             if len(row) == 0:

@@ -95,10 +95,17 @@ class LastLevel:
             nodes.append(np.unique(s.reference.facets[rows]))
         points = [s.points()[n] for s, n in zip(subdomains, nodes, strict=True)]
         bodies = [np.full(len(n), s.body) for s, n in zip(subdomains, nodes, strict=True)]
-        known = self._values.at(
-            np.concatenate([np.zeros((0, 3)), *points]),
-            np.concatenate([np.zeros(0, np.int64), *bodies]),
+        numbers = [s.nodes[n] for s, n in zip(subdomains, nodes, strict=True)]
+        # where subdomains meet a node is asked for once
+        _, one, back = np.unique(
+            np.concatenate([np.zeros(0, np.int64), *numbers]),
+            return_index=True,
+            return_inverse=True,
         )
+        known = self._values.at(
+            np.concatenate([np.zeros((0, 3)), *points])[one],
+            np.concatenate([np.zeros(0, np.int64), *bodies])[one],
+        )[back.reshape(-1)]
         of_subdomains = np.split(known, np.cumsum([len(n) for n in nodes])[:-1])
         made: dict[int, tuple[Array, Array]] = {}
         result = np.zeros(problem.B.columns)
