@@ -60,19 +60,23 @@ def mirrored(
     result = np.zeros(problem.size, bool)
     if not len(asked) or not comm.allreduce(int(pushes.sum())):
         return result
-    pushing = cKDTree(places[pushes])
-    nearest = np.stack([pushing.query(asked)[0], _next(cKDTree(places[touching[rows]]), asked)])
-    comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
-    reach = 2.0 * nearest[0] - SLACK[problem.dimension] * nearest[1]
-    wide = (reach > nearest[0]) & (nearest[0] < 0.5 * APART)
-    some = np.flatnonzero(wide & _innermost(asked, nearest[0]))
+    depth = _tree(places[pushes]).query(asked)[0]
+    comm.Allreduce(MPI.IN_PLACE, depth, op=MPI.MIN)
+    spacing, innermost = _within(asked, depth)
+    reach = 2.0 * depth - SLACK[problem.dimension] * spacing
+    some = np.flatnonzero(innermost & (reach > depth) & (depth < 0.5 * APART))
     if len(some):
-        distance, which = cKDTree(asked[some]).query(
+        distance, which = _tree(asked[some]).query(
             places[pushes], distance_upper_bound=float(reach[some].max())
         )
         found = distance < np.append(reach[some], 0.0)[which]
         result[rows[pushes][found]] = True
     return result
+
+
+def _tree(points: Array) -> cKDTree:
+    """A tree that is asked once: sooner made than well balanced."""
+    return cKDTree(points, compact_nodes=False, balanced_tree=False)
 
 
 def _places(comm: MPI.Intracomm, points: Array, sources: NDArray[np.int64]) -> Array:
@@ -85,14 +89,15 @@ def _places(comm: MPI.Intracomm, points: Array, sources: NDArray[np.int64]) -> A
     return np.column_stack([points / (extent or 1.0), APART * sources])
 
 
-def _next(tree: cKDTree, points: Array) -> Array:
-    """Distance to the nearest other point of a tree, which may hold the points."""
-    distances = tree.query(points, 2)[0]
-    return np.asarray(np.where(distances[:, 0] > 0.0, distances[:, 0], distances[:, 1]))
+def _within(points: Array, depth: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Distance of each point to the next, and which are as deep as any around them.
 
-
-def _innermost(points: Array, depth: Array) -> NDArray[np.bool_]:
-    """Which points have no neighbour that lies as much deeper as it is away, or nearly so."""
-    distance, which = cKDTree(points).query(points, AROUND + 1)
+    Parameters
+    ----------
+    depth : (n,)
+        A point counts as deeper than another where it is by half their distance.
+    """
+    distance, which = _tree(points).query(points, AROUND + 1)
+    distance = np.where(distance > 0.0, distance, np.inf)
     deeper = np.append(depth, 0.0)[which] - depth[:, None]
-    return np.asarray(~(deeper > 0.5 * np.where(distance > 0.0, distance, np.inf)).any(axis=1))
+    return distance.min(axis=1), np.asarray(~(deeper > 0.5 * distance).any(axis=1))
