@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from solver.tfeti.generalised_inverse import GeneralisedInverse, SymmetricBlock, SymmetricInverse
+from solver.tfeti import generalised_inverse
+from solver.tfeti.generalised_inverse import (
+    CholeskyFactor,
+    DenseFactor,
+    GeneralisedInverse,
+    SymmetricBlock,
+    SymmetricInverse,
+)
 from solver.tfeti.kernels import fixing_nodes, orthonormal_kernel
 from solver.tfeti.symmetry import find_symmetry
 
@@ -113,8 +120,13 @@ def test_coordinates_are_products_with_the_bases_and_back() -> None:
     np.testing.assert_allclose(out.T, expected[split.unknowns], atol=1e-14)
 
 
+@pytest.mark.parametrize("dense", [1e-9, 2.0])
 @pytest.mark.parametrize("cells", [(3, 2), (2, 2, 2), (3, 2, 2)])
-def test_split_inverse_is_the_inverse(cells: tuple[int, ...]) -> None:
+def test_split_inverse_is_the_inverse(
+    cells: tuple[int, ...], dense: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With dense factors and with sparse ones."""
+    monkeypatch.setattr(generalised_inverse, "DENSE", dense)
     d = len(cells)
     points, K = springs(cells)
     R = orthonormal_kernel(points, d)
@@ -122,6 +134,8 @@ def test_split_inverse_is_the_inverse(cells: tuple[int, ...]) -> None:
     symmetry = find_symmetry(points, d, K)
     assert symmetry is not None
     split = SymmetricInverse(K, R, fixing, symmetry)
+    kind = CholeskyFactor if dense > 1.0 else DenseFactor
+    assert all(isinstance(factor, kind) for factor in split._factors)
     plain = GeneralisedInverse(K, R, symmetry.closure(fixing))
     load = np.asfortranarray(np.random.default_rng(1).normal(size=(K.shape[0], 300)))
     np.testing.assert_allclose(split.solve(load), plain.solve(load), atol=1e-10)
