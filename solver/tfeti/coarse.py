@@ -51,13 +51,22 @@ VANISHING = 1e-13
 
 
 class Restriction(Protocol):
-    """G on vectors as the coarse problem's layout has them: whole, or this rank's part."""
+    """G, or with the metric G W.
 
-    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """G times a dual vector (collective)."""
+    Coarse vectors are as the layout of the coarse problem has them: whole, or this rank's part.
+    """
 
-    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Gᵀ times a coarse vector (collective)."""
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """G, or G W, times a dual vector (collective)."""
+
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
+
+    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
+        """Subtract that from x (collective)."""
+
+    def weighted(self, weights: NDArray[np.float64]) -> Restriction:
+        """The same of the rows of B times weights, which differ from one on contact rows alone."""
 
 
 class CoarseProblem:
@@ -102,14 +111,13 @@ class CoarseProblem:
         self._kinds = kinds if repeats else ()
         self._contact = list(rows.alike(np.flatnonzero(inequality)))
         self._weighed = self._gram(rows, metric)
-        self._left = self._both = RowWeights(np.ones(self.size))
+        self._oblique = False
         self._spare: list[CoarseFactor] = []
         self._product: Restriction
         if repeats and self._layout.whole:
-            self._product = KindProduct(rows, self._kinds, self._layout.total)
+            self._product = KindProduct(rows, self._kinds, self._layout.total, metric)
         else:
-            self._product = _ThroughInterface(B, kernels, self._layout)
-        self._dual = np.empty(self.size)
+            self._product = _ThroughInterface(B, kernels, self._layout, metric)
         self._coarse = np.empty(self._layout.rows)
         self._solution = np.empty(self._layout.rows)
 
@@ -150,7 +158,7 @@ class CoarseProblem:
             Its G W Gᵀ is singular: some rigid motion is seen by no row with a weight.
         """
         result = copy(self)
-        result._left, result._both = RowWeights(weights), RowWeights(weights * self.metric)
+        result._oblique, result._product = True, self._product.weighted(weights)
         factor = self._spare.pop() if self._spare else None
         factor = self._factored(self._weighed, weights**2, factor)
         vars(result)["_factor"] = factor
@@ -175,56 +183,49 @@ class CoarseProblem:
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
-        self._restrict(dual, self._left, self._coarse)
+        self._product.restrict(dual, self._coarse, metric=False)
         out[:] = self._coarse[self._layout.own]
 
     def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Gᵀ times a coarse vector."""
-        self._extend(self._layout.spread(coarse), self._left, out)
+        self._product.extend(self._layout.spread(coarse), out, metric=False)
 
     def carry(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector: the least multipliers whose G is that."""
         self._factor.solve(self._layout.spread(coarse), self._solution)
-        self._extend(self._solution, self._both, out)
-
-    def _restrict(
-        self, dual: NDArray[np.float64], weights: RowWeights, out: NDArray[np.float64]
-    ) -> None:
-        self._product.restrict(weights.times(dual, self._dual), out)
-
-    def _extend(
-        self, coarse: NDArray[np.float64], weights: RowWeights, out: NDArray[np.float64]
-    ) -> None:
-        self._product.extend(coarse, out)
-        weights.scale(out)
+        self._product.extend(self._solution, out, self._oblique)
 
     def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
         """(G W Gᵀ)⁻¹ G W times a dual vector: the α whose Gᵀ α is closest to it."""
-        self._restrict(dual, self._both, self._coarse)
-        self._factor.solve(self._coarse, self._solution)
-        return self._solution[self._layout.own].copy()
+        return self._solved(dual, self._oblique)[self._layout.own].copy()
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Q x."""
-        self._restrict(x, self._left, self._coarse)
-        self._factor.solve(self._coarse, self._solution)
-        self._extend(self._solution, self._both, out)
+        self._product.extend(self._solved(x, False), out, self._oblique)
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Qᵀ x."""
-        self._restrict(x, self._both, self._coarse)
-        self._factor.solve(self._coarse, self._solution)
-        self._extend(self._solution, self._left, out)
+        self._product.extend(self._solved(x, self._oblique), out, metric=False)
 
     def project(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """P x = x - Q x; `out` may be `x`."""
-        self.apply(x, self._dual)
-        np.subtract(x, self._dual, out=out)
+        motions = self._solved(x, False)
+        if out is not x:
+            np.copyto(out, x)
+        self._product.remove(motions, out, self._oblique)
 
     def project_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Pᵀ x = x - Qᵀ x; `out` may be `x`."""
-        self.apply_transpose(x, self._dual)
-        np.subtract(x, self._dual, out=out)
+        motions = self._solved(x, self._oblique)
+        if out is not x:
+            np.copyto(out, x)
+        self._product.remove(motions, out, metric=False)
+
+    def _solved(self, dual: NDArray[np.float64], metric: bool) -> NDArray[np.float64]:
+        """(G W Gᵀ)⁻¹ G, or with the metric G W, times a dual vector; overwritten by the next."""
+        self._product.restrict(dual, self._coarse, metric)
+        self._factor.solve(self._coarse, self._solution)
+        return self._solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,28 +357,43 @@ class _ThroughInterface:
         B: ConstraintMatrix,
         kernels: Sequence[tuple[int, NDArray[np.float64]]],
         layout: _Layout,
+        metric: NDArray[np.float64],
     ) -> None:
-        self._B, self._layout = B, layout
+        self._B, self._layout, self._metric = B, layout, metric
+        self._weights = RowWeights(np.ones(B.rows)), RowWeights(metric)
         self._classes = _kernel_parts(kernels)
         self._interface = np.empty(B.columns)
         self._coarse = np.empty(layout.counts[layout.comm.rank])
+        self._dual = np.empty(B.rows)
 
-    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """G times a dual vector (collective)."""
-        self._B.apply_transpose(dual, self._interface)
+    def weighted(self, weights: NDArray[np.float64]) -> _ThroughInterface:
+        """The same of the rows of B times weights."""
+        result = copy(self)
+        result._weights = RowWeights(weights), RowWeights(weights * self._metric)
+        return result
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """G, or G W, times a dual vector (collective)."""
+        self._B.apply_transpose(self._weights[metric].times(dual, self._dual), self._interface)
         for interface, coarse, members, R in self._classes:
             forces = self._interface[interface].reshape(members, -1)
             # wide results are multiplied faster than narrow ones
             self._coarse[coarse].reshape(members, -1)[:] = (R.T @ forces.T).T
         out[:] = self._layout.spread(self._coarse)
 
-    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Gᵀ times a coarse vector (collective)."""
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
         own = coarse[self._layout.own]
         for interface, part, members, R in self._classes:
             motions = self._interface[interface].reshape(members, -1)
             np.matmul(own[part].reshape(members, -1), R.T, out=motions)
         self._B.apply(self._interface, out)
+        self._weights[metric].scale(out)
+
+    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
+        """Subtract that from x (collective)."""
+        self.extend(coarse, self._dual, metric)
+        x -= self._dual
 
 
 def _kernel_parts(

@@ -8,8 +8,10 @@ for each kind: it reads and writes dual vectors once and never makes one on the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -28,7 +30,11 @@ ON_RANKS = 1000
 OTHERS = 0.2
 """Share of rows outside all kinds up to which it pays to apply G kind by kind."""
 
+ROWS_AT_ONCE = 2**16
+"""Rows whose motions are subtracted from a vector at once: half a megabyte, which caches hold."""
+
 Hashes = NDArray[np.uint64]
+_Factors = tuple[Any, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +202,7 @@ def blocks_of(
     for kind in kinds:
         sets, m = kind.starts.shape
         weight = weights[kind.rows].reshape(sets, -1)
-        if (weight != weight[0]).any():
+        if not _even(weight):
             continue
         inside[kind.rows] = True
         product = (kind.V.T * weight[0]) @ kind.V
@@ -210,15 +216,27 @@ def blocks_of(
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A kind's rows, the motions of its sets (sets, m · motions), V and Vᵀ as it is multiplied by.
+    """A kind's rows, n to a set, and the motions of its sets, (sets, m · motions).
 
-    Products with a narrow matrix as it lies in memory are twice as fast as with its transpose.
+    Attributes
+    ----------
+    factors
+        V as it restricts and Vᵀ as it extends, and both with W: products with a narrow matrix as it
+        lies in memory are twice as fast as with its transpose.
     """
 
     rows: slice
     motions: NDArray[np.float64]
-    V: NDArray[np.float64]
-    transpose: NDArray[np.float64]
+    factors: tuple[_Factors, _Factors]
+
+    def runs(self, room: NDArray[np.float64]) -> Iterator[tuple[slice, slice, NDArray[np.float64]]]:
+        """Sets a few at a time, their rows, and room for what they have there."""
+        sets, n = len(self.motions), len(self.factors[0][0])
+        at_once = max(len(room) // n, 1)
+        for begin in range(0, sets, at_once):
+            end = min(begin + at_once, sets)
+            rows = slice(self.rows.start + begin * n, self.rows.start + end * n)
+            yield slice(begin, end), rows, room[: (end - begin) * n]
 
 
 class KindProduct:
@@ -232,16 +250,25 @@ class KindProduct:
         The rows of Gᵀ, of the rows of B in the order of the kinds.
     total
         Coarse unknowns of all ranks.
+    metric : (dual,)
+        W. A kind whose sets differ in it is applied row by row, as what belongs to no kind.
     """
 
-    def __init__(self, kernels: KernelRows, kinds: Sequence[Kind], total: int) -> None:
+    def __init__(
+        self,
+        kernels: KernelRows,
+        kinds: Sequence[Kind],
+        total: int,
+        metric: NDArray[np.float64],
+    ) -> None:
         self._comm = kernels.comm
+        kinds = [k for k in kinds if _even(metric[k.rows].reshape(len(k.starts), -1))]
         inside = np.zeros(len(kernels.entries), bool)
         for kind in kinds:
             inside[kind.rows] = True
         self._others = np.flatnonzero(~inside)
-        self._rest = kernels.matrix(self._others, total)
-        self._rest_transpose = self._rest.T.tocsr()
+        rest = kernels.matrix(self._others, total)
+        self._rest = _factors(rest), _factors(sparse.diags(metric[self._others]) @ rest)
         # subdomains one after another, each with all motions
         seen = [np.zeros(0, np.int64), *(k.starts.ravel() // kernels.motions for k in kinds)]
         self._seen = np.concatenate(seen)
@@ -252,23 +279,60 @@ class KindProduct:
         self._motions = np.empty((len(self._seen), kernels.motions))
 
         ends = np.cumsum([0, *(k.starts.size for k in kinds)])
-        self._parts = [
-            _Part(k.rows, self._motions[a:b].reshape(len(k.starts), -1), k.V, k.V.T.copy())
-            for k, a, b in zip(kinds, ends[:-1], ends[1:], strict=True)
-        ]
+        self._parts = []
+        for k, a, b in zip(kinds, ends[:-1], ends[1:], strict=True):
+            motions = self._motions[a:b].reshape(len(k.starts), -1)
+            weights, plain = metric[k.rows][: len(k.V), None], _factors(k.V)
+            weighed = plain if (weights == 1.0).all() else _factors(weights * k.V)
+            self._parts.append(_Part(k.rows, motions, (plain, weighed)))
+        widest = max((len(k.V) for k in kinds), default=0)
+        self._room = np.empty(max(widest, min(ROWS_AT_ONCE, len(kernels.entries))))
 
-    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """G times a dual vector (collective)."""
+    def weighted(self, weights: NDArray[np.float64]) -> KindProduct:
+        """The same of the rows of B times weights that are one on the rows of all kinds."""
+        result = copy(self)
+        left = sparse.diags(weights[self._others])
+        plain, weighed = (_factors(left @ rest) for rest, _ in self._rest)
+        result._rest = plain, weighed
+        return result
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """G, or G W, times a dual vector (collective)."""
         for p in self._parts:
-            np.matmul(dual[p.rows].reshape(len(p.motions), -1), p.V, out=p.motions)
+            V, _ = p.factors[metric]
+            np.matmul(dual[p.rows].reshape(len(p.motions), -1), V, out=p.motions)
         out.reshape(self._shape)[:] = self._sum @ self._motions
-        out += self._rest_transpose @ dual[self._others]
+        out += self._rest[metric][1] @ dual[self._others]
         if self._comm.size > 1:
             self._comm.Allreduce(MPI.IN_PLACE, out)
 
-    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Gᵀ times a coarse vector."""
-        np.take(coarse.reshape(self._shape), self._seen, 0, out=self._motions, mode="clip")
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """Gᵀ, or W Gᵀ, times a coarse vector."""
+        self._spread(coarse)
         for p in self._parts:
-            np.matmul(p.motions, p.transpose, out=out[p.rows].reshape(len(p.motions), -1))
-        out[self._others] = self._rest @ coarse
+            np.matmul(p.motions, p.factors[metric][1], out=out[p.rows].reshape(len(p.motions), -1))
+        out[self._others] = self._rest[metric][0] @ coarse
+
+    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
+        """Subtract that from x, without a vector of its size."""
+        self._spread(coarse)
+        for p in self._parts:
+            for sets, rows, room in p.runs(self._room):
+                motions = p.motions[sets]
+                np.matmul(motions, p.factors[metric][1], out=room.reshape(len(motions), -1))
+                x[rows] -= room
+        x[self._others] -= self._rest[metric][0] @ coarse
+
+    def _spread(self, coarse: NDArray[np.float64]) -> None:
+        """The motions of the subdomains of each set."""
+        np.take(coarse.reshape(self._shape), self._seen, 0, out=self._motions, mode="clip")
+
+
+def _even(weights: NDArray[np.float64]) -> bool:
+    """Whether all sets have the same weights, (sets, n)."""
+    return bool((weights == weights[0]).all())
+
+
+def _factors(V: Any) -> tuple[Any, Any]:
+    """A matrix, and its transpose as it lies in memory."""
+    return (V, V.T.tocsr()) if sparse.issparse(V) else (V, V.T.copy())

@@ -143,14 +143,21 @@ def test_kinds_of_any_rows(
             np.testing.assert_allclose(found[:, seen], kind.V, atol=1e-14)
             assert np.count_nonzero(found) == np.count_nonzero(found[:, seen])
 
-    product = KindProduct(KernelRows(B, kernels), kinds, total)
     rng = np.random.default_rng(0)
-    x, alpha, weights = rng.standard_normal(len(G)), rng.standard_normal(total), np.ones(len(G))
-    force, motion = np.empty(total), np.empty(len(G))
-    product.restrict(x, force)
-    product.extend(alpha, motion)
-    np.testing.assert_allclose(force, G.T @ x, atol=1e-12)
-    np.testing.assert_allclose(motion, G @ alpha, atol=1e-12)
+    metric, weights = np.ones(len(G)), np.ones(len(G))
+    for kind in kinds:  # every other kind has a metric, that of its last set its own now and then
+        metric[kind.rows] = np.tile(rng.integers(1, 3, len(kind.V)), len(kind.starts))
+        metric[kind.rows.stop - 1] = rng.integers(1, 3)
+    product = KindProduct(KernelRows(B, kernels), kinds, total, metric)
+    x, alpha = rng.standard_normal(len(G)), rng.standard_normal(total)
+    force, motion, left = np.empty(total), np.empty(len(G)), x.copy()
+    for oblique, W in ((False, np.ones(len(G))), (True, metric)):
+        product.restrict(x, force, oblique)
+        product.extend(alpha, motion, oblique)
+        product.remove(alpha, left, oblique)
+        np.testing.assert_allclose(force, G.T @ (W * x), atol=1e-12)
+        np.testing.assert_allclose(motion, W * (G @ alpha), atol=1e-12)
+    np.testing.assert_allclose(left, x - (1.0 + metric) * (G @ alpha), atol=1e-12)
 
     weights[rng.integers(len(G), size=len(G) // 4)] = 0.5
     blocks, inside = blocks_of(kinds, motions, weights)
