@@ -1,12 +1,12 @@
 """What a scene needs in memory, estimated before anything is allocated.
 
-Peak memory of a run, fitted to the resident size of runs of the cube with 10³ to 60³ hexahedra,
+Peak memory of a run, fitted to the resident size of runs of the cube with 10³ to 120³ hexahedra,
 decomposed and as one subdomain, to within a factor of two:
 
-    0.2 GB + 0.6 kB · unknowns + 2.4 kB · rows of B + factors,
+    0.2 GB + 0.35 kB · unknowns + 0.7 kB · rows of B + factors,
 
 a sparse Cholesky factor of n unknowns and what is made on the way taking 270 bytes · n^(4/3) in
-space and 60 bytes · n log₂ n in the plane. Congruent subdomains share one factor. Where the answer
+space and 60 bytes · n log₂ n in the plane, beside 0.35 MB for its class. Congruent subdomains share one factor. Where the answer
 is evaluated on the surface alone, fields at all nodes and cells fall away, and an unknown takes
 0.05 kB (measured at 81,812,703).
 """
@@ -20,8 +20,9 @@ import resource
 from pathlib import Path
 
 BASE_BYTES = 0.2e9
-BYTES_PER_DOF = 600.0
-BYTES_PER_ROW = 2400.0
+BYTES_PER_DOF = 350.0
+BYTES_PER_ROW = 700.0
+BYTES_PER_CLASS = 0.35e6
 
 BYTES_PER_DOF_SURFACE = 50.0
 BYTES_PER_ROW_SURFACE = 800.0
@@ -58,10 +59,10 @@ def surface_bytes(dofs: float, rows: float) -> float:
 
 
 def factor_bytes(unknowns: float, dimension: int) -> float:
-    """Memory of one sparse factor."""
+    """Memory of one sparse factor, and of the class that has it."""
     if dimension == 3:
-        return float(270.0 * unknowns ** (4.0 / 3.0))
-    return 60.0 * unknowns * math.log2(max(unknowns, 2.0))
+        return BYTES_PER_CLASS + float(270.0 * unknowns ** (4.0 / 3.0))
+    return BYTES_PER_CLASS + 60.0 * unknowns * math.log2(max(unknowns, 2.0))
 
 
 def give_back() -> None:

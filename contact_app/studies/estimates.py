@@ -1,7 +1,7 @@
 """Estimates of `contact-app check` beside what runs take.
 
 ``python -m contact_app.studies.estimates`` runs every scene of a directory (``configs``) and the
-paper's cube of 20³, 40³ and 60³ hexahedra, each in a process of its own, and prints seconds and
+paper's cube of 20³ to 120³ hexahedra, each in a process of its own, and prints seconds and
 memory, estimated over measured. Seconds are those of the whole run but for start-up and writing
 files.
 """
@@ -23,7 +23,7 @@ from contact_app.studies.bench import config
 from contact_app.studies.processes import RunError, python
 from contact_app.symmetry import halved
 
-CUBES = (20, 40, 60)
+CUBES = (20, 40, 60, 80, 100, 120)
 
 
 @dataclass(frozen=True)
