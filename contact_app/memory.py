@@ -6,9 +6,9 @@ decomposed and as one subdomain, to within a factor of two:
     0.2 GB + 0.35 kB · unknowns + 0.7 kB · rows of B + factors,
 
 a sparse Cholesky factor of n unknowns and what is made on the way taking 270 bytes · n^(4/3) in
-space and 60 bytes · n log₂ n in the plane, beside 0.35 MB for its class. Congruent subdomains share one factor. Where the answer
-is evaluated on the surface alone, fields at all nodes and cells fall away, and an unknown takes
-0.05 kB (measured at 81,812,703).
+space and 60 bytes · n log₂ n in the plane, beside 0.35 MB for its class. Congruent subdomains share
+one factor. Where the answer is evaluated on the surface alone, fields at all nodes and cells fall
+away, and an unknown takes 0.05 kB (measured at 81,812,703).
 """
 
 from __future__ import annotations

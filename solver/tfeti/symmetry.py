@@ -66,6 +66,7 @@ class Symmetry:
         """
         nodes = self.images.shape[1] // self.dimension
         blocks = stiffness.tobsr((self.dimension, self.dimension))
+        blocks.sort_indices()
         h = 1
         while h < self.order:  # the generators are the elements with one bit set
             # unknowns of a node stay together: S K Sᵀ moves whole blocks and changes their signs
@@ -79,11 +80,13 @@ class Symmetry:
             column = node[blocks.indices[source]]
             key = np.repeat(np.arange(nodes), widths) * nodes + column
             order = np.argsort(key)
-            mirrored = sparse.bsr_matrix(
-                (np.outer(sign, sign) * blocks.data[source[order]], column[order], begins),
-                stiffness.shape,
-            )
-            blocks = 0.5 * (blocks + mirrored)
+            data = np.outer(sign, sign) * np.take(blocks.data, source[order], 0)
+            column = column[order]
+            if np.array_equal(column, blocks.indices) and np.array_equal(begins, blocks.indptr):
+                blocks.data += data
+            else:
+                blocks = blocks + sparse.bsr_matrix((data, column, begins), stiffness.shape)
+            blocks.data *= 0.5
             h *= 2
         result = blocks.tocsr()
         result.sort_indices()
@@ -296,7 +299,7 @@ def find_symmetry(
     length = float(np.abs(x).max())
     lopsided = np.abs(x.mean(axis=0)[:dimension]) > TOLERANCE * length
     tree = cKDTree(x)
-    probe = np.random.default_rng(0).standard_normal((stiffness.shape[0], 2))
+    probe = np.random.default_rng(0).standard_normal(stiffness.shape[0])
     force = stiffness @ probe
     scale = float(np.abs(force).max())
 
@@ -312,14 +315,14 @@ def find_symmetry(
         if distance.max() > TOLERANCE * length or len(np.unique(node)) < len(node):
             continue
         image = (node[:, None] * dimension + np.arange(dimension)).ravel()
-        sign = np.tile(mirror[:dimension], len(points))[:, None]
+        sign = np.tile(mirror[:dimension], len(points))
         reflected = np.empty_like(probe)
         reflected[image] = sign * probe
         expected = np.empty_like(force)
         expected[image] = sign * force
         if np.abs(stiffness @ reflected - expected).max() > TOLERANCE * scale:
             continue
-        generators.append((image, sign[:, 0].astype(np.int8)))
+        generators.append((image, sign.astype(np.int8)))
         spanned |= {tuple(np.logical_xor(flip, s).tolist()) for s in spanned}
     if not generators:
         return None
