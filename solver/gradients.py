@@ -87,10 +87,11 @@ class Block:
     sign: Mask
 
     def split(self) -> None:
-        """Free and chopped gradient of g at x, and the mask of free components."""
+        """Free and chopped gradient of g at x, and the mask of free components.
+
+        Without bounds there is nothing to split: the free gradient is g itself.
+        """
         if self.lower_edge is None and self.upper_edge is None:
-            np.copyto(self.free, self.g)
-            self.chopped.fill(0.0)
             return
         # products with masks: several times faster than masked copies
         active, outward, kept = self.at_lower, self.mask, self.at_upper

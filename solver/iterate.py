@@ -75,7 +75,10 @@ class Iterate:
         self.preconditioner: Preconditioner | None = self.memory or preconditioner
         self.x = qp.start(x0)
         self.g, self.p, self.Ap = np.zeros(n), np.zeros(n), np.zeros(n)
-        self.free, self.chopped = np.zeros(n), np.zeros(n)
+        self._bounded = qp.lower is not None or qp.upper is not None
+        # without bounds the free gradient is the gradient, and nothing is ever chopped
+        self.free = np.zeros(n) if self._bounded else self.g
+        self.chopped = np.zeros(n)
         self.is_free: Mask = np.ones(n, dtype=bool)
         self.z = self.free if self.preconditioner is None else np.zeros(n)
         lower_edge, upper_edge = activity_edges(qp.lower, qp.upper)
@@ -142,7 +145,8 @@ class Iterate:
     def evaluate(self) -> None:
         """g = Ax - b by a product; split it and restart the directions at the free gradient."""
         self.operator.apply(self.x, self.g)
-        self.image = self._image_of_last()
+        image = self._image_of_last()
+        self.image = None if image is None else image.copy()
         self.counts.hessian += 1
         self.drift = 0.0
         self.restart(subtract_b=True)
@@ -321,7 +325,7 @@ class Iterate:
         They are kept where g^c and g^f stood, which the next step splits anew.
         """
         self._beside = self.slope, self.curvature, self.product_norm
-        self._image_beside = self._image_p
+        self._image_beside = None if self._image_p is None else self._image_p.copy()
         slope = mixed = 0.0
         for block in self.blocks:
             np.copyto(block.chopped, block.p)
@@ -370,9 +374,10 @@ class Iterate:
         self.drift += float(np.finfo(np.float64).eps) * size
 
     def _image_of_last(self) -> np.ndarray | None:
-        """A copy of the image of the last vector that the operator was applied to."""
+        """The image of the last vector that the operator was applied to; the next overwrites it."""
         image = getattr(self.operator, "image", None)
-        return None if image is None else image.copy()
+        assert image is None or isinstance(image, np.ndarray)
+        return image
 
     def _step_image(self, alpha: float) -> None:
         """The image of x - αp."""
@@ -452,8 +457,9 @@ class Iterate:
         self.preconditioner.apply(self.free, self.is_free, self.z)
         product = 0.0
         for block in self.blocks:
-            np.logical_not(block.is_free, out=block.mask)
-            np.copyto(block.z, 0.0, where=block.mask)
+            if self._bounded:
+                np.logical_not(block.is_free, out=block.mask)
+                np.copyto(block.z, 0.0, where=block.mask)
             if restart:
                 np.copyto(block.p, block.z)
             else:
@@ -465,11 +471,14 @@ class Iterate:
         """Add a block's ‖g^f‖², ‖g^c‖², g^rᵀg^f, ‖x‖² and number of active components."""
         free = float(np.dot(block.free, block.free))
         sums[0] += free
+        sums[3] += np.dot(block.x, block.x)
+        if not self._bounded:
+            sums[2] += free
+            return
         sums[1] += np.dot(block.chopped, block.chopped)
         if self.alpha > 0.0:
             block.reduced(self.alpha, out=block.s)
             sums[2] += np.dot(block.s, block.free)
         else:
             sums[2] += free
-        sums[3] += np.dot(block.x, block.x)
         sums[4] += block.x.size - np.count_nonzero(block.is_free)

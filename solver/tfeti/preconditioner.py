@@ -60,12 +60,12 @@ class FacePreconditioner:
         penalised = math.isfinite(self.rho)
         if penalised:
             self.coarse.apply_transpose(r, self._q)
-            np.subtract(r, self._q, out=self._p)
-        else:
-            np.copyto(self._p, r)
+            r = np.subtract(r, self._q, out=self._p)
         if self._coupled:
+            np.copyto(self._p, r)
             self._coupled.divide(self._p, free_mask)
-        self.B.apply_transpose(self._p, self._jumps)
+            r = self._p
+        self.B.apply_transpose(r, self._jumps)
         for S, part, shape in zip(self._stiffness, self._slices, self._shapes, strict=True):
             jumps, forces = self._jumps[part].reshape(shape), self._forces[part].reshape(shape)
             if isinstance(S, sparse.csr_matrix):
