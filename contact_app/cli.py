@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import logging
 import os
 import sys
 import tempfile
@@ -140,6 +141,10 @@ def main() -> None:
     os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
     # waiting ranks yield: on shared cores three ranks take seconds instead of minutes
     os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
+    # compiling a form tells the root logger every command it runs
+    terminal = logging.StreamHandler()
+    terminal.setLevel(logging.WARNING)
+    logging.getLogger().addHandler(terminal)
     try:
         app()
     except NoEquilibriumError as error:
@@ -160,6 +165,8 @@ def main() -> None:
             of_all=False,
         )
         sys.exit(FAILED)
+    finally:
+        logging.getLogger().removeHandler(terminal)
 
 
 def _refuse_unwritable(directory: Path) -> None:

@@ -234,3 +234,20 @@ def test_a_reader_that_has_seen_enough_gets_no_errors_of_petsc(tmp_path: Path) -
         said = process.stderr.read().decode()
     assert "PETSC" not in said
     assert "MPI_ABORT" not in said
+
+
+def test_what_compilers_log_stays_off_the_terminal() -> None:
+    program = (
+        "import logging, sys\n"
+        "from contact_app import cli\n"
+        "@cli.app.command()\n"
+        "def compiling() -> None:\n"
+        "    logging.getLogger().setLevel(logging.INFO)\n"
+        "    logging.info('cc -O2'), logging.warning('cc is old')\n"
+        "sys.argv = ['contact-app', 'compiling']\n"
+        "cli.main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout + done.stderr == "cc is old\n"
