@@ -13,6 +13,7 @@ import pytest
 
 from contact_app.configuration import load
 from contact_app.grading import evenness, graded
+from contact_app.memory import needed_bytes
 from contact_app.refinement import next_factor, refined, solve_to_accuracy
 from contact_app.run import SolvedScene, run, solve_scene
 from contact_app.scene import Scene, build_scene
@@ -145,7 +146,8 @@ def test_what_does_not_fit_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     made = weight_config("quadrilateral", 0.01)
     made["bodies"][0]["degree"] = 1
     scene = scenes.build(made)
-    monkeypatch.setattr("contact_app.refinement.available_bytes", lambda: 0.205e9)
+    room = needed_bytes(4000.0)
+    monkeypatch.setattr("contact_app.refinement.available_bytes", lambda: room)
     assert run(scene, tmp_path) == 1
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["accuracy"]["met"] is False
