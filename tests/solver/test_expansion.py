@@ -8,6 +8,8 @@ import pytest
 from contact_app.studies.safeguard import random_start, search, second_step
 from solver import MPRGP, BoxQP, Reason
 from solver.examples import cycling_problem, figure_1
+from solver.iterate import Iterate
+from solver.operators import MatrixOperator
 from tests.solver.problems import ALL, random_hessian
 
 
@@ -95,3 +97,32 @@ def test_half_step_lands_on_the_bound_exactly(expansion):
     )
     assert result.converged
     assert ((result.x == 0.0) | (result.x > 1e-8)).all()
+
+
+class Watched(MatrixOperator):
+    """A matrix that leaves 3 x beside each product, where the next one overwrites it."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        super().__init__(matrix)
+        self.image = np.empty(self.size)
+
+    def apply(self, x: np.ndarray, out: np.ndarray) -> None:
+        super().apply(x, out)
+        np.multiply(3.0, x, out=self.image)
+
+
+def test_a_direction_that_is_taken_back_has_the_image_it_had() -> None:
+    rng = np.random.default_rng(2)
+    qp = BoxQP(
+        Watched(random_hessian(rng, np.linspace(1.0, 5.0, 8))), rng.standard_normal(8), lower=-1.0
+    )
+    it = Iterate(qp)
+    it.measure_b()
+    it.evaluate()
+    it.probe()
+    it.aim_reduced_beside(0.1)
+    it.probe()
+    it.take_back()
+    it.advance(0.3)
+    assert it.image is not None
+    np.testing.assert_allclose(it.image, 3.0 * it.x, atol=1e-14)
