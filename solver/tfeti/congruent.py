@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.gram import Blocks, KernelRows
-from solver.vectors import runs
+from solver.vectors import blocks, runs
 
 ROWS_OF_A_KIND = 2000
 """Rows that have to belong to a kind, on average, for its calls to cost less than they save."""
@@ -206,9 +206,9 @@ def blocks_of(
             continue
         inside[kind.rows] = True
         product = (kind.V.T * weight[0]) @ kind.V
-        blocks = product.reshape(m, motions, m, motions).transpose(0, 2, 1, 3)
+        between = product.reshape(m, motions, m, motions).transpose(0, 2, 1, 3)
         pairs = np.stack(np.broadcast_arrays(kind.starts[:, :, None], kind.starts[:, None]), -1)
-        values = np.broadcast_to(blocks, (sets, *blocks.shape)).reshape(-1, motions, motions)
+        values = np.broadcast_to(between, (sets, *between.shape)).reshape(-1, motions, motions)
         starts = pairs.reshape(-1, 2)
         parts.append(Blocks(starts, np.full_like(starts, motions), values))
     return Blocks.join(parts), inside
@@ -229,14 +229,13 @@ class _Part:
     motions: NDArray[np.float64]
     factors: tuple[_Factors, _Factors]
 
-    def runs(self, room: NDArray[np.float64]) -> Iterator[tuple[slice, slice, NDArray[np.float64]]]:
+    def few(self, room: NDArray[np.float64]) -> Iterator[tuple[slice, slice, NDArray[np.float64]]]:
         """Sets a few at a time, their rows, and room for what they have there."""
-        sets, n = len(self.motions), len(self.factors[0][0])
-        at_once = max(len(room) // n, 1)
-        for begin in range(0, sets, at_once):
-            end = min(begin + at_once, sets)
-            rows = slice(self.rows.start + begin * n, self.rows.start + end * n)
-            yield slice(begin, end), rows, room[: (end - begin) * n]
+        n = len(self.factors[0][0])
+        for sets in blocks(len(self.motions), max(len(room) // n, 1)):
+            begin, end = n * sets.start, n * sets.stop
+            rows = slice(self.rows.start + begin, self.rows.start + end)
+            yield sets, rows, room[: end - begin]
 
 
 class KindProduct:
@@ -317,7 +316,7 @@ class KindProduct:
         """Subtract that from x, without a vector of its size."""
         self._spread(coarse)
         for p in self._parts:
-            for sets, rows, room in p.runs(self._room):
+            for sets, rows, room in p.few(self._room):
                 motions = p.motions[sets]
                 np.matmul(motions, p.factors[metric][1], out=room.reshape(len(motions), -1))
                 x[rows] -= room
