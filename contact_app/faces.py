@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from mpi4py import MPI
@@ -74,6 +74,9 @@ FACES = 60
 OUTSIDE = 10.0
 """Residual that conjugate gradients leave, over the part of the right-hand side that rounding
 puts outside the range of P, which no step can remove."""
+
+SHORT = 4
+"""Steps on a face up to which that part is not worth the projection that finds it."""
 
 IDEMPOTENT = 1e-8
 """Relative difference of QQ and Q above which a coarse problem counts as singular."""
@@ -205,20 +208,17 @@ class Face:
         assert self.glued.coarse is not None
         if not recycled.empty:
             self.glued.move_offset(*recycled.best(self.glued.rhs))
-        rhs, outside = self.glued.rhs, np.empty(problem.size)
-        self.glued.coarse.apply_transpose(rhs, outside)
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does
         own = FacePreconditioner(self.glued, math.inf)
         operator = RecordedOperator(self.glued, directions)
         preconditioner = DeflatedPreconditioner(own, recycled, operator)
-        self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
+        self._iterate = it = Iterate(BoxQP(operator, self.glued.rhs), preconditioner=preconditioner)
         it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
         it.measure_b()
         it.begin()
         it.counts.hessian += 1  # of the right-hand side
-        self._floor = max(self.glued.round_off, OUTSIDE * it.reduction.norm(outside))
         self._weight = it.reduction.norm(self.glued.offset)
         self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
         self._before = it.reduction.collectives
@@ -258,7 +258,17 @@ class Face:
     @property
     def _smallest(self) -> float:
         """Residual that round-off leaves: of the right-hand side, and of what it was made of."""
-        return max(self._floor, ROUNDED * self._iterate.largest * self._weight)
+        it = self._iterate
+        floor = max(self.glued.round_off, ROUNDED * it.largest * self._weight)
+        return floor if it.counts.cg <= SHORT else max(floor, OUTSIDE * self._outside)
+
+    @cached_property
+    def _outside(self) -> float:
+        """Norm of the right-hand side outside the range of P (collective)."""
+        assert self.glued.coarse is not None
+        outside = np.empty(self.problem.size)
+        self.glued.coarse.apply_transpose(self.glued.rhs, outside)
+        return self._iterate.reduction.norm(outside)
 
     @property
     def counts(self) -> Counts:
@@ -365,10 +375,10 @@ def decide(
             keep(state, face.counts)
         changes = face.problem.comm.allreduce(int((following != face.touching).sum()))
         lack = lacks(state) if eager or not changes else math.inf
-        if lack <= 1.0 or (face.at_round_off and not changes):
+        if lack <= 1.0 or (not changes and face.at_round_off):
             if accept(state):
                 return Outcome(Reason.ACCEPTED, state, following, face.counts)
-            if face.at_round_off and not changes:
+            if not changes and face.at_round_off:
                 return Outcome(Reason.ROUND_OFF, state, following, face.counts)
             lack = max(lacks(state), MARGIN / TIGHTEN)
         if changes:

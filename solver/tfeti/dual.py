@@ -319,7 +319,7 @@ class DualProblem:
         """B u - c for displacements on the interface: jumps, and penetration on contact rows."""
         result = np.empty(self.size)
         self.B.apply(interface, result)
-        return result - self.c
+        return np.subtract(result, self.c, out=result)
 
     def constraint_forces(self, multiplier: NDArray[np.float64]) -> NDArray[np.float64]:
         """Bᵀ λ, an interface vector."""
@@ -352,6 +352,7 @@ class DualProblem:
             coarse=None if self.coarse is None else self.coarse.weighted(keep),
         )
         vars(face)["_free"] = self._free  # the loads are the same
+        vars(face)["d"] = keep * self.d
         if near is not None and face.coarse is not None:
             missing, change = np.empty_like(self.e), np.empty(self.size)
             face.coarse.restrict(near * keep, missing)
