@@ -220,16 +220,18 @@ class Cells:
         return pattern, monomials(at[pattern.indices] - self.points[vertex], self.degree)
 
     @cached_property
-    def first_moments(self) -> sparse.csr_matrix:
-        """Sums of samples times each monomial around vertices, (vertices · monomials, samples)."""
+    def first_moments(self) -> list[sparse.csr_matrix]:
+        """Sums of samples times each monomial around vertices, (vertices, samples) each."""
         pattern, values = self._sample_moments
-        parts = [
+        return [
             sparse.csr_matrix((v, pattern.indices, pattern.indptr), shape=pattern.shape)
             for v in values
         ]
-        size, count = len(parts), len(self.points)
-        order = np.arange(size * count).reshape(size, count).T.ravel()
-        return sparse.vstack(parts, format="csr")[order]
+
+    def moment(self, monomial: int, values: Array) -> Array:
+        """A first moment of values at samples (samples, members, k), (vertices, members, k)."""
+        sums = self.first_moments[monomial] @ values.reshape(len(values), -1)
+        return np.asarray(sums).reshape(-1, *values.shape[1:])
 
     def second_moments(self, size: int) -> Array:
         """Σ m mᵀ of the monomials m over the samples around vertices, (vertices, upper triangle).
