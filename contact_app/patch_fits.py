@@ -339,7 +339,7 @@ class LinearFits:
         ----------
         stresses : one (samples, members, k) array a class
         """
-        k = stresses[0].shape[2] if stresses else 0
+        k = stresses[0].shape[2]
         result = np.zeros((len(self._row), k))
         moments = np.empty((len(self._near), self._size, k))
         for a in range(self._size):
@@ -394,14 +394,14 @@ class QuadraticFits:
         step = max(1, AT_ONCE // (most * self._size + 1))
         parts = [
             self._polynomials([stress[..., k : k + step] for stress in stresses])
-            for k in range(0, stresses[0].shape[2] if stresses else 0, step)
+            for k in range(0, stresses[0].shape[2], step)
         ]
         polynomials = np.concatenate(parts, axis=2)
-        return polynomials.reshape(len(polynomials), -1)
+        return polynomials.reshape(len(polynomials), self._size * polynomials.shape[2])
 
     def _polynomials(self, stresses: Sequence[Array]) -> Array:
         """(owned, monomials, k) of some components."""
-        size, k = self._size, stresses[0].shape[2] if stresses else 0
+        size, k = self._size, stresses[0].shape[2]
         moments = []
         for c, stress in zip(self._cells, stresses, strict=True):
             found = np.zeros((len(c.points), stress.shape[1], size, k))
