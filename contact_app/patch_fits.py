@@ -276,20 +276,35 @@ def _outer(root: Array) -> Array:
     return root[:, :, None] * root[:, None, :]
 
 
-def pseudo_inverse(A: Array, weak: float) -> Array:
+def pseudo_inverse(A: Array, weak: float, dimension: int) -> Array:
     """Of moments (n, monomials, monomials), without the directions they hardly determine.
+
+    Low degrees come first: of the polynomials that fit as well the one with the least slopes is
+    meant, and of these the one with the least curvature. A body one cell thick is constant across.
 
     Parameters
     ----------
     weak
-        Eigenvalue of moments scaled to a unit diagonal up to which that is so.
+        Eigenvalue of what moments leave to a degree, over their diagonal, up to which that is so.
     """
-    diagonal = np.einsum("nii->ni", A)
-    scale = _outer(np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
-    values, vectors = np.linalg.eigh(A / scale)
-    kept = values > weak
-    inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
-    return np.einsum("nij,nj,nkj->nik", vectors, inverse, vectors) / scale
+    inverse = 1.0 / A[:, :1, :1]
+    for end in (1 + dimension, A.shape[1]):
+        begin = inverse.shape[1]
+        if begin == end:
+            break
+        known = inverse @ A[:, :begin, begin:end]
+        left = A[:, begin:end, begin:end] - np.swapaxes(A[:, :begin, begin:end], 1, 2) @ known
+        diagonal = np.einsum("nii->ni", A)[:, begin:end]
+        scale = _outer(np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
+        values, vectors = np.linalg.eigh(left / scale)
+        kept = values > weak
+        own = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+        corner = np.einsum("nij,nj,nkj->nik", vectors, own, vectors) / scale
+        side = known @ corner
+        inverse = np.block(
+            [[inverse + side @ np.swapaxes(known, 1, 2), -side], [-np.swapaxes(side, 1, 2), corner]]
+        )
+    return inverse
 
 
 class LinearFits:
@@ -321,7 +336,7 @@ class LinearFits:
             done = done.copy()
             done[helped.targets] = True
         left = np.unique(kind[~done])  # nothing to continue: a body one cell thick
-        fit[left] = pseudo_inverse(A[left], WEAK)
+        fit[left] = pseudo_inverse(A[left], WEAK, cells[0].dimension)
         self._row = fit[kind, 0]
         self._row /= root[:, :1]
         self._row /= root
@@ -386,7 +401,7 @@ class QuadraticFits:
             moments = A[kind] * scale
             own = OWN * moments[helped.targets]
             enlarged = helped.second(moments[helped.sources]) + own
-            self._fit[helped.targets] = pseudo_inverse(enlarged, THIN)
+            self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, cells[0].dimension)
 
     def at_vertices(self, stresses: Sequence[Array]) -> Array:
         """Coefficients at owned vertices, (owned, monomials · k); the rest as for linear ones."""

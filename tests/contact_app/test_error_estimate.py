@@ -48,6 +48,18 @@ def test_zero_where_the_mesh_is_exact(cell: str) -> None:
     assert solved.accuracy.algebraic < 1e-6
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_zero_where_a_body_one_cell_thick_is_exact(cell: str, degree: int) -> None:
+    """The same patch: across it cells tell nothing, and stresses may not be taken for half."""
+    made, d = column(cell, 3), scenes.dimension(cell)
+    made["bodies"][0]["mesh"]["box"]["cells"] = [1] + [3] * (d - 1)
+    made["bodies"][0]["degree"] = degree
+    load = scenes.vector(cell, 0, 0, -30.0)
+    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    assert solve(made, tolerance=1e-10).accuracy.discretisation < 1e-8
+
+
 @pytest.mark.parametrize("cell", CELLS)
 def test_zero_where_degree_2_is_exact(cell: str) -> None:
     """A stress linear in height: a column under its own weight, on one and many subdomains."""
