@@ -3,7 +3,7 @@
 Peak memory of a run, fitted to the resident size of runs of the cube with 10³ to 120³ hexahedra,
 decomposed and as one subdomain, to within a factor of two:
 
-    0.2 GB + 0.35 kB · unknowns + 0.7 kB · rows of B + factors,
+    0.2 GB + 0.15 kB · unknowns + 0.9 kB · rows of B + factors,
 
 a sparse Cholesky factor of n unknowns and what is made on the way taking 270 bytes · n^(4/3) in
 space and 60 bytes · n log₂ n in the plane, beside 0.35 MB for its class. Congruent subdomains share
@@ -20,8 +20,8 @@ import resource
 from pathlib import Path
 
 BASE_BYTES = 0.2e9
-BYTES_PER_DOF = 350.0
-BYTES_PER_ROW = 700.0
+BYTES_PER_DOF = 150.0
+BYTES_PER_ROW = 900.0
 BYTES_PER_CLASS = 0.35e6
 
 BYTES_PER_DOF_SURFACE = 50.0

@@ -135,14 +135,14 @@ def test_gluing_rows_are_those_of_the_run() -> None:
 
 # Peak memory (GB) and seconds without start-up of `contact-app run` on this cube, on two cores.
 MEASURED = [
-    (20, None, 0.20, 0.20),
-    (40, None, 0.34, 0.94),
-    (60, None, 0.62, 2.3),
-    (100, None, 1.8, 9.0),
-    (120, None, 2.4, 16.0),
-    (20, 1, 0.41, 1.6),
-    (30, 1, 1.27, 6.8),
-    (20, 20, 0.23, 0.81),
+    (20, None, 0.19, 0.15),
+    (40, None, 0.29, 0.57),
+    (60, None, 0.48, 1.3),
+    (100, None, 1.2, 5.6),
+    (120, None, 1.8, 8.5),
+    (20, 1, 0.41, 1.04),
+    (30, 1, 1.26, 5.7),
+    (20, 20, 0.20, 0.26),
 ]
 
 
