@@ -20,7 +20,7 @@ from contact_app.studies.processes import python
 from contact_app.studies.runs import STAGES, from_summary
 
 REPEATS = 20
-PATIENCE = 400.0
+PATIENCE = 240.0
 
 
 def strong(

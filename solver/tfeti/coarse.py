@@ -42,9 +42,10 @@ from solver.vectors import on_arrays
 if TYPE_CHECKING:
     from solver.tfeti.dual import DualOperator
 
-SHARED = 20_000
+SHARED = 50_000
 """Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather of the
-right-hand side costs less than the messages of a triangular solve in parts."""
+right-hand side costs less than the messages of a triangular solve in parts. Measured on two ranks:
+a solve takes 6 percent less at 48,000, 12 percent more at 94,000."""
 
 VANISHING = 1e-13
 """Blocks of G W Gᵀ, over the largest entry, that are what rounding left of none."""
