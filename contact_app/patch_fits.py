@@ -95,8 +95,8 @@ class Helped:
         helping = np.flatnonzero(helps)
         self._columns = (np.cumsum(helps) - 1)[column[order]]
         self._helped, self._helping = copies.some(helped), copies.some(helping)
-        self.sources = np.searchsorted(copies.known, self._helping.known)
-        self.targets = np.searchsorted(copies.known, self._helped.known)
+        self.sources = copies.places_of(self._helping)
+        self.targets = copies.places_of(self._helped)
         totals = np.zeros((len(helped), 1))
         of = np.repeat(np.arange(len(helped)), counts)
         totals[:, 0] = np.bincount(of, self._weight, len(helped))
@@ -153,13 +153,17 @@ class Meeting:
     Attributes
     ----------
     known : (owned,)
-        Nodes this rank owns that have copies, in order.
+        Nodes this rank owns that have copies, in order. Values at them are in the order in which
+        copies come: neighbours in memory are summed and sent to.
     """
 
     def __init__(self, comm: MPI.Intracomm, numbers: NDArray[np.int64], total: int) -> None:
         self._exchange = exchange = NodeExchange(comm, numbers, total)
-        self.known, at = np.unique(exchange.nodes, return_inverse=True)
-        self._at = at.reshape(-1)
+        self.known, first, at = np.unique(exchange.nodes, return_index=True, return_inverse=True)
+        comes = np.zeros(len(exchange.nodes), np.int64)
+        comes[first] = 1
+        self._place = np.cumsum(comes)[first] - 1
+        self._at = self._place[at.reshape(-1)]
         kept, foreign = self._at[exchange.kept], np.delete(self._at, exchange.kept)
         self._sums = sparse.csr_matrix(
             (np.ones(len(kept)), (kept, exchange.own)), shape=(len(self.known), len(numbers))
@@ -171,6 +175,12 @@ class Meeting:
             (np.ones(arrived), (place.reshape(-1), np.arange(arrived))),
             shape=(len(self._shared), arrived),
         )
+
+    def places_of(self, part: Meeting) -> NDArray[np.int64]:
+        """Where values at the nodes of a part of these are, in its order."""
+        result = np.empty(len(part.known), np.int64)
+        result[part._place] = self._place[np.searchsorted(self.known, part.known)]
+        return result
 
     def gather(self, copies: Array) -> Array:
         """Sum (copies, width) over the copies of a node, (owned, width)."""
