@@ -39,13 +39,13 @@ from solver.tfeti.costs import Group, run_seconds
 CELL_RATE = {2: 8e-7, 3: 2e-6}
 """Seconds for error estimate, fields and output of a cell, by dimension."""
 
-PACE = 0.65
+PACE = 0.6
 """Seconds of runs in an ordinary hour over those of `solver.tfeti.costs`, fitted in a slow one."""
 
 STEP_SECONDS = 7e-4
 """Calls of a product with its share of a face's, where there is gluing; however a body is cut."""
 
-STARTED = 0.025
+STARTED = 0.022
 """Seconds of a run beside, whatever its size."""
 
 LEFT_OUT = (

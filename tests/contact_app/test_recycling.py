@@ -63,6 +63,7 @@ def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualP
     near, _ = solved(Face(problem, closed(problem, 16), None, directions))
     touching = closed(problem, 13)
     glued = problem.face(touching, near)
+    np.testing.assert_allclose(glued.d, glued.residual(glued.free_displacements))
     recycled = Recycled(directions, touching)
     change, motion = recycled.best(glued.rhs)
     size = np.abs(change).max()
