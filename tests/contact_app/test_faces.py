@@ -12,8 +12,10 @@ from contact_app.faces import Face, State, decide
 from contact_app.model import build_model
 from contact_app.solution import Accuracy
 from contact_app.solve import solve
+from contact_app.studies.failing_scenes import slender
 from contact_app.target import GAIN, LOOSEST, SHARPENS, AutomaticTarget
 from solver import MPRGP, Reason
+from solver.tfeti.bedding import bedded
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import follows
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
@@ -121,6 +123,19 @@ def test_a_face_that_rounding_holds_up_ends_all_the_same(cell: str) -> None:
     found = decide(face, inner, lambda state: 1.0, lambda state: False, None)
     assert found.reason in (None, Reason.ROUND_OFF)
     assert found.counts.hessian == spent
+
+
+def test_a_face_knows_what_rounding_leaves_outside_the_range_of_the_projector() -> None:
+    """A beam 1:300 of thirty parts on a few nodes: 5e-4 of the right-hand side, which no step removes.
+
+    Steps go on until rounding holds them up otherwise, two for each unknown.
+    """
+    scene = scenes.build(slender(300.0, [300, 1]), [30, 1])
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    face = Face(problem, bedded(problem))
+    assert face.solve(MPRGP(), 0.0, None) is Reason.CONVERGED
+    assert face.counts.cg < problem.size / 10
+    assert face.at_round_off
 
 
 def test_an_automatic_tolerance_asks_for_the_gap_where_it_may_decide() -> None:
