@@ -126,7 +126,7 @@ def test_a_face_that_rounding_holds_up_ends_all_the_same(cell: str) -> None:
 
 
 def test_a_face_knows_what_rounding_leaves_outside_the_range_of_the_projector() -> None:
-    """A beam 1:300 of thirty parts on a few nodes: 5e-4 of the right-hand side, which no step removes.
+    """A beam 1:300 in thirty parts: 5e-4 of the right-hand side, which no step removes.
 
     Steps go on until rounding holds them up otherwise, two for each unknown.
     """
