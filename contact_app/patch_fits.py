@@ -343,7 +343,6 @@ class LinearFits:
             if not comm.allreduce(len(helped.targets)):
                 break
             continued.append(helped)
-            done = done.copy()
             done[helped.targets] = True
         left = np.unique(kind[~done])  # nothing to continue: a body one cell thick
         fit[left] = pseudo_inverse(A[left], WEAK, cells[0].dimension)
@@ -394,9 +393,10 @@ class QuadraticFits:
 
     def __init__(self, comm: MPI.Intracomm, cells: Sequence[Cells], copies: Copies) -> None:
         self._cells, self._copies, self._comm = cells, copies, comm
-        self.kept = self._size = size = monomial_count(cells[0].dimension, 2)
+        d = cells[0].dimension
+        self.kept = self._size = size = monomial_count(d, 2)
         A, kind, root = scaled_moments(cells, copies, size)
-        linear = 1 + cells[0].dimension
+        linear = 1 + d
         flat = np.linalg.det(A[:, :linear, :linear]) <= FLAT
         quadratic = np.abs(A[:, :linear, linear:]).max(axis=(1, 2)) > 0.0
         few = np.where(quadratic, np.linalg.eigvalsh(A)[:, 0] <= THIN, flat)
@@ -411,7 +411,7 @@ class QuadraticFits:
             moments = A[kind] * scale
             own = OWN * moments[helped.targets]
             enlarged = helped.second(moments[helped.sources]) + own
-            self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, cells[0].dimension)
+            self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, d)
 
     def at_vertices(self, stresses: Sequence[Array]) -> Array:
         """Coefficients at owned vertices, (owned, monomials · k); the rest as for linear ones."""

@@ -43,7 +43,7 @@ def at_nodes(recovery: StressRecovery, degree: int) -> list[tuple[Array, Array]]
     model, d = recovery.model, recovery.dimension
     offsets: list[list[Array]] = [[] for _ in recovery.cells]
     for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True):
-        offsets[cls].append(s.points()[0, :d] - s.reference.points[0, :d])
+        offsets[cls].append(s.translation[:d])
     samples = []
     for cells, shifts in zip(recovery.cells, offsets, strict=True):
         own = np.einsum("qg,cgi->cqi", cells.samples.places, cells.places[cells.geometry])
