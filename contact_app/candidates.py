@@ -108,7 +108,10 @@ def estimated(rows: ContactRows, reach: NDArray[np.float64]) -> NDArray[np.bool_
 
 
 def more_needed(
-    left_out: ContactRows, reach: NDArray[np.float64], slack: NDArray[np.float64], size: float
+    left_out: ContactRows,
+    reach: NDArray[np.float64],
+    slack: NDArray[np.float64],
+    sizes: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
     """Of the rows that were left out those an answer asks for, (rows,).
 
@@ -116,11 +119,12 @@ def more_needed(
     ----------
     slack : (rows,)
         What the answer leaves along them.
-    size
-        Its largest displacement; rows that were out of reach are taken if they are as near.
+    sizes : (rows,)
+        The largest displacement of their bodies; rows that were out of reach are taken if they are
+        as near.
     """
     far = left_out.gaps > reach[left_out.sources]
-    return slack < np.where(far, size, 0.0)
+    return slack < np.where(far, sizes, 0.0)
 
 
 def slack_of(

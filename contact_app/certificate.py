@@ -15,8 +15,16 @@ is another matter. Any û will do. The nearest one to u is open wherever u is, w
 λᵀ (c - B u), first order in the error; rows that press are therefore closed in û where that costs
 less, second order.
 
-Lengths are relative to the largest displacement, forces to the load (the largest of the sums of
-the magnitudes of loads, of reactions and of contact forces), the gap to the energy.
+What the numbers are relative to. Each body is measured by its own sizes: lengths by its largest
+displacement, forces by its load (the largest of the sums of the magnitudes of loads, of reactions
+and of contact forces), the gap by its strain energy ½ a(u,u). A weak body beside a strong one, or a
+stiff one on a soft one, is so certified for itself (`solver.tfeti.bodies`). Bodies that can touch
+form a group; the gap of a group bounds the error of each of its bodies. The worst body decides.
+
+Rounding. The numbers stand in for the exact u. What rounding u to its last digit makes of its
+strains, and the energy norm of the residual of equilibrium (by the diagonal of K, as of an error
+without a pattern), are added to the root of the gap: a body that is moved so far that nothing is
+left of the digits of its strains does not pass.
 """
 
 from __future__ import annotations
@@ -25,18 +33,18 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.constraints import RowKind
-from solver.tfeti.dual import DualProblem, interface_slices
-from solver.tfeti.feasible import (
-    feasible_displacements,
-    follows,
-    motion_energy,
-    relaxed_energy,
-    worth_closing,
+from solver.contact.duality_gap import group_gaps
+from solver.contact.sizes import (
+    energy_scales,
+    equilibrium_of,
+    forces_on_bodies,
+    largest_displacements,
+    round_off,
 )
+from solver.tfeti.bodies import body_lengths, largest, sizes
+from solver.tfeti.dual import DualProblem
 
 NUMBERS = (
     "max_penetration",
@@ -49,9 +57,6 @@ NUMBERS = (
 
 EQUILIBRIUM_FLOOR = 1e-9
 """Residual of equilibrium that round-off may leave, relative to the load."""
-
-ROUNDED = 1.0
-"""Rounding errors of a displacement, in units of ε diag(K) max|u|, that its residual may show."""
 
 ROUNDED_LIMIT = 1e-6
 """Residual of equilibrium beyond which rounding is no excuse."""
@@ -72,13 +77,15 @@ class Certificate:
     equilibrium
         ‖K u - f + Bᵀ λ‖ over the load, in the 2-norm of all unknowns that are solved for.
     duality_gap
-        J(û) - D(λ) over the energy.
+        J(û) - D(λ) over the strain energy, with what rounding may add.
     passed
         Whether all of them are below the tolerance asked for.
     round_off
         What rounding u to its last digit leaves of equilibrium, over the load; the residual may
         come to that (and to no more than 1e-6). A body that is moved far and hardly strained, a
         stiff one on a soft one, cannot do better: its forces are differences of large numbers.
+    worst
+        The body whose number is reported, one for each of `NUMBERS`; empty where there is one body.
     """
 
     max_penetration: float
@@ -90,40 +97,88 @@ class Certificate:
     passed: bool
     round_off: float = 0.0
     warnings: tuple[str, ...] = field(default=())
+    worst: tuple[int, ...] = field(default=())
 
     def judged(self, tolerance: float) -> Certificate:
         """The same numbers, held against a tolerance."""
+        return replace(self, passed=max(self._shares(tolerance)) <= 1.0)
+
+    def lacks(self, tolerance: float) -> float:
+        """Factor by which the error has to fall; one or less where the certificate passes.
+
+        The gap is of second order in it. What is not a number passes nothing.
+        """
+        shares = dict(zip(NUMBERS, self._shares(tolerance), strict=True))
+        shares["duality_gap"] = float(np.sqrt(shares["duality_gap"]))
+        return max(shares.values())
+
+    def deciding(self, tolerance: float) -> int | None:
+        """The body that decides whether the certificate passes; None where there is one body."""
+        return self.worst[int(np.argmax(self._shares(tolerance)))] if self.worst else None
+
+    def _shares(self, tolerance: float) -> list[float]:
+        """Each of `NUMBERS` over what it may be; infinite for what is not a number."""
         limits = dict.fromkeys(NUMBERS, tolerance)
         rounded = min(self.round_off, ROUNDED_LIMIT)
         limits["equilibrium"] = max(tolerance, EQUILIBRIUM_FLOOR, rounded)
-        passed = all(abs(getattr(self, name)) <= limit for name, limit in limits.items())
-        return replace(self, passed=passed)
+        shares = [abs(getattr(self, name)) / limit for name, limit in limits.items()]
+        return [share if np.isfinite(share) else np.inf for share in shares]
 
     def as_dict(self) -> dict[str, Any]:
         """As `summary.json` holds it."""
-        return {**asdict(self), "warnings": list(self.warnings)}
+        found = {**asdict(self), "warnings": list(self.warnings)}
+        del found["worst"]
+        return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measures:
-    """Sizes the certificate refers to.
+    """Sizes of an answer, of each body and of the scene.
 
     Attributes
     ----------
-    displacement
-        Largest |u| over all nodes, in units of length.
-    load
-        Largest of the sums of magnitudes of loads, reactions and contact forces.
+    displacements : (bodies,)
+        Largest |u| over all nodes of each body, in units of length.
+    loads : (bodies,)
+        Largest of the sums of magnitudes of loads, reactions and contact forces of each body.
+    strains : (bodies,)
+        a(u, u) of each body, twice its strain energy.
+    roundings : (bodies,)
+        The same of what rounding and the residual of equilibrium may have done to u.
+    gaps : (groups,)
+        The duality gap J(û) - D(λ) of each group, in units of energy.
     energy
         ½ a(û,û) - l(û) of the admissible û; its error is second order, at most the duality gap.
-    gap
-        The duality gap J(û) - D(λ), in units of energy.
+    groups : (bodies,)
+        The group of each body.
+    scales : (bodies,)
+        What squared errors in energy norm are relative to in each body; zero where nothing is
+        strained.
     """
 
-    displacement: float
-    load: float
+    displacements: NDArray[np.float64]
+    loads: NDArray[np.float64]
+    strains: NDArray[np.float64]
+    roundings: NDArray[np.float64]
+    gaps: NDArray[np.float64]
     energy: float
-    gap: float
+    groups: NDArray[np.int64]
+    scales: NDArray[np.float64]
+
+    @property
+    def displacement(self) -> float:
+        """Largest |u| over all nodes, in units of length."""
+        return float(self.displacements.max())
+
+    @property
+    def gap(self) -> float:
+        """The duality gap of the scene, in units of energy."""
+        return float(self.gaps.sum())
+
+    def error_squares(self) -> NDArray[np.float64]:
+        """Bound on ‖û - u*‖² of each group, (groups,), with what rounding may add."""
+        rounding = np.bincount(self.groups, self.roundings, len(self.gaps))
+        return np.asarray((np.sqrt(2.0 * np.maximum(self.gaps, 0.0)) + np.sqrt(rounding)) ** 2)
 
 
 def certify(
@@ -147,176 +202,90 @@ def certify(
         Steps that sharpen the gap: û's inside follows its interface, or where there are Schur
         complements does so at once, and the interface moves where nothing holds it.
     """
-    comm = problem.comm
-    contact, glued = problem.inequality, ~problem.inequality
+    comm, bodies = problem.comm, problem.bodies
+    contact = problem.inequality
     interface = problem.on_interface(displacements)
     residual = problem.residual(interface)
     slack = residual / problem.spread
-    largest = _largest_displacement(problem, displacements)
-    unit = largest or 1.0
 
-    imbalance, energy = _equilibrium(problem, multiplier, displacements)
-    contact_forces = multiplier[contact] * problem.spread[contact]
-    load = _load(problem, multiplier, contact_forces)
-    gap = duality_gap(problem, multiplier, interface, relaxations)
-    complementarity = float(np.abs(contact_forces * slack[contact]).sum())
-    sums = np.array([complementarity, multiplier @ residual])
-    complementarity, work = (float(v) for v in comm.allreduce(sums))
-    energy += work + gap
+    moved = largest_displacements(problem, displacements)
+    lengths = body_lengths(bodies, moved, problem.free_lengths)
+    state = equilibrium_of(problem, multiplier, displacements)
+    rounded, disturbed = round_off(problem, displacements)
+    force = np.where(contact, multiplier * problem.spread, 0.0)
+    forces = forces_on_bodies(problem, multiplier, force, state.reactions)
+    gaps = group_gaps(problem, multiplier, interface, relaxations)
+    work = float(comm.allreduce(multiplier @ residual))
+    idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))
+    roundings = (np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2
+    measures = Measures(
+        displacements=moved,
+        loads=forces.max(axis=0),
+        strains=state.strains,
+        roundings=roundings,
+        scales=energy_scales(problem, state.strains, roundings, forces, rounded),
+        gaps=gaps,
+        energy=float(state.energy + work + gaps.sum()),
+        groups=bodies.groups,
+    )
+    # forces on what is merely moved are rounding errors: relative to those that would move it
+    moving = rounded / np.finfo(np.float64).eps
+    load = sizes(bodies, np.where(measures.scales > 0.0, measures.loads, moving))
+    away = np.abs(slack) / bodies.of_rows(lengths)
+    pulls = np.maximum(-force, 0.0) / bodies.of_rows(load)
+    found = {
+        "max_penetration": _worst_rows(problem, np.where(slack > 0.0, away, 0.0), contact),
+        "max_gluing_jump": _worst_rows(problem, away, ~contact),
+        "min_multiplier": _worst_rows(problem, pulls, contact),
+        "complementarity": idle / (load * lengths),
+        "equilibrium": state.imbalance / load,
+        "duality_gap": _relative_gaps(problem, measures),
+    }
+    return _certificate(found, rounded / load).judged(tolerance), measures
 
-    numbers = Certificate(
-        max_penetration=_max(comm, np.maximum(slack[contact], 0.0)) / unit,
-        max_gluing_jump=_max(comm, np.abs(slack[glued])) / unit,
-        min_multiplier=0.0 - _max(comm, -np.minimum(contact_forces, 0.0)) / (load or 1.0),
-        complementarity=complementarity / ((load or 1.0) * unit),
-        equilibrium=imbalance / (load or 1.0),
-        duality_gap=gap / (abs(energy) or 1.0),
+
+def _certificate(
+    found: dict[str, NDArray[np.float64]], rounded: NDArray[np.float64]
+) -> Certificate:
+    """The worst body's numbers, from those of all bodies; none of it judged yet.
+
+    Of equilibrium those bodies are worse that exceed what rounding excuses.
+    """
+    blame = dict(found)
+    excess = found["equilibrium"] > np.minimum(rounded, ROUNDED_LIMIT)
+    if excess.any():
+        blame["equilibrium"] = np.where(excess, found["equilibrium"], 0.0)
+    worst = {name: int(np.argmax(values)) for name, values in blame.items()}
+    numbers = {name: float(values[worst[name]]) for name, values in found.items()}
+    several = len(rounded) > 1
+    return Certificate(
+        max_penetration=numbers["max_penetration"],
+        max_gluing_jump=numbers["max_gluing_jump"],
+        min_multiplier=0.0 - numbers["min_multiplier"],
+        complementarity=numbers["complementarity"],
+        equilibrium=numbers["equilibrium"],
+        duality_gap=numbers["duality_gap"],
         passed=False,
-        round_off=_round_off(problem, displacements) / (load or 1.0),
+        round_off=float(rounded[worst["equilibrium"]]),
+        worst=tuple(worst[name] for name in NUMBERS) if several else (),
     )
-    return numbers.judged(tolerance), Measures(largest, load, energy, gap)
 
 
-def nearest_admissible(
-    problem: DualProblem, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
+def _worst_rows(
+    problem: DualProblem, values: NDArray[np.float64], rows: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """The admissible û whose duality gap is least, on the interface; elsewhere it is u."""
-    interface = problem.on_interface(displacements)
-    return interface + _nearest(problem, multiplier, interface)[0]
+    """The largest of values (dual,) over some rows of each body, (bodies,) (collective)."""
+    local = np.zeros(problem.bodies.count)
+    np.maximum.at(local, problem.bodies.rows[rows, 0], values[rows])
+    return largest(problem.comm, local)
 
 
-def duality_gap(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    interface: NDArray[np.float64],
-    relaxations: int = 0,
-    rest: float = 0.0,
-) -> float:
-    """J(û) - D(λ) of what λ and u on the interface stand for, in units of energy.
+def _relative_gaps(problem: DualProblem, measures: Measures) -> NDArray[np.float64]:
+    """Half the bound on the squared error of each body over its strain energy, (bodies,).
 
-    Parameters
-    ----------
-    multiplier : (dual,)
-        λ ≥ 0 on contact rows, in equilibrium with the loads.
-    relaxations
-        As for `certify`.
-    rest
-        As for `feasible_displacements`.
+    The error of a body is at most that of its group, and what rounding makes of its own digits.
     """
-    change, opened, gap = _nearest(problem, multiplier, interface, rest)
-    if not relaxations:
-        return gap
-    if not follows(problem):
-        return float(problem.comm.allreduce(opened + motion_energy(problem, change, relaxations)))
-    pressing = problem.inequality & (multiplier > 0.0)
-    ways = [(change, opened), _way(problem, multiplier, interface, pressing, rest)]
-    return min(
-        problem.comm.allreduce(opened) + relaxed_energy(problem, change, relaxations)
-        for change, opened in ways
-    )
-
-
-def _nearest(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    interface: NDArray[np.float64],
-    rest: float = 0.0,
-) -> tuple[NDArray[np.float64], float, float]:
-    """The cheapest way û - u to an admissible û, λᵀ (c - B û) on this rank, and the gap.
-
-    One way closes the contact rows that are worth it, another does not.
-    """
-    closed = worth_closing(problem, multiplier, problem.residual(interface))
-    ways = [_way(problem, multiplier, interface, rows, rest) for rows in (closed, None)]
-    costs = [opened + motion_energy(problem, change) for change, opened in ways]
-    costs = problem.comm.allreduce(np.array(costs))
-    best = int(np.argmin(costs))
-    return *ways[best], float(costs[best])
-
-
-def _way(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    interface: NDArray[np.float64],
-    closed: NDArray[np.bool_] | None,
-    rest: float,
-) -> tuple[NDArray[np.float64], float]:
-    """The way û - u to an admissible û that closes some contact rows, and λᵀ (c - B û)."""
-    change, residual = feasible_displacements(problem, interface, closed, rest)
-    contact = problem.inequality
-    change -= interface
-    return change, -float(multiplier[contact] @ np.minimum(residual[contact], 0.0))
-
-
-def _equilibrium(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    displacements: list[NDArray[np.float64]],
-) -> tuple[float, float]:
-    """‖K u - f + Bᵀ λ‖ over free unknowns, and the energy ½ a(u,u) - l(u)."""
-    sums = np.zeros(2)
-    forces = problem.constraint_forces(multiplier)
-    for cls, part, u, load in zip(
-        problem.classes,
-        interface_slices(problem.classes),
-        displacements,
-        problem.forces,
-        strict=True,
-    ):
-        force = forces[part].reshape(cls.members, -1)
-        for members in cls.batches():
-            some = u[:, members].copy()
-            Ku = cls.stiffness @ some
-            sums[1] += np.vdot(some, 0.5 * Ku - load[:, members])
-            Ku -= load[:, members]
-            Ku[cls.interface] += force[members].T
-            sums[0] += np.sum(Ku[cls.free] ** 2)
-    square, energy = problem.comm.allreduce(sums)
-    return float(np.sqrt(square)), float(energy)
-
-
-def _round_off(problem: DualProblem, displacements: list[NDArray[np.float64]]) -> float:
-    """2-norm of what rounding errors of the displacements do to K u."""
-    square = 0.0
-    for cls, u in zip(problem.classes, displacements, strict=True):
-        stiff = float(np.sum(cls.stiffness.diagonal()[cls.free] ** 2))
-        largest = np.maximum(u.max(axis=0), -u.min(axis=0))
-        square += stiff * float(largest @ largest)
-    unit = ROUNDED * float(np.finfo(np.float64).eps)
-    return unit * float(np.sqrt(problem.comm.allreduce(square)))
-
-
-def _largest_displacement(problem: DualProblem, displacements: list[NDArray[np.float64]]) -> float:
-    squares = [
-        (u[:, members].reshape(-1, problem.dimension, u[:, members].shape[1]) ** 2)
-        .sum(axis=1)
-        .max()
-        for cls, u in zip(problem.classes, displacements, strict=True)
-        for members in cls.batches()
-    ]
-    return float(np.sqrt(_max(problem.comm, np.array(squares))))
-
-
-def _load(
-    problem: DualProblem, multiplier: NDArray[np.float64], contact_forces: NDArray[np.float64]
-) -> float:
-    """Largest of the sums of magnitudes of loads, reactions of held rows and contact forces."""
-    held = problem.kinds == RowKind.DIRICHLET
-    sums = np.array(
-        [
-            sum(float(np.abs(f).sum()) for f in problem.forces),
-            float(np.abs(multiplier[held]).sum()),
-            float(np.abs(contact_forces).sum()),
-        ]
-    )
-    for cls, lift in zip(problem.classes, problem.lifting, strict=True):
-        if lift.any():
-            sums[1] += float(np.abs(cls.stiffness @ lift).sum())
-    return float(problem.comm.allreduce(sums).max())
-
-
-def _max(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
-    """Largest value on all ranks, zero of nothing; NaN wins."""
-    local = [float(a.max()) for a in arrays if a.size]
-    gathered = np.array([v for part in comm.allgather(local) for v in part] or [0.0])
-    return float(gathered.max())
+    gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[problem.bodies.groups]
+    square = (gap + np.sqrt(measures.roundings)) ** 2
+    strained = measures.scales > 0.0
+    return np.divide(square, measures.scales, out=np.zeros(len(square)), where=strained)

@@ -43,7 +43,7 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
     body, count, depth = scene.bodies[contact.body], 0, 0.0
     if contact.boundary in body.boundaries and contact.obstacle.curvature_radius is None:
         return count, depth
-    least = ENTERED * solution.measures.displacement
+    least = ENTERED * solution.measures.displacements[contact.body]
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         if s.body != contact.body:
             continue

@@ -17,7 +17,9 @@ Where stresses are smooth the misfit is of higher order. It is an estimate, no b
 docs/accuracy.md has what it is worth on scenes whose error is known.
 
 The solver. The duality gap bounds the distance from the exact solution u_h on the mesh to the
-admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap.
+admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap. It takes K u = f - Bᵀ λ
+for granted. What is left of that, and what rounding u does, is added to it: an estimate, no bound,
+told beside it as `round_off`.
 
 Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and with them the squares.
 """
@@ -33,6 +35,7 @@ from numpy.typing import NDArray
 from contact_app.model import Model
 from contact_app.solution import Accuracy, Solution
 from contact_app.stress_recovery import StressRecovery, apply, at_cells
+from solver.contact.sizes import STRAINLESS
 from solver.tfeti.dual import interface_slices
 
 Array = NDArray[np.float64]
@@ -41,9 +44,6 @@ _Distance = tuple[NDArray[np.int64], slice, Array, Array]
 
 MISFIT = 0.5
 """Share of the squared misfit at samples that is the recovery's own error."""
-
-STRAINLESS = 1e-18
-"""a(u,u) over Σ K_ii u_i² below which strains are round-off: a body that only moves."""
 
 
 class ErrorEstimator:
@@ -72,20 +72,21 @@ class ErrorEstimator:
         """The errors of an answer."""
         return accuracy_of(self.squares(solution), solution)
 
-    def squares(self, solution: Solution) -> tuple[float, float]:
-        """η² and a(u_h, u_h); zeros where nothing is strained."""
-        sums = np.zeros(3)
+    def squares(self, solution: Solution) -> Array:
+        """η² and a(u_h, u_h) of each body, (2, bodies)."""
+        bodies = self.model.problem.bodies
+        sums = np.zeros((2, bodies.count))
         displacements = solution.displacements
         recovered = self.recovery(displacements, touching_nodes(self.model, solution))
-        for number, cls in enumerate(self.model.problem.classes):
-            u = displacements[number]
-            for _, _, error, stress in self._distances(number, u, recovered[number]):
-                sums[:2] += self._lengths(number, error).sum(), np.vdot(stress, stress)
-            sums[2] += np.sum(cls.stiffness.diagonal()[:, None] * u**2)
-        square, norm, scale = self.model.comm.allreduce(sums)
-        if norm <= STRAINLESS * scale:
-            return 0.0, 0.0
-        return float(square), float(norm)
+        for number, (u, body) in enumerate(zip(displacements, bodies.members, strict=True)):
+            for _, part, error, stress in self._distances(number, u, recovered[number]):
+                each = (
+                    self._lengths(number, error).sum(axis=1),
+                    np.einsum("mci,mci->m", stress, stress),
+                )
+                for row, values in zip(sums, each, strict=True):
+                    row += np.bincount(body[part], values, bodies.count)
+        return np.asarray(self.model.comm.allreduce(sums))
 
     def cell_squares(self, solution: Solution) -> list[Array]:
         """η² by cell, (cells, members) of each class (collective)."""
@@ -142,13 +143,39 @@ class ErrorEstimator:
             yield rows, part, error, stress
 
 
-def accuracy_of(squares: tuple[float, float], solution: Solution) -> Accuracy:
-    """The errors of an answer from η² and a(u_h, u_h)."""
-    square, norm = squares
-    if norm == 0.0:
-        return Accuracy(0.0, 0.0, 0.0, 0.0)
-    parts = np.sqrt(np.array([square, 2.0 * max(solution.measures.gap, 0.0)]) / norm)
-    return Accuracy(float(parts[0]), float(parts[1]), float(np.hypot(*parts)), norm)
+def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
+    """The errors of an answer.
+
+    Parameters
+    ----------
+    squares : (2, bodies)
+        η² and a(u_h, u_h) of each body.
+    """
+    measures = solution.measures
+    groups, count = measures.groups, len(measures.gaps)
+    square, norm, rounding, scale = (
+        np.bincount(groups, values, count)
+        for values in (*squares, measures.roundings, measures.scales)
+    )
+    whole, strained = float(norm.sum()), norm > STRAINLESS * rounding
+    if (~strained & (scale > 0.0)).any():
+        return Accuracy(np.nan, np.nan, np.nan, whole, np.nan)
+    if not strained.any():
+        return Accuracy(0.0, 0.0, 0.0, 0.0, 0.0)
+    solver = measures.error_squares()
+    totals = np.divide(square + solver, norm, out=np.zeros(count), where=strained)
+    worst = int(np.argmax(totals))
+    errors = np.sqrt(np.array([square, solver, rounding])[:, worst] / norm[worst])
+    some = strained[groups] & (measures.scales > 0.0)
+    bodies = np.sqrt(np.stack([squares[0], solver[groups]])[:, some] / measures.scales[some])
+    return Accuracy(
+        discretisation=float(errors[0]),
+        algebraic=float(errors[1]),
+        total=float(np.sqrt(totals[worst])),
+        square=whole,
+        round_off=float(errors[2]),
+        bodies=tuple((float(mesh), float(error)) for mesh, error in bodies.T),
+    )
 
 
 def touching_nodes(model: Model, solution: Solution) -> list[NDArray[np.bool_]]:

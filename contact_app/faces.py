@@ -96,8 +96,8 @@ class State:
         Contact rows of the face.
     jumps : (dual,)
         B u - c.
-    largest
-        Largest displacement on the interface.
+    lengths : (dual,)
+        What each row's jump is relative to: the displacement of its body on the interface.
     displacements : (interface,)
         u.
     strained
@@ -108,16 +108,16 @@ class State:
     motions: NDArray[np.float64]
     touching: NDArray[np.bool_]
     jumps: NDArray[np.float64]
-    largest: float
+    lengths: NDArray[np.float64]
     displacements: NDArray[np.float64]
     strained: float
 
     def distance(self, problem: DualProblem) -> NDArray[np.float64]:
-        """Jumps, and the penetration of contact rows; over the largest displacement."""
-        return self.jumps / (problem.spread * (self.largest or 1.0))
+        """Jumps, and the penetration of contact rows; over the body's displacement."""
+        return self.jumps / (problem.spread * self.lengths)
 
     def worst(self, problem: DualProblem) -> float:
-        """Largest jump or penetration, over the largest displacement."""
+        """Largest jump or penetration, over the displacement of its body."""
         one_sided = problem.inequality & ~self.touching
         distance = self.distance(problem)
         return largest_magnitude(
@@ -308,8 +308,8 @@ class Face:
         problem.coarse.extend(alpha, kernel_part)
         jumps += kernel_part
         add_motions(problem, alpha, u)
-        largest = largest_magnitude(problem.comm, u)
-        state = State(multiplier, alpha, self.touching, jumps, largest, u, strained)
+        lengths = problem.bodies.of_rows(problem.lengths(u))
+        state = State(multiplier, alpha, self.touching, jumps, lengths, u, strained)
         distance = state.distance(problem)
         error = SIGNIFICANT * self.error(strained)
         strongest = largest_magnitude(problem.comm, multiplier[self.touching])

@@ -31,9 +31,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.box_surface import BoxSurface, FacetsOnFace
-from contact_app.certificate import nearest_admissible
 from contact_app.equilibrated import Found, NoAdmissibleStressError
-from contact_app.error_estimate import STRAINLESS
 from contact_app.model import Model
 from contact_app.patches import Cells
 from contact_app.report import at_most
@@ -47,6 +45,7 @@ from contact_app.stress_recovery import (
     stress_operator,
 )
 from meshes import Subdomain
+from solver.contact.duality_gap import nearest_admissible
 from solver.tfeti.dual import interface_slices
 
 Array = NDArray[np.float64]
@@ -56,6 +55,9 @@ RULE = 4
 
 TOUCHES = 1e-9
 """Gap that is closed, over the largest displacement."""
+
+STRAINLESS = 1e-18
+"""a(u,u) over Σ K_ii u_i² below which strains are round-off: a body that only moves."""
 
 ROUNDED = 1e-12
 """Penetration and jumps of û, over the largest displacement, that are rounding."""

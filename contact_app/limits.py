@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from contact_app.certificate import EQUILIBRIUM_FLOOR
 from contact_app.contact_limits import FEWEST_FACETS, entered_beside, facets_across
-from contact_app.error_estimate import STRAINLESS
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
 from contact_app.polygons import sagittas
 from contact_app.solution import Solution
 from contact_app.solve import reason_text
+from solver.contact.sizes import STRAINLESS
 from solver.tfeti.exchange import NodeExchange
 
 SMALL_STRAIN = 0.05
@@ -61,8 +61,9 @@ def model_warnings(
         )
     warnings += _yielding(model, cells)
     for contact, sagitta in zip(scene.contacts, sagittas(model, nodes), strict=True):
-        if sagitta > LARGE_SAGITTA * solution.measures.displacement > 0.0:
-            share, body = sagitta / solution.measures.displacement, scene.bodies[contact.body]
+        moved = solution.measures.displacements[contact.body]
+        if sagitta > LARGE_SAGITTA * moved > 0.0:
+            share, body = sagitta / moved, scene.bodies[contact.body]
             second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
             remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
             warnings.append(
@@ -75,7 +76,7 @@ def model_warnings(
         if radius:
             sliding = _largest_sliding(model, solution, nodes, i)
             sagitta = sliding**2 / (2.0 * radius)
-            if sagitta > SMALL_SAGITTA * solution.measures.displacement > 0.0:
+            if sagitta > SMALL_SAGITTA * solution.measures.displacements[contact.body] > 0.0:
                 warnings.append(
                     f"{contact.source}: nodes in contact slide by up to {sliding:.3g} along an "
                     f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
@@ -176,18 +177,11 @@ def _yielding(model: Model, cells: CellFields) -> list[str]:
 
 def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDArray[np.float64]:
     """Share of each body's strain energy in strains that vary within cells, (bodies,)."""
-    problem = model.problem
-    energy = np.zeros((3, len(model.scene.bodies)))
-    energy[1] = cells.energy_of_means
-    by_class = []
-    for cls, u in zip(problem.classes, solution.displacements, strict=True):
-        work = np.einsum("ij,ij->j", u, cls.stiffness @ u)
-        by_class.append(np.stack([work, cls.stiffness.diagonal() @ u**2]))
-    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
-        energy[[0, 2], s.body] += by_class[cls][:, column]
-    total, means, scale = model.comm.allreduce(energy)
-    strained = total > STRAINLESS * scale
-    return np.where(strained, 1.0 - means / np.where(strained, total, 1.0), 0.0)
+    measures = solution.measures
+    means = model.comm.allreduce(cells.energy_of_means)
+    strained = measures.strains > STRAINLESS * measures.roundings
+    total = np.where(strained, measures.strains, 1.0)
+    return np.where(strained, 1.0 - means / total, 0.0)
 
 
 def _largest_sliding(model: Model, solution: Solution, nodes: NodeFields, source: int) -> float:

@@ -39,6 +39,7 @@ from contact_app.scene import (
 )
 from contact_app.timings import Timings
 from meshes import Partition, Reference, Subdomain, decompose
+from solver.tfeti.bodies import bodies_of
 from solver.tfeti.classes import subdomain_class
 from solver.tfeti.coarse import CoarseProblem
 from solver.tfeti.congruent import Kind, kinds_of
@@ -637,12 +638,18 @@ def left_out_notes(scene: Scene, known: Outline) -> list[str]:
     return notes
 
 
-def _groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
-    """Bodies that may touch each other, directly or through others."""
+def _group_numbers(scene: Scene) -> NDArray[np.int64]:
+    """The group of each body, (bodies,): bodies that may touch, directly or through others."""
     count = len(scene.bodies)
     ends = np.array([(p.body, p.other) for p in scene.pairs]).reshape(-1, 2)
     graph = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
     _, label = sparse.csgraph.connected_components(graph, directed=False)
+    return np.asarray(label, np.int64)
+
+
+def _groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
+    """Bodies that may touch each other, directly or through others."""
+    label = _group_numbers(scene)
     return [np.flatnonzero(label == k) for k in np.unique(label)]
 
 
@@ -874,6 +881,12 @@ def _dual_problem(
     if comm.allreduce(len(e)):
         with timings.measure("factorization"):
             coarse = CoarseProblem(B, kernels, kinds == RowKind.CONTACT, metric, repeated)
+    members_of = [
+        np.array([partition.subdomains[local].body for local in members], np.int64)
+        for members in groups.values()
+    ]
+    widths = [len(cls.interface) for cls in classes]
+    bodies = bodies_of(comm, B, _group_numbers(scene), members_of, widths)
     wide = np.zeros(len(kinds), bool)
     wide[kinds == RowKind.CONTACT] = contact.wide
     problem = DualProblem(
@@ -890,6 +903,7 @@ def _dual_problem(
         coarse=coarse,
         e=e,
         held_without_contact=held_without_contact,
+        bodies=bodies,
     )
     return problem, place, list(groups)
 

@@ -277,12 +277,13 @@ def _solved(
     for _ in range(EXTENSIONS):
         solved = _solve_once(scene, comm, monitor, checkpoint, needed, timings, spent, tell, start)
         model, solution, slack = solved.model, solved.solution, solved.nodes.slack
-        deepest = comm.allreduce(float(-slack.min(initial=np.inf)), op=MPI.MAX)
-        size = solution.measures.displacement
-        if not solution.converged or deepest <= min(solution.tolerance, CROSSED) * size:
+        sizes = _lengths_of_contacts(solved)[model.left_out.sources]
+        crossed = slack < -min(solution.tolerance, CROSSED) * sizes
+        deepest = comm.allreduce(float(-slack[crossed].min(initial=0.0)), op=MPI.MAX)
+        if not solution.converged or deepest == 0.0:
             return solved
         spent, needed = solution.counts, model.needed.copy()
-        needed[~needed] = more_needed(model.left_out, model.reach, slack, size)
+        needed[~needed] = more_needed(model.left_out, model.reach, slack, sizes)
         log.info(
             "the displacements cross contacts that were left out, by %.3g: solving again with %d "
             "more contact rows",
@@ -291,6 +292,13 @@ def _solved(
         )
         checkpoint = None  # it stays that of the first solve, which a resumed run begins with, too
     return _solve_once(scene, comm, monitor, checkpoint, "all", timings, spent, tell, start)
+
+
+def _lengths_of_contacts(solved: SolvedScene) -> NDArray[np.float64]:
+    """Largest displacement of the bodies of each contact, (contacts,)."""
+    moved, bodies = solved.solution.measures.displacements, solved.model.scene.touching
+    return np.array([max(moved[item.body], moved[getattr(item, "other", item.body)])
+                     for item in bodies])  # fmt: skip
 
 
 def _solve_once(

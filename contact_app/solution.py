@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,31 +16,64 @@ from solver import Counts, Reason
 class Accuracy:
     """Errors in energy norm relative to that of the answer, √a(u,u).
 
+    Of several groups of bodies that do not touch each other those of the worst group. NaN, in
+    `summary.json` null, where nothing can be said: what strains there are, are rounding errors.
+
     Attributes
     ----------
     discretisation
         Estimated error of the mesh.
     algebraic
-        Bound on the error of the solver, √(2 gap).
+        Bound on the error of the solver, √(2 gap), and of rounding, as far as `round_off` tells.
     total
         Root of the sum of their squares.
     square
         a(u,u) of the answer.
+    round_off
+        Estimate of what rounding did to the answer; the part of `algebraic` that is no bound.
+    bodies
+        The first two of each body that is strained, relative to its own strains.
     """
 
     discretisation: float
     algebraic: float
     total: float
     square: float
+    round_off: float = 0.0
+    bodies: tuple[tuple[float, float], ...] = ()
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[str, float | None]:
         """As `summary.json` holds it."""
-        return {key: value for key, value in asdict(self).items() if key != "square"}
+        names = ("discretisation", "algebraic", "total", "round_off")
+        found = {name: getattr(self, name) for name in names}
+        return {name: None if math.isnan(value) else value for name, value in found.items()}
 
     def calibrated(self, share: float) -> Accuracy:
         """The same with that share of the squared estimate."""
         mesh = self.discretisation * math.sqrt(share)
         return replace(self, discretisation=mesh, total=math.hypot(mesh, self.algebraic))
+
+    def resolved(self, share: float) -> Accuracy:
+        """The same with that share of the solver's error."""
+        algebraic = share * self.algebraic
+        return replace(
+            self,
+            algebraic=algebraic,
+            total=math.hypot(self.discretisation, algebraic),
+            bodies=tuple((mesh, share * solver) for mesh, solver in self.bodies),
+        )
+
+    def excess(self, share: float, tightest: float) -> float:
+        """The solver's error over what it may be, in the worst body.
+
+        It may be a share of the error of the mesh, and needs to be no less than `tightest`.
+        """
+        worst = 0.0
+        for mesh, solver in self.bodies:
+            limit = max(share * mesh, tightest)
+            if solver > 0.0:
+                worst = max(worst, solver / limit if limit > 0.0 else math.inf)
+        return worst
 
 
 @dataclass(frozen=True, eq=False)

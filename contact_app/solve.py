@@ -18,21 +18,23 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.certificate import certify, duality_gap
+from contact_app.certificate import certify
 from contact_app.checkpoint import Checkpoint
 from contact_app.faces import Guess, Keep, Outcome, State, follow
 from contact_app.scene import SolverOptions
 from contact_app.solution import Solution
 from contact_app.target import Assess, Target, aim
 from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
+from solver.contact.duality_gap import duality_gap
 from solver.operators import estimate_norm
 from solver.result import Monitor
 from solver.smalbe import Restart, Save
 from solver.tfeti.bedding import bedded, lies_flat
+from solver.tfeti.bodies import body_lengths
 from solver.tfeti.coarse import ProjectorEquality
 from solver.tfeti.columns import on_columns
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import feasible_multiplier, largest_magnitude
+from solver.tfeti.feasible import feasible_multiplier
 from solver.tfeti.preconditioner import FacePreconditioner
 from solver.tfeti.recovery import displacements as recover
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
@@ -116,10 +118,11 @@ def _on_faces(
 ) -> tuple[Outcome, Solution | None]:
     """`follow` active sets to a certified answer, or to the best there is where it was stopped."""
     answer: Solution | None = None
+    judged: State | None = None
 
     def accept(state: State) -> bool:
-        nonlocal answer
-        answer = _answer_of(problem, target, state)
+        nonlocal answer, judged
+        answer, judged = _answer_of(problem, target, state), state
         return answer.converged
 
     def lacks(state: State) -> float:
@@ -131,7 +134,10 @@ def _on_faces(
             steps = target.relaxations if sharp else 0
             return duality_gap(problem, multiplier, state.displacements, steps, LOOSE)
 
-        return target.lacks(worst, state.strained, gap)
+        lack = target.lacks(worst, state.strained, gap)
+        if state is judged and answer is not None:  # the certificate knows more than the jumps
+            lack = max(lack, target.lacks_certified(answer))
+        return lack
 
     found = follow(
         problem, inner, multiplier, touching, lacks, accept, monitor, keep, target.eager, fewer
@@ -176,14 +182,16 @@ class _OuterJudge:
         self.spent = Counts()
         self._problem, self._target, self._inner = problem, target, inner
         self._monitor, self._save = monitor, save
-        self._largest = 0.0
+        self._lengths: NDArray[np.float64] | None = None
         self._residuals: list[float] = []
         self._next_certificate = self._failures = 0
 
     def certify(self, x: NDArray[np.float64], force: NDArray[np.float64]) -> Solution:
         """The answer that an iterate and its force Cᵀ μ stand for."""
         answer = _answer(self._problem, self._target, x, force)
-        self._largest = answer.measures.displacement
+        self._lengths = body_lengths(
+            self._problem.bodies, answer.measures.displacements, self._problem.free_lengths
+        )
         self.answer = self._target.judge(answer)
         return self.answer
 
@@ -236,11 +244,11 @@ class _OuterJudge:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
         problem = self._problem
         gap = np.where(problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient))
-        worst = float((gap / problem.spread).max(initial=0.0))
-        worst = problem.comm.allreduce(worst, op=MPI.MAX)
-        if not self._largest:
-            self._largest = _largest_displacement(problem, state)
-        return worst <= self._target.tolerance * self._largest
+        if self._lengths is None:
+            self._lengths = _lengths(problem, state)
+        share = gap / (problem.spread * problem.bodies.of_rows(self._lengths))
+        worst = problem.comm.allreduce(float(share.max(initial=0.0)), op=MPI.MAX)
+        return worst <= self._target.tolerance
 
 
 def _solve_smalbe(
@@ -422,8 +430,8 @@ def _certified(
     return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, tolerance)
 
 
-def _largest_displacement(problem: DualProblem, state: OuterState) -> float:
-    """Estimate of the largest displacement from an iterate far from the solution."""
+def _lengths(problem: DualProblem, state: OuterState) -> NDArray[np.float64]:
+    """Estimate of the displacement of each body, (bodies,), from an iterate far from the answer."""
     multiplier = problem.offset + state.x
     alpha = kernel_coefficients(problem, multiplier, state.transposed_multiplier)
-    return largest_magnitude(problem.comm, interface_displacements(problem, multiplier, alpha))
+    return problem.lengths(interface_displacements(problem, multiplier, alpha))

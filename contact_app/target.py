@@ -84,6 +84,10 @@ class Target:
         """
         return worst / self.tolerance
 
+    def lacks_certified(self, solution: Solution) -> float:
+        """The same of an answer whose certificate failed, as far as that tells."""
+        return solution.certificate.lacks(self.tolerance)
+
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate; may tighten the tolerance."""
         certificate = solution.certificate.judged(self.tolerance)
@@ -131,6 +135,10 @@ class AutomaticTarget(Target):
         self._wait = int(math.log(max(self._lack, 1.0)) / math.log(GAIN))
         return self._lack
 
+    def lacks_certified(self, solution: Solution) -> float:
+        """Nothing that `lacks` does not know: `judge` has set the limits of both."""
+        return 1.0
+
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate, which fails until enough is enough.
 
@@ -160,32 +168,30 @@ class AutomaticTarget(Target):
                 self._tighten(math.sqrt(gap / enough))
                 return replace(loosely, certificate=replace(loosely.certificate, passed=False))
         accuracy = self._accuracy(solution)
-        limit = max(SHARE * accuracy.discretisation, self._tightest)
+        limit = max(self._tightest, SHARE * accuracy.discretisation)  # the first of them for NaN
+        excess = accuracy.excess(SHARE, self._tightest)
         chosen = min(limit, LOOSEST)
         self._chosen, self._limit = chosen, limit
+        if len(accuracy.bodies) > 1 and excess > 0.0:  # of the whole what the worst body asks for
+            whole = math.sqrt(2.0 * max(gap, 0.0) / accuracy.square)
+            self._limit = min(limit, whole / excess)
         judged = solution.certificate.judged(chosen)
-        if accuracy.algebraic > limit:
+        if excess > 1.0:
             judged = replace(judged, passed=False)
-            self._enough = chosen, gap * (limit / accuracy.algebraic) ** 2
+            self._enough = chosen, gap / excess**2
         if not judged.passed:
-            self._tighten(accuracy.algebraic / limit)
+            self._tighten(excess)
             self.tolerance = min(chosen, self.tolerance)
         return replace(solution, certificate=judged, tolerance=chosen, accuracy=accuracy)
 
     def _accuracy(self, solution: Solution) -> Accuracy:
         """Errors of an answer; that of the mesh as it was where the last answer told it well."""
         gap = solution.measures.gap
-        if self._assessed is None or self._assessed[0].algebraic > STEADY * (
-            self._assessed[0].discretisation
-        ):
+        if self._assessed is None or self._assessed[0].excess(STEADY, 0.0) > 1.0:
             accuracy = self._assess(solution)
         else:
             last, its_gap = self._assessed
-            algebraic = (
-                last.algebraic * math.sqrt(max(gap, 0.0) / its_gap) if its_gap > 0.0 else 0.0
-            )
-            total = math.hypot(last.discretisation, algebraic)
-            accuracy = replace(last, algebraic=algebraic, total=total)
+            accuracy = last.resolved(math.sqrt(max(gap, 0.0) / its_gap) if its_gap > 0.0 else 0.0)
         self._assessed = accuracy, gap
         return accuracy
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.configuration import load
 from contact_app.error_estimate import ErrorEstimator, accuracy_of
@@ -122,7 +123,7 @@ class _Study:
     def __init__(self, model: Model, output: Path, timings: Timings) -> None:
         self.model, self.output, self.timings = model, output, timings
         self._modelled = timings.as_dict()["total"]
-        self._squares: tuple[float, float] | None = None
+        self._squares: NDArray[np.float64] | None = None
 
     def run(self, solver: SMALBE, name: str) -> Counts:
         """Solve, certify, and leave a summary."""

@@ -44,6 +44,8 @@ class SubdomainClass:
         K, before any condition is imposed.
     kernel : (n, k)
         Orthonormal rigid motions R; k = 0 where held unknowns are eliminated instead.
+    motions : (n, r)
+        The same where held unknowns are eliminated, too.
     free : (m,)
         Unknowns that are solved for; all of them unless held ones are eliminated.
     interface : (i,)
@@ -60,6 +62,7 @@ class SubdomainClass:
 
     stiffness: sparse.csr_matrix
     kernel: NDArray[np.float64]
+    motions: NDArray[np.float64]
     free: NDArray[np.int64]
     interface: NDArray[np.int64]
     members: int
@@ -190,4 +193,6 @@ def subdomain_class(
         if how is BlockKind.DENSE:
             block = DenseBlock(block.toarray())
     relaxes = block is not None and relaxing_pays(len(interface), most, block.order)
-    return SubdomainClass(stiffness, kernel, free, interface, members, inverse, block, relaxes)
+    return SubdomainClass(
+        stiffness, kernel, rigid, free, interface, members, inverse, block, relaxes
+    )

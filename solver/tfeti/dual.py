@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.tfeti.bodies import Bodies, body_lengths
 from solver.tfeti.classes import SubdomainClass
 from solver.tfeti.coarse import CoarseProblem, ProjectedOperator
 from solver.tfeti.constraints import ContactRows, RowKind
@@ -113,6 +114,8 @@ class DualProblem:
         Work of the loads on the kernels.
     held_without_contact
         Whether gluing and held rows alone stop every rigid motion.
+    bodies
+        The body of each subdomain and row.
     """
 
     comm: MPI.Intracomm
@@ -128,6 +131,7 @@ class DualProblem:
     coarse: CoarseProblem | None
     e: NDArray[np.float64]
     held_without_contact: bool
+    bodies: Bodies
 
     @cached_property
     def F(self) -> DualOperator:
@@ -209,25 +213,46 @@ class DualProblem:
         return int(self.comm.allreduce(int((self.kinds == kind).sum())))
 
     @cached_property
-    def _free(self) -> tuple[NDArray[np.float64], float]:
-        """K⁺ f on the interface and fᵀ K⁺ f on this rank; equal loads are solved for once."""
-        result, work = np.zeros(self.B.columns), 0.0
-        for cls, part, load in zip(
-            self.classes, interface_slices(self.classes), self.loads, strict=True
+    def _free(self) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+        """K⁺ f on the interface and fᵀ K⁺ f of each subdomain; equal loads are solved for once."""
+        result = np.zeros(self.B.columns)
+        works = [np.zeros(cls.members) for cls in self.classes]
+        for cls, part, load, work in zip(
+            self.classes, interface_slices(self.classes), self.loads, works, strict=True
         ):
             loaded = np.flatnonzero(load.any(axis=0))
             if len(loaded):
                 first, alike = _alike(load, loaded)
                 u = cls.solve(load[:, first])
                 result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T[alike]
-                each = np.einsum("ij,ij->j", load[:, first], u)
-                work += float(each[alike].sum())
-        return result, work
+                work[loaded] = np.einsum("ij,ij->j", load[:, first], u)[alike]
+        return result, works
 
     @property
     def free_displacements(self) -> NDArray[np.float64]:
         """K⁺ f on the interface."""
         return self._free[0]
+
+    @cached_property
+    def free_lengths(self) -> NDArray[np.float64]:
+        """Largest K⁺ f on the interface of each body, (bodies,) (collective when first asked)."""
+        return self.bodies.largest_on_interface(self.comm, self.free_displacements)
+
+    @cached_property
+    def free_strains(self) -> NDArray[np.float64]:
+        """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective when first asked)."""
+        works = list(self._free[1])
+        for number, (cls, load, lift) in enumerate(
+            zip(self.classes, self.forces, self.lifting, strict=True)
+        ):
+            if lift.any():
+                works[number] = np.einsum("ij,ij->j", load, cls.solve(load.copy(order="F")))
+        return np.asarray(self.comm.allreduce(self.bodies.sum_members(works)))
+
+    def lengths(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What lengths are relative to in each body, (bodies,), for displacements (interface,)."""
+        moved = self.bodies.largest_on_interface(self.comm, interface)
+        return body_lengths(self.bodies, moved, self.free_lengths)
 
     def strain_energy(
         self, multiplier: NDArray[np.float64], displacements: NDArray[np.float64]
@@ -239,8 +264,9 @@ class DualProblem:
         displacements : (interface,)
             K⁺ (f - Bᵀ λ).
         """
-        free, work = self._free
-        own = work - float(self.constraint_forces(multiplier) @ (free + displacements))
+        free, works = self._free
+        own = sum(float(work.sum()) for work in works)
+        own -= float(self.constraint_forces(multiplier) @ (free + displacements))
         return float(self.comm.allreduce(own))
 
     @cached_property

@@ -140,26 +140,29 @@ def worth_closing(
     return opened & (-multiplier * gaps > 0.5 * gaps * share)
 
 
-def motion_energy(problem: DualProblem, motion: NDArray[np.float64], relaxations: int = 0) -> float:
-    """½ wᵀ K w on this rank, w moving the interface by `motion` and the inside little.
+def motion_energies(
+    problem: DualProblem, motion: NDArray[np.float64], relaxations: int = 0
+) -> NDArray[np.float64]:
+    """½ wᵀ K w of each body on this rank, (bodies,).
 
-    Inside the subdomains w is zero, or what some steps of conjugate gradients, preconditioned by
-    the diagonal, make of that towards the least energy.
+    w moves the interface by `motion`. Inside the subdomains it is zero, or what some steps of
+    conjugate gradients, preconditioned by the diagonal, make of that towards the least energy.
 
     Parameters
     ----------
     relaxations
         Steps; each takes one product with the stiffness of every subdomain.
     """
-    energy = 0.0
+    energies = []
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
-        moved = motion[part].reshape(cls.members, -1)
+        moved, energy = motion[part].reshape(cls.members, -1), np.empty(cls.members)
         for members in cls.batches():
             some = moved[members].T.copy()
-            energy += 0.5 * float(np.vdot(some, cls.interface_stiffness @ some))
+            energy[members] = 0.5 * np.einsum("im,im->m", some, cls.interface_stiffness @ some)
             if relaxations:
-                energy -= _relaxed(cls, some, relaxations)
-    return energy
+                energy[members] -= _relaxed(cls, some, relaxations)
+        energies.append(energy)
+    return problem.bodies.sum_members(energies)
 
 
 def follows(problem: DualProblem) -> bool:
@@ -169,8 +172,10 @@ def follows(problem: DualProblem) -> bool:
     return bool(problem.comm.allreduce(mine, op=MPI.LAND))
 
 
-def relaxed_energy(problem: DualProblem, motion: NDArray[np.float64], steps: int) -> float:
-    """½ wᵀ K w after some steps of conjugate gradients towards the least energy (collective).
+def relaxed_energies(
+    problem: DualProblem, motion: NDArray[np.float64], steps: int
+) -> NDArray[np.float64]:
+    """½ wᵀ K w of each body after steps of conjugate gradients to the least energy (collective).
 
     They move the interface where no row of B is concerned, so that what is admissible stays so;
     the inside follows.
@@ -180,24 +185,29 @@ def relaxed_energy(problem: DualProblem, motion: NDArray[np.float64], steps: int
     motion : (interface,)
         w to begin with.
     """
+    motion = motion.copy()
     forces = _schur(problem, motion)
     residual = -_unseen(problem, forces)
     direction = residual.copy()
-    sums = np.array([motion @ forces, residual @ residual])
-    energy, square = (float(v) for v in problem.comm.allreduce(sums))
-    energy *= 0.5
+    square = problem.comm.allreduce(float(residual @ residual))
     for _ in range(steps):
-        image = _unseen(problem, _schur(problem, direction))
+        pushed = _schur(problem, direction)
+        image = _unseen(problem, pushed)
         curvature = problem.comm.allreduce(float(direction @ image))
         if not curvature > 0.0:
             break
         length = square / curvature
-        energy -= 0.5 * length * square
+        motion += length * direction
+        forces += length * pushed
         residual -= length * image
         before, square = square, problem.comm.allreduce(float(residual @ residual))
         direction *= square / before
         direction += residual
-    return energy
+    energies = [
+        0.5 * (motion[part] * forces[part]).reshape(cls.members, -1).sum(axis=1)
+        for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True)
+    ]
+    return np.asarray(problem.comm.allreduce(problem.bodies.sum_members(energies)))
 
 
 def _schur(problem: DualProblem, motion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -217,11 +227,11 @@ def _unseen(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.flo
     return vector - problem.constraint_forces(rows)
 
 
-def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> float:
-    """Energy that members give off when their inside follows the interface."""
+def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> NDArray[np.float64]:
+    """Energy that each member gives off when its inside follows the interface, (members,)."""
     inside = np.setdiff1d(cls.free, cls.interface)
     if len(inside) == 0:
-        return 0.0
+        return np.zeros(motion.shape[1])
     full = np.zeros((cls.unknowns, motion.shape[1]))
     full[cls.interface] = motion
     residual = -(cls.stiffness @ full)[inside]
@@ -240,7 +250,7 @@ def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> fl
         before, square = square, np.einsum("im,im->m", residual, residual / diagonal)
         ratio = np.divide(square, before, out=np.zeros_like(gain), where=before > 0.0)
         direction = residual / diagonal + ratio * direction
-    return float(gain.sum())
+    return gain
 
 
 def largest_magnitude(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:

@@ -7,7 +7,6 @@ import pytest
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.certificate import duality_gap
 from contact_app.faces import Face, State, decide
 from contact_app.model import build_model
 from contact_app.solution import Accuracy
@@ -15,6 +14,7 @@ from contact_app.solve import solve
 from contact_app.studies.failing_scenes import slender
 from contact_app.target import GAIN, LOOSEST, SHARPENS, AutomaticTarget
 from solver import MPRGP, Reason
+from solver.contact.duality_gap import duality_gap
 from solver.tfeti.bedding import bedded
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import follows

@@ -1,0 +1,116 @@
+"""The duality gap J(û) - D(λ) of an answer, by groups of bodies that can touch each other.
+
+û is an admissible neighbour of the displacements u, λ is in equilibrium with the loads, and the gap
+bounds ½ ‖û - u*‖²_K: the derivation stands in `contact_app.certificate`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.feasible import (
+    feasible_displacements,
+    follows,
+    motion_energies,
+    relaxed_energies,
+    worth_closing,
+)
+
+
+def nearest_admissible(
+    problem: DualProblem, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """The admissible û whose duality gap is least, on the interface; elsewhere it is u."""
+    interface = problem.on_interface(displacements)
+    return interface + _nearest(problem, multiplier, interface)[0]
+
+
+def duality_gap(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    interface: NDArray[np.float64],
+    relaxations: int = 0,
+    rest: float = 0.0,
+) -> float:
+    """J(û) - D(λ) of what λ and u on the interface stand for, in units of energy.
+
+    Parameters
+    ----------
+    multiplier : (dual,)
+        λ ≥ 0 on contact rows, in equilibrium with the loads.
+    relaxations
+        As for `certify`.
+    rest
+        As for `feasible_displacements`.
+    """
+    return float(group_gaps(problem, multiplier, interface, relaxations, rest).sum())
+
+
+def group_gaps(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    interface: NDArray[np.float64],
+    relaxations: int = 0,
+    rest: float = 0.0,
+) -> NDArray[np.float64]:
+    """`duality_gap` of each group, (groups,)."""
+    change, opened, gaps = _nearest(problem, multiplier, interface, rest)
+    if not relaxations:
+        return gaps
+    comm, bodies = problem.comm, problem.bodies
+    if not follows(problem):
+        energies = motion_energies(problem, change, relaxations)
+        return np.asarray(comm.allreduce(opened + bodies.sum_by_group(energies)))
+    pressing = problem.inequality & (multiplier > 0.0)
+    ways = [(change, opened), _way(problem, multiplier, interface, pressing, rest)]
+    costs = [
+        comm.allreduce(opened) + bodies.sum_by_group(relaxed_energies(problem, change, relaxations))
+        for change, opened in ways
+    ]
+    return np.asarray(np.min(costs, axis=0))
+
+
+def _nearest(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    interface: NDArray[np.float64],
+    rest: float = 0.0,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The cheapest way û - u to an admissible û, λᵀ (c - B û) on this rank, and the gap.
+
+    One way closes the contact rows that are worth it, another does not; each group of bodies takes
+    its cheaper one. The last two are of each group, (groups,).
+    """
+    bodies = problem.bodies
+    closed = worth_closing(problem, multiplier, problem.residual(interface))
+    ways = [_way(problem, multiplier, interface, rows, rest) for rows in (closed, None)]
+    costs = np.array(
+        [opened + bodies.sum_by_group(motion_energies(problem, w)) for w, opened in ways]
+    )
+    costs = problem.comm.allreduce(costs)
+    if not (costs[1] < costs[0]).any():
+        return *ways[0], costs[0]
+    second = costs[1] < costs[0]
+    change, opened = (
+        np.where(chosen, b, a)
+        for chosen, a, b in zip((second[bodies.groups[bodies.columns]], second), *ways, strict=True)
+    )
+    return change, opened, np.where(second, costs[1], costs[0])
+
+
+def _way(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    interface: NDArray[np.float64],
+    closed: NDArray[np.bool_] | None,
+    rest: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The way û - u to an admissible û that closes some contact rows, and λᵀ (c - B û)."""
+    change, residual = feasible_displacements(problem, interface, closed, rest)
+    change -= interface
+    work = np.where(problem.inequality, -multiplier * np.minimum(residual, 0.0), 0.0)
+    bodies = problem.bodies
+    groups = bodies.groups[bodies.rows[:, 0]]
+    return change, np.bincount(groups, work, bodies.group_count).astype(np.float64)

@@ -1,0 +1,194 @@
+"""How large an answer is in each body: displacements, forces, energies, and what rounding makes.
+
+A certificate is relative to these. All functions are collective and return one value a body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.tfeti.bodies import largest
+from solver.tfeti.constraints import RowKind
+from solver.tfeti.dual import DualProblem, interface_slices
+
+ROUNDED = 1.0
+"""Rounding errors of a displacement, in units of ε diag(K) max|u|, that its residual may show."""
+
+STRAINLESS = 1e4
+"""a(u, u) over what rounding makes of it, below which strains are rounding errors: a hundredth of
+them, squared."""
+
+FORCED = 1e3
+"""Forces on a group over those that rounding makes, beyond which they are no rounding errors."""
+
+IDLE = 1e-3
+"""Load of a body over that of its group below which the error of its stresses is measured as if it
+carried so much: what hardly carries anything need not be right to as many digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """What K u - f + Bᵀ λ and its parts come to.
+
+    Attributes
+    ----------
+    imbalance : (bodies,)
+        2-norm of the residual over the free unknowns of each body.
+    reactions : (bodies,)
+        Σ |r_i| over the eliminated unknowns: what holds them.
+    disturbances : (bodies,)
+        Σ r_i² / K_ii, the squared energy norm of an error that leaves a residual r of no pattern.
+    strains : (bodies,)
+        a(u, u), in which rigid motions, however large, leave no rounding errors.
+    energy
+        ½ a(u,u) - l(u).
+    """
+
+    imbalance: NDArray[np.float64]
+    reactions: NDArray[np.float64]
+    disturbances: NDArray[np.float64]
+    strains: NDArray[np.float64]
+    energy: float
+
+
+def equilibrium_of(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    displacements: list[NDArray[np.float64]],
+) -> Equilibrium:
+    """Residual and energies of each body (collective)."""
+    bodies, forces = problem.bodies, problem.constraint_forces(multiplier)
+    sums, work = np.zeros((4, bodies.count)), 0.0
+    for cls, part, u, load, body in zip(
+        problem.classes,
+        interface_slices(problem.classes),
+        displacements,
+        problem.forces,
+        bodies.members,
+        strict=True,
+    ):
+        force = forces[part].reshape(cls.members, -1)
+        stiff = cls.stiffness.diagonal()[:, None]
+        held = np.ones(cls.unknowns, bool)
+        held[cls.free] = False
+        for members in cls.batches():
+            some = u[:, members]
+            strained = some - cls.motions @ (cls.motions.T @ some)
+            Ku = cls.stiffness @ strained
+            work += float(np.vdot(some, load[:, members]))
+            strains = np.einsum("im,im->m", strained, Ku)
+            Ku -= load[:, members]
+            Ku[cls.interface] += force[members].T
+            reactions = np.abs(Ku[held]).sum(axis=0)
+            Ku[held] = 0.0
+            squares = np.einsum("im,im->m", Ku, Ku)
+            each = squares, reactions, np.einsum("im,im->m", Ku, Ku / stiff), strains
+            for row, values in zip(sums, each, strict=True):
+                row += np.bincount(body[members], values, bodies.count)
+    sums, work = problem.comm.allreduce(sums), problem.comm.allreduce(work)
+    energy = 0.5 * float(sums[3].sum()) - work
+    return Equilibrium(np.sqrt(sums[0]), sums[1], sums[2], np.maximum(sums[3], 0.0), energy)
+
+
+def round_off(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What rounding errors of the displacements do, (bodies,): ‖K δu‖ and δuᵀ K δu (collective).
+
+    The second counts those of the displacements without constraint forces, too, of which the
+    answer is a difference.
+    """
+    unit = ROUNDED * float(np.finfo(np.float64).eps)
+    parts = []
+    for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
+        stiff = cls.stiffness.diagonal()[cls.free]
+        size = np.maximum(u.max(axis=0), -u.min(axis=0))
+        squares = float(np.sum(stiff**2)) * (unit * size) ** 2
+        size = np.maximum(size, problem.free_lengths[body])
+        parts.append(np.stack([squares, float(stiff.sum()) * (unit * size) ** 2]))
+    sums = np.array([problem.bodies.sum_members([part[k] for part in parts]) for k in range(2)])
+    squares, energies = problem.comm.allreduce(sums)
+    return np.sqrt(squares), energies
+
+
+def largest_displacements(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Largest |u| over the nodes of each body, (bodies,) (collective)."""
+    result = np.zeros(problem.bodies.count)
+    for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
+        for members in cls.batches():
+            some = u[:, members]
+            squares = (some.reshape(-1, problem.dimension, some.shape[1]) ** 2).sum(axis=1)
+            np.maximum.at(result, body[members], squares.max(axis=0))
+    return np.sqrt(largest(problem.comm, result))
+
+
+def forces_on_bodies(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    force: NDArray[np.float64],
+    reactions: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Sums of the magnitudes of loads, of reactions and of contact forces of each body.
+
+    (3, bodies) (collective).
+
+    Parameters
+    ----------
+    force : (dual,)
+        Contact forces, zero on other rows.
+    reactions : (bodies,)
+        At eliminated unknowns.
+    """
+    bodies = problem.bodies
+    given = bodies.sum_members([np.abs(f).sum(axis=0) for f in problem.forces])
+    held = bodies.sum_rows(np.abs(multiplier), problem.kinds == RowKind.DIRICHLET)
+    touching = bodies.sum_rows(np.abs(force), problem.inequality)
+    sums = np.asarray(problem.comm.allreduce(np.array([given, held, touching])))
+    return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
+
+
+def energy_scales(
+    problem: DualProblem,
+    strains: NDArray[np.float64],
+    roundings: NDArray[np.float64],
+    forces: NDArray[np.float64],
+    rounded: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """What squared errors in energy norm are relative to in each body, (bodies,).
+
+    Its strains, a(u, u). A body that carries next to nothing is measured as if it carried `IDLE` of
+    what its group does, and none by more than its group.
+
+    Where nothing but rounding errors strains a group, a(u, u) tells nothing. If forces act on it
+    all the same, far above those rounding makes, as loads on the face that an obstacle holds, it is
+    measured by what the loads would do without constraints. If none act, it is merely moved and
+    has no error: zero. Else its strains are digits that are not there, and it fails by them.
+
+    Parameters
+    ----------
+    forces : (3, bodies)
+        Loads, reactions and contact forces.
+    rounded : (bodies,)
+        Force that rounding makes.
+    """
+    bodies, groups = problem.bodies, problem.bodies.groups
+    load = forces.max(axis=0)
+    whole = bodies.sum_by_group(strains)[groups]
+    still = whole <= STRAINLESS * bodies.sum_by_group(roundings)[groups]
+    if still.any():
+        free = bodies.sum_by_group(problem.free_strains)[groups]
+        loaded, acting, noise = (
+            bodies.sum_by_group(v)[groups] for v in (load, forces[0] + forces[2], rounded)
+        )
+        strong = (loaded > FORCED * noise) & (free > 0.0)
+        resting = np.where(strong, free, np.where(acting > 0.0, whole, 0.0))
+        whole = np.where(still, resting, whole)
+    carried = bodies.by_group(load)[groups]
+    share = np.divide(IDLE * carried, load, out=np.full(len(load), np.inf), where=load > 0.0)
+    own = np.where(strains > STRAINLESS * roundings, strains, np.inf)
+    return np.asarray(np.minimum(own * np.maximum(1.0, share) ** 2, whole))
