@@ -825,7 +825,7 @@ def _dual_problem(
     place = np.empty((len(partition.subdomains), 2), np.int64)
     columns = np.full(touched.shape, -1, np.int64)
     classes, class_loads, class_lifts = [], [], []
-    size = 0
+    size, failed = 0, ""
     alike = _meshed_by_all(comm, [elements[key[0]].reference for key in groups])
     for number, (key, members) in enumerate(groups.items()):
         place[members, 0], place[members, 1] = number, np.arange(len(members))
@@ -841,10 +841,14 @@ def _dual_problem(
         node, component = np.nonzero(touched_by_any)
         with timings.measure("factorization"):
             points = elements[key[0]].reference.points
-            cls = subdomain_class(
-                stiffness, points, d, local_nodes[node] * d + component, len(members),
-                None if lifted is None else lifted[0], sharing,
-            )  # fmt: skip
+            try:
+                cls = subdomain_class(
+                    stiffness, points, d, local_nodes[node] * d + component, len(members),
+                    None if lifted is None else lifted[0], sharing,
+                )  # fmt: skip
+            except (ArithmeticError, ValueError) as error:  # of this rank: the others go on
+                failed = failed or f"{error}"
+                continue
         place_of = np.full(cls.unknowns, -1, np.int64)
         place_of[cls.interface] = np.arange(len(cls.interface))
         position = place_of[local_nodes[:, None] * d + np.arange(d)]
@@ -864,6 +868,8 @@ def _dual_problem(
         class_loads.append(load)
         class_lifts.append(lift)
 
+    for text in filter(None, comm.allgather(failed)):
+        raise ArithmeticError(text)
     first_column = comm.exscan(size) or 0
     columns = np.where(columns >= 0, columns + first_column, -1)
     kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]

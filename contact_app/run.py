@@ -23,6 +23,15 @@ from contact_app.communication import Communication
 from contact_app.environment import environment, slow_blas_warning
 from contact_app.error_estimate import ErrorEstimator
 from contact_app.errors import ConfigurationError, ContactError
+from contact_app.fallback import (
+    FAILURES,
+    NoAnswerError,
+    cause,
+    failure_text,
+    fewest_subdomains,
+    is_final,
+    solve_directly,
+)
 from contact_app.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
 from contact_app.guarantee import Guarantee, guarantee, with_guarantee
 from contact_app.history import History
@@ -38,10 +47,8 @@ from contact_app.solution import Accuracy, Solution
 from contact_app.solve import reason_text, solve
 from contact_app.symmetry import halved
 from contact_app.timings import Timings
-from contact_app.undivided import undivided
 from contact_app.warm_start import LastLevel
 from solver import Counts
-from solver.errors import QPError
 from solver.result import Monitor, Reason, Step
 from solver.tfeti.constraints import RowKind
 
@@ -218,10 +225,7 @@ def solve_scene(
     ConfigurationError, NoEquilibriumError
         The scene cannot be modelled, or has no equilibrium.
     """
-    solved = _solved(scene, comm, monitor, checkpoint, tell, start)
-    whole = undivided(solved.model, solved.solution, scene.solver.max_iterations)
-    if whole is not None:
-        solved = _undivided(whole, solved, monitor, tell, start)
+    solved = _certified_if_possible(scene, comm, monitor, checkpoint, tell, start)
     if not scene.guaranteed:
         return solved
     with solved.timings.measure("estimate"):
@@ -232,26 +236,56 @@ def solve_scene(
     return replace(solved, guaranteed=found, summary=summary)
 
 
-def _undivided(
+def _certified_if_possible(
     scene: Scene,
-    before: SolvedScene,
+    comm: MPI.Intracomm,
     monitor: Monitor | None,
+    checkpoint: Checkpoint | None,
     tell: Tell | None,
     start: LastLevel | None,
 ) -> SolvedScene:
-    """Solve a scene anew in the few subdomains it now asks for (collective)."""
-    model, solution = before.model, before.solution
+    """Solve a scene, anew in the fewest subdomains where the first way ends uncertified.
+
+    Raises
+    ------
+    ContactError
+        No way left an answer.
+    """
+    timings, first, count, spent = Timings(), None, None, Counts()
+    try:
+        first = _solved(scene, comm, monitor, checkpoint, tell, start, timings)
+        if is_final(first.model, first.solution, scene.solver.max_iterations):
+            return first
+        count, spent = first.model.partition.count, first.solution.counts
+        why = reason_text(first.solution)
+    except NoAnswerError as error:
+        count, why = error.subdomains, str(error)
+    fewer = fewest_subdomains(scene, count, comm)
+    if fewer is None:
+        if first is None:
+            raise ContactError(f"{scene.source}: the solver found no answer: {why}")
+        return first
+    subdomains = "in its subdomains" if count is None else f"in {count} subdomains"
     text = (
-        f"in {model.partition.count} subdomains the answer could not be certified "
-        f"({reason_text(solution)}): solved in {scene.decomposition.subdomains} instead"
+        f"{subdomains} the answer could not be certified ({why}){cause(scene)}: solved in "
+        f"{fewer.decomposition.subdomains} instead"
     )
-    if model.comm.rank == 0:
+    if comm.rank == 0:
         log.info("%s", text)
-    again = _solved(scene, model.comm, monitor, None, tell, start, before.timings, solution.counts)
-    certificate = again.solution.certificate
+    del first  # its factors make room for the next
+    try:
+        again = _solved(fewer, comm, monitor, None, tell, start, timings, spent)
+    except NoAnswerError as error:
+        raise ContactError(f"{scene.source}: the solver found no answer: {error}") from None
+    return _warned(again, text)
+
+
+def _warned(solved: SolvedScene, text: str) -> SolvedScene:
+    """The same with one more warning."""
+    certificate = solved.solution.certificate
     certificate = replace(certificate, warnings=(*certificate.warnings, text))
-    again = replace(again, solution=replace(again.solution, certificate=certificate))
-    return replace(again, summary=summary_of(again))
+    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
+    return replace(solved, summary=summary_of(solved))
 
 
 def _solved(
@@ -315,16 +349,14 @@ def _solve_once(
     """Solve with the contact rows that are needed, after work that was spent (collective)."""
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
         PETSc.garbage_cleanup(whose)
-    model = build_model(scene, comm, timings, needed, tell)
-    communication = Communication(comm)
     try:
-        with timings.measure("solve"):
-            estimator = ErrorEstimator(model)
-            options, assess = scene.solver, estimator.accuracy
-            begin = start.on(model) if start is not None else None
-            solution = solve(model.problem, options, monitor, checkpoint, assess, begin)
-    except QPError as error:
-        raise ContactError(f"{scene.source}: the solver gave up: {error}") from error
+        model = build_model(scene, comm, timings, needed, tell)
+    except FAILURES as error:
+        raise NoAnswerError(failure_text(error)) from error
+    communication = Communication(comm)
+    estimator = ErrorEstimator(model)
+    with timings.measure("solve"):
+        solution, failed = _solution_of(model, estimator, monitor, checkpoint, start)
     said = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
@@ -333,6 +365,8 @@ def _solve_once(
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)
         warnings = model_warnings(model, solution, nodes, cells)
+        if failed:
+            warnings.append(failed)
         slow = slow_blas_warning()
         if slow:
             warnings.append(slow)
@@ -341,6 +375,45 @@ def _solve_once(
         )
     solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, said)
     return replace(solved, summary=summary_of(solved))
+
+
+def _solution_of(
+    model: Model,
+    estimator: ErrorEstimator,
+    monitor: Monitor | None,
+    checkpoint: Checkpoint | None,
+    start: LastLevel | None,
+) -> tuple[Solution, str]:
+    """The answer of the dual methods, or, where these fail in the fewest subdomains, of Newton's.
+
+    Returns
+    -------
+    The answer, and a sentence on what failed before.
+
+    Raises
+    ------
+    NoAnswerError
+        The solver failed, and this was the last way or there are fewer subdomains to try.
+    """
+    scene, options, solution = model.scene, model.scene.solver, None
+    begin = start.on(model) if start is not None else None
+    try:
+        solution = solve(model.problem, options, monitor, checkpoint, estimator.accuracy, begin)
+        if is_final(model, solution, options.max_iterations):
+            return solution, ""
+        why = reason_text(solution)
+    except FAILURES as error:
+        why = failure_text(error)
+    if model.partition.count <= max(len(scene.bodies), model.comm.size):
+        direct = solve_directly(model, solution, monitor)
+        if direct is not None and (solution is None or direct.converged):
+            return direct, (
+                f"the dual problem could not be solved to a certificate ({why}){cause(scene)}: "
+                "solved for the displacements by Newton's method instead, which takes longer"
+            )
+    if solution is None:
+        raise NoAnswerError(why, model.partition.count)
+    return solution, ""
 
 
 @dataclass(frozen=True)

@@ -58,12 +58,21 @@ MEMORY = 10
 """Pairs that MPRGP remembers on contact rows of whole bodies: they are short beside a product."""
 
 
+ROUNDED_AWAY = (
+    "Rounding errors hold the solver up: the bodies give way to some forces so much more than to "
+    "others that no digits of the latter are left."
+)
+"""Where the dual problem seems to be unbounded: equilibrium was checked before, so it is not."""
+
+
 def reason_text(solution: Solution) -> str:
     """Why the solve ended, in a sentence for the user."""
     if solution.converged:
         return "Every number of the certificate is below the tolerance."
     if solution.reason is Reason.STOPPED:
         return "The run was interrupted; what it had reached is written."
+    if solution.reason is Reason.DIVERGED:
+        return ROUNDED_AWAY
     if solution.reason.converged:
         return "The certificate could not be brought below the tolerance: round-off is in the way."
     return str(solution.reason.value)
