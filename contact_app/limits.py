@@ -37,6 +37,9 @@ LARGE_SAGITTA = 0.05
 LOCKING_POISSON = 0.48
 SIMPLICES = ("triangle", "tetrahedron")
 LARGE_ERROR = 0.4
+ROUNDED_STRAINS = 1e-3
+"""Rounding errors over strains from which on the user is told of them."""
+
 VARYING_ENERGY = 0.3
 """Share of the energy in strains that vary within first-order cells above which they are too few:
 in bending 1/n² for n cells across the thickness, about as long as thick."""
@@ -122,6 +125,7 @@ def model_warnings(
                 "displacements come out too small; use degree: 2 or several times as many cells "
                 "across"
             )
+    warnings += _moved_far(model, solution)
     error = solution.accuracy.discretisation if solution.accuracy else np.nan
     simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
     if error > LARGE_ERROR and simplices:
@@ -173,6 +177,23 @@ def _yielding(model: Model, cells: CellFields) -> list[str]:
         for b, body in enumerate(scene.bodies)
         if worst[b] > 1.0
     ]
+
+
+def _moved_far(model: Model, solution: Solution) -> list[str]:
+    """Bodies whose strains are small beside what rounding their displacements makes of them."""
+    measures, said = solution.measures, []
+    for body, moved, scale, rounding in zip(
+        model.scene.bodies, measures.displacements, measures.scales, measures.roundings,
+        strict=True,
+    ):  # fmt: skip
+        share = float(np.sqrt(rounding / scale)) if scale > 0.0 else 0.0
+        if share > ROUNDED_STRAINS:
+            said.append(
+                f"{body.name} moves by {moved:.3g} and is hardly strained: rounding errors of its "
+                f"displacements come to {100.0 * share:.2g} % of its strains; let its conditions "
+                "and obstacles move it less"
+            )
+    return said
 
 
 def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDArray[np.float64]:

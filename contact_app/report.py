@@ -188,7 +188,8 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
         elif tolerance is not None:
             met = value is not None and abs(value) <= tolerance
         row(name, _number(value), _verdict(met))
-    row("certificate", "", _verdict(bool(certificate["passed"])))
+    decides = f"decided by {certificate['decided_by']}" if "decided_by" in certificate else ""
+    row("certificate", decides, _verdict(bool(certificate["passed"])))
     accuracy = summary["accuracy"]
     row("error of the mesh (estimate)", _percent(accuracy["discretisation"]))
     row("error of the solver (bound)", _percent(accuracy["algebraic"]))

@@ -463,7 +463,10 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
     problem, scene, comm = model.problem, model.scene, model.comm
     multiplier = solution.multiplier[problem.inequality]
     classes = comm.allreduce(len(problem.classes))
-    counts = solution.counts
+    counts, certificate = solution.counts, solution.certificate.as_dict()
+    decides = solution.certificate.deciding(solution.tolerance)
+    if decides is not None:
+        certificate["decided_by"] = scene.bodies[decides].name
     return {
         "scene": {"title": scene.title, "dimension": scene.dimension},
         "mesh": {
@@ -498,7 +501,7 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
             "contact_force": list(totals.contact_force),
             "max_contact_pressure": totals.max_contact_pressure,
         },
-        "certificate": solution.certificate.as_dict(),
+        "certificate": certificate,
         "timings": timings.as_dict(),
         "environment": environment(comm),
     }
