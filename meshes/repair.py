@@ -21,6 +21,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from meshes.orientation import refuse_same_side
+from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
     EDGES,
     STRAIGHT,
@@ -33,7 +35,7 @@ from meshes.quadratic import (
 )
 from meshes.read import FileContent, read_file
 from meshes.subdomains import vtk_shapes
-from meshes.unstructured import CellMesh, MeshError, Topology
+from meshes.unstructured import CellMesh, MeshError, Topology, first_of
 
 SAME_PLACE = 1e-9
 """Distance over the size of the body below which two nodes are one."""
@@ -180,6 +182,12 @@ def load_mesh(
     turned = _turn(points, cells, content.kind.name)
     if turned.any():
         notes.append(f"{int(turned.sum())} cells were inside out (negative volume): turned")
+    topology = Topology.of(cells, content.kind.name)
+    if topology.crowded:
+        raise MeshError(
+            f"has {topology.crowded} facets that more than two cells share: its cells overlap"
+        )
+    refuse_same_side(points, cells, content.kind.name, topology, number, turned)
     if middles is not None:
         middles = middles[number]
         order = reordering(content.kind.name, REVERSED[content.kind.name])
@@ -187,13 +195,9 @@ def load_mesh(
         middles[turned] = middles[turned][:, order[v:] - v]
         middles = _curved(points, cells, middles, content.kind.name, number)
 
-    topology = Topology.of(cells, content.kind.name)
-    if topology.crowded:
-        raise MeshError(
-            f"has {topology.crowded} facets that more than two cells share: its cells overlap"
-        )
     _refuse_hanging(points, topology)
     _refuse_pieces(points, cells, topology)
+    refuse_overlaps(points, cells, content.kind.name, topology, middles, number)
     place = np.full(len(given), -1, np.int64)
     place[chosen] = rows
     sides = _sides(content, rename, topology, notes)
@@ -254,7 +258,7 @@ def _curved(
     apart = away > APART * np.ptp(points[cells], axis=1).max(axis=1)
     if apart.any():
         what = f"{cell}s that have nodes amid an edge or face elsewhere than their neighbours"
-        raise MeshError(_which(points, cells, apart, what, number))
+        raise MeshError(first_of(points, cells, apart, what, number))
     folded = np.zeros(len(cells), bool)
     rows = np.flatnonzero(bulge > STRAIGHT)
     slopes = vtk_shapes(cell, 2, _lattice(cell))[1]
@@ -264,7 +268,7 @@ def _curved(
     if folded.any():
         what = f"{cell}s folded by their curved edges (their Jacobian is not positive everywhere)"
         raise MeshError(
-            _which(points, cells, folded, what, number) + "; use smaller cells or straight edges "
+            first_of(points, cells, folded, what, number) + "; use smaller cells or straight edges "
             "there (in Gmsh: Mesh.HighOrderOptimize = 2, or Mesh.SecondOrderLinear = 1)"
         )
     return middles
@@ -358,7 +362,7 @@ def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> N
     least = EMPTY * longest[:, None] ** points.shape[1]
     empty = (np.abs(jacobian) <= least).any(axis=1)
     if empty.any():
-        raise MeshError(_which(points, cells, empty, f"{cell}s without volume, or with a flat "
+        raise MeshError(first_of(points, cells, empty, f"{cell}s without volume, or with a flat "
                                "corner"))  # fmt: skip
     if shortest.min() < SHORTEST_EDGE:
         raise MeshError(
@@ -368,29 +372,16 @@ def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> N
     slender = longest > LONGEST_CELL * shortest
     if slender.any():
         what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
-        raise MeshError(_which(points, cells, slender, what))
+        raise MeshError(first_of(points, cells, slender, what))
     inside_out = (jacobian < 0.0).all(axis=1)
     folded = (jacobian < 0.0).any(axis=1) & ~inside_out
     if folded.any():
         raise MeshError(
-            _which(points, cells, folded, f"{cell}s folded into themselves, or with their nodes "
+            first_of(points, cells, folded, f"{cell}s folded into themselves, or with their nodes "
                    "in another order than the format's")
         )  # fmt: skip
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
     return inside_out
-
-
-def _which(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    bad: NDArray[np.bool_],
-    what: str,
-    number: NDArray[np.int64] | None = None,
-) -> str:
-    first = np.flatnonzero(bad)[0]
-    at = ", ".join(f"{v:g}" for v in points[cells[first]].mean(axis=0))
-    name = "" if number is None else f" cell {number[first] + 1} of the file,"
-    return f"has {int(bad.sum())} {what}; the first is{name} at ({at})"
 
 
 def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:
