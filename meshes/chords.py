@@ -158,8 +158,10 @@ def _bulges(
     topology: Topology,
     local: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """How far the nodes of second order of facets are from the middle of their vertices (facets,),
-    and which edges of each are curved (facets, edges)."""
+    """How far nodes of second order are from the middle of their vertices, and curved edges.
+
+    Returns the largest distance (facets,) and which edges of each are curved (facets, edges).
+    """
     facets, v, on = topology.facets, VERTICES[cell], node_vertices(cell)
     corners = len(FACETS[cell][0])
     table = facet_table(FACETS[cell], cell)[:, corners:]

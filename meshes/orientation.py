@@ -6,11 +6,11 @@ they list its nodes in opposite orders. For simplices the sign of the vertex opp
 says the same; for quadrilaterals and hexahedra, whose Jacobian is positive at every corner, the
 order decides also where the facet is warped. How the file listed the nodes of a cell plays no part:
 a file that lists some cells in the other order describes the same mesh, and the turned cells pass.
-A cell that was pulled inside out passes not: once turned, it lies on its neighbours.
+A cell that was pulled inside out does not pass: once turned, it lies on its neighbours.
 
-Cells without such a pair are oriented alike; a band that can not be (Möbius) always has one, because
-the turned cells would orient it. What this test does not see, cells that overlap without being
-neighbours, is left to `meshes.overlap`.
+Where no two cells lie on one side of their facet, the turned cells orient the mesh; so a band that
+has no orientation (a Möbius strip) always has such a pair. Cells that overlap without being
+neighbours are left to `meshes.overlap`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,36 @@ from meshes.unstructured import FACETS, MeshError, Topology, first_of
 
 BATCH = 200_000
 """Pairs of cells looked at at once: what fits into the cache."""
+
+
+def refuse_crowded(
+    cells: NDArray[np.int64], cell: str, topology: Topology, number: NDArray[np.int64]
+) -> None:
+    """Refuse facets that more than two cells have.
+
+    Parameters
+    ----------
+    cells : (cells, vertices)
+    number : (cells,)
+        Of each cell in the file, from 0.
+
+    Raises
+    ------
+    MeshError
+        With the number of such facets and the cells of the first one.
+    """
+    if not topology.crowded:
+        return
+    table = np.array(FACETS[cell])
+    facets = np.sort(cells[:, table].reshape(-1, table.shape[1]), axis=1)
+    facet, count = np.unique(facets, axis=0, return_inverse=True, return_counts=True)[1:]
+    first = np.argmax(count[facet.ravel()] > 2)
+    rows = np.flatnonzero(facet.ravel() == facet.ravel()[first]) // len(table)
+    which = ", ".join(str(k) for k in np.sort(number[rows] + 1))
+    raise MeshError(
+        f"has {topology.crowded} facets that more than two cells share: its cells overlap; the "
+        f"first is of the cells {which} of the file"
+    )
 
 
 def refuse_same_side(

@@ -18,11 +18,11 @@ So these two tests together decide:
 1. *No two facets of the surface cross* (`meshes.crossing`; between the four sides of a proper
    crossing N takes the values k, k + 1, k + 1 and k + 2, so a crossing is an overlap). This finds a
    spiral that runs into itself.
-2. *N = 1 just inside every facet*: at its middle, and beside every node of the surface, in which
-   place a node is found even where crossings are degenerate (edges through edges, facets in one
-   plane). This finds cells within others, also where no facets cross: a sheet that winds twice about
-   a node inside, with one boundary around the other, has N = 2 within the inner one. Where w >= 2,
-   the cell at that point has to be found in which it lies besides its own before it counts.
+2. *N = 1 just inside every facet*: at its middle, and beside every node of the surface, which finds
+   overlaps also where crossings are degenerate (edges through edges, facets in one plane), and
+   cells within others where no facets cross: a sheet that winds twice about nodes inside, with one
+   boundary around the other, has N = 2 within the inner one. Where w >= 2, a cell besides its own
+   has to be found in which the point lies before it counts.
 
 What touches does not overlap: both tests begin at a depth of `TOUCH` of the size of a facet (the
 least of its heights and of the height of its cell over it; the test 2 at that share of the way to

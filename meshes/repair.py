@@ -21,7 +21,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from meshes.orientation import refuse_same_side
+from meshes.orientation import refuse_crowded, refuse_same_side
 from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
     EDGES,
@@ -183,10 +183,7 @@ def load_mesh(
     if turned.any():
         notes.append(f"{int(turned.sum())} cells were inside out (negative volume): turned")
     topology = Topology.of(cells, content.kind.name)
-    if topology.crowded:
-        raise MeshError(
-            f"has {topology.crowded} facets that more than two cells share: its cells overlap"
-        )
+    refuse_crowded(cells, content.kind.name, topology, number)
     refuse_same_side(points, cells, content.kind.name, topology, number, turned)
     if middles is not None:
         middles = middles[number]
