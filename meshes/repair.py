@@ -192,9 +192,13 @@ def load_mesh(
         middles[turned] = middles[turned][:, order[v:] - v]
         middles = _curved(points, cells, middles, content.kind.name, number)
 
+    pieces = _pieces(cells, topology)
+    if (
+        pieces.max() == 0
+    ):  # pieces that overlap are bodies of their own; nodes hang in what overlaps
+        refuse_overlaps(points, cells, content.kind.name, topology, middles, number)
     _refuse_hanging(points, topology)
-    _refuse_pieces(points, cells, topology)
-    refuse_overlaps(points, cells, content.kind.name, topology, middles, number)
+    _refuse_pieces(points, cells, pieces)
     place = np.full(len(given), -1, np.int64)
     place[chosen] = rows
     sides = _sides(content, rename, topology, notes)
@@ -422,13 +426,18 @@ def _lies_on(
     return np.asarray(inside & (np.linalg.norm(x - foot, axis=1) <= HANGING * size))
 
 
-def _refuse_pieces(
-    points: NDArray[np.float64], cells: NDArray[np.int64], topology: Topology
-) -> None:
-    """Refuse a body whose cells do not hang together through facets."""
+def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:
+    """Number of the piece each cell is in, (cells,): pieces hang together through facets."""
     a, b = topology.pairs.T
     graph = sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
-    number, label = connected_components(graph, directed=False)
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _refuse_pieces(
+    points: NDArray[np.float64], cells: NDArray[np.int64], label: NDArray[np.int64]
+) -> None:
+    """Refuse a body of more than one piece; `label` (cells,) numbers them."""
+    number = int(label.max()) + 1
     if number == 1:
         return
     sizes = np.bincount(label)

@@ -269,7 +269,7 @@ def test_a_spiral_of_curved_cells(cell: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("gap", [0.3, 1e-3, 1e-5])
+@pytest.mark.parametrize("gap", [0.3, 1e-3, 2e-4])
 def test_combs_with_narrow_gaps(cell: str, gap: float, tmp_path: Path) -> None:
     mesh = meshfiles.pitchfork(cell, gap, prongs=5)
     assert loaded(mesh, cell, tmp_path).total_cells == len(mesh.cells[0].data)
@@ -359,28 +359,28 @@ def test_boxes_of_all_sizes_meet_as_they_do_pair_by_pair() -> None:
     boxes = []
     for count in (300, 200):
         lower = random.uniform(size=(count, 3))
-        boxes.append(Boxes(lower, lower + 10.0 ** random.uniform(-4.0, -0.5, (count, 3))))
+        boxes.append(Boxes(lower, lower + 10.0 ** random.uniform(-4.0, 0.0, (count, 3))))
     a, b = boxes
     found = [np.stack(pair, axis=1) for pair in meeting(a, b)]
     pairs = np.concatenate(found)
     touch = (a.lower[:, None] <= b.upper).all(axis=2) & (b.lower <= a.upper[:, None]).all(axis=2)
     assert len(pairs) == len(np.unique(pairs, axis=0))
-    assert touch.sum() > 1000
+    assert touch.sum() > 100
     np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(touch))
 
 
 def test_triangles_cross_as_their_distances_say() -> None:
     """All pairs of random triangles: one crosses another if points of it are on its two sides."""
     random = np.random.default_rng(6)
-    places = np.repeat(random.uniform(size=(60, 1, 3)), 3, axis=1)
-    places = (places + 0.2 * random.normal(size=(60, 3, 3))).reshape(-1, 3)
-    triangles = np.arange(180).reshape(-1, 3)
-    none = np.zeros(60)
+    places = np.repeat(random.uniform(size=(90, 1, 3)), 3, axis=1)
+    places = (places + 0.2 * random.normal(size=(90, 3, 3))).reshape(-1, 3)
+    triangles = np.arange(270).reshape(-1, 3)
+    none = np.zeros(90)
     pairs = triangle_crossings(Surface(places, triangles, none, none))
     got = {tuple(sorted(pair)) for pair in pairs.tolist()}
     x = places[triangles]
     wanted = set()
-    for i in range(60):
+    for i in range(90):
         for j in range(i):
             for a, b in ((x[i], x[j]), (x[j], x[i])):
                 for k in range(3):  # solve p + s (q - p) = b₀ + t u + r v
