@@ -228,7 +228,8 @@ def _lies_in(body: _Body, nodes: NDArray[np.float64], x: NDArray[np.float64]) ->
         inside &= (places <= 1.0 + WITHIN).all(axis=1)
     else:
         inside &= places.sum(axis=1) <= 1.0 + WITHIN
-    if body.cell in CENTRED or body.middles is not None:  # did Newton's method arrive?
+    exact = body.cell not in CENTRED and body.middles is None
+    if inside.any() and not exact:  # did Newton's method arrive?
         rows = np.flatnonzero(inside)
         shapes = vtk_shapes(body.cell, body.degree, places[rows])[0]
         away = np.linalg.norm(np.einsum("nk,nki->ni", shapes, nodes[rows]) - x[rows], axis=1)
