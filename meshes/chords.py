@@ -32,7 +32,7 @@ from meshes.quadratic import (
 from meshes.subdomains import VTK_ORDER, vtk_shapes
 from meshes.unstructured import FACETS, Topology
 
-FINE = 0.02
+FINE = 0.05
 """Deviation of the chords over the size of a facet that is aimed at."""
 
 MOST = {2: 32, 3: 8}
