@@ -31,8 +31,8 @@ the centre of the cell). So slits of any width, closed ones, and walls of any th
 What is missed: overlaps not as deep as that, and, where facets are curved (or quadrilaterals that
 are not plane), overlaps thinner than the distance of the surface from the simplices that stand for
 it, which `meshes.chords` bounds (5 % of the size of the facet unless it is very strongly curved)
-and which only test 2 sees, at its points. Hexahedra are taken for unfolded where their Jacobian is
-positive at their corners (`meshes.repair`).
+and which only test 2 sees, at its points. Cells are taken for unfolded where their Jacobian is
+positive at the points at which `meshes.repair` looks at it.
 """
 
 from __future__ import annotations

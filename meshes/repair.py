@@ -262,10 +262,7 @@ def _curved(
         raise MeshError(first_of(points, cells, apart, what, number))
     folded = np.zeros(len(cells), bool)
     rows = np.flatnonzero(bulge > STRAIGHT)
-    slopes = vtk_shapes(cell, 2, _lattice(cell))[1]
-    for part in np.array_split(rows, len(rows) // BATCH + 1):
-        jacobian = np.linalg.det(np.einsum("qrk,cki->cqir", slopes, places[nodes[part]]))
-        folded[part] = jacobian.min(axis=1) <= FOLDED * jacobian.max(axis=1)
+    folded[rows] = _folded_inside(places, nodes[rows], cell, 2)
     if folded.any():
         what = f"{cell}s folded by their curved edges (their Jacobian is not positive everywhere)"
         raise MeshError(
@@ -273,6 +270,45 @@ def _curved(
             "there (in Gmsh: Mesh.HighOrderOptimize = 2, or Mesh.SecondOrderLinear = 1)"
         )
     return middles
+
+
+def _folded_inside(
+    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, degree: int
+) -> NDArray[np.bool_]:
+    """Whether the Jacobian of cells is not positive at every point of a lattice, (cells,)."""
+    slopes = vtk_shapes(cell, degree, _lattice(cell))[1]
+    folded = np.zeros(len(cells), bool)
+    for i in range(0, len(cells), BATCH):
+        part = slice(i, i + BATCH)
+        jacobian = _determinants(np.tensordot(slopes, points[cells[part]], axes=(2, 1))).T
+        folded[part] = jacobian.min(axis=1) <= FOLDED * jacobian.max(axis=1)
+    return folded
+
+
+def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Determinants of matrices (points, d, cells, d) of few rows, faster than by factors."""
+    if columns.shape[1] == 2:
+        a, b = columns[:, 0], columns[:, 1]
+        return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(columns, (1, 3), (0, 1))
+    return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+
+
+def _warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Hexahedra so far from parallelepipeds that corners alone do not tell their Jacobian's sign.
+
+    With m the mean of the four edges along each axis and d the largest deviation from it, the
+    Jacobian is at least det m - (∏ (|m| + d) - ∏ |m|), by the multilinearity of determinants.
+    """
+    ends = points[cells[:, np.array(EDGES["hexahedron"])]]
+    along = np.array([(0, 2, 4, 6), (1, 3, 5, 7), (8, 9, 10, 11)])
+    sign = np.array([(1, -1, 1, -1), (1, -1, 1, -1), (1, 1, 1, 1)])
+    edges = (ends[:, :, 1] - ends[:, :, 0])[:, along] * sign[:, :, None]
+    mean = edges.mean(axis=2)
+    length = np.linalg.norm(mean, axis=2)
+    apart = np.linalg.norm(edges - mean[:, :, None], axis=3).max(axis=2)
+    room = np.linalg.det(mean) - (length + apart).prod(axis=1) + length.prod(axis=1)
+    return np.asarray(room <= FOLDED * length.prod(axis=1))
 
 
 def _lattice(cell: str) -> NDArray[np.float64]:
@@ -382,6 +418,12 @@ def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> N
                    "in another order than the format's")
         )  # fmt: skip
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
+    if cell == "hexahedron":
+        rows = np.flatnonzero(_warped(points, cells))
+        folded[rows] = _folded_inside(points, cells[rows], cell, 1)
+    if folded.any():
+        what = f"{cell}s folded inside: their Jacobian is positive at their corners only"
+        raise MeshError(first_of(points, cells, folded, what))
     return inside_out
 
 

@@ -14,7 +14,7 @@ from meshes import CellMesh, MeshError, load_mesh
 from meshes.crossing import Boxes, Surface, meeting, triangle_crossings, winding
 from meshes.quadratic import VERTICES
 from meshes.read import read_file
-from meshes.repair import REVERSED
+from meshes.repair import REVERSED, _folded_inside, _warped
 from meshes.unstructured import Topology
 from tests import meshfiles
 
@@ -117,6 +117,30 @@ def test_any_order_of_nodes_is_turned(cell: str, tmp_path: Path) -> None:
     cells[half] = cells[half][:, list(REVERSED[cell])]
     read = loaded(meshfiles.of_cells(cell, mesh.points, cells), cell, tmp_path)
     assert any("were inside out" in note for note in read.notes)
+
+
+def test_a_hexahedron_folded_inside(tmp_path: Path) -> None:
+    """Its Jacobian is 0.08 or more at every corner, and negative between them."""
+    points = np.array(
+        [[0.54, 0, 0], [1.54, -0.54, 0.54], [1.54, 1, -0.54], [0, 0.46, 0.54],
+         [-0.54, 0.54, 1], [1, 0, 1.54], [0.46, 1.54, 1], [0.54, 1.54, 0.46]]
+    )  # fmt: skip
+    mesh = meshfiles.of_cells("hexahedron", points, np.arange(8)[None])
+    told = refused(mesh, "hexahedron", tmp_path)
+    assert "has 1 hexahedrons folded inside: their Jacobian is positive at their corners" in told
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_warped_hexahedra_are_looked_at_inside(seed: int) -> None:
+    """What is not looked at has a positive Jacobian everywhere."""
+    random = np.random.default_rng(seed)
+    cube = meshfiles.lattice("hexahedron", (1, 1, 1))
+    points = cube[0][None] + random.uniform(0.0, 0.5) * random.uniform(-1, 1, (200, 8, 3))
+    cells = (8 * np.arange(200)[:, None] + cube[1]).astype(np.int64)
+    places = points.reshape(-1, 3)
+    folded = _folded_inside(places, cells, "hexahedron", 1)
+    assert not (folded & ~_warped(places, cells)).any()
 
 
 # --- the surface crosses itself ----------------------------------------------------------------
