@@ -7,6 +7,9 @@ that falls apart into pieces which share no facet.
 
 Nodes amid the edges of second-order cells make edges curved where the displacement is of degree 2;
 for degree 1 they are left out, which is reported. Cells that their curved edges fold are refused.
+
+Whether cells overlap their neighbours is decided in `meshes.orientation`, whether a body overlaps
+itself elsewhere in `meshes.overlap`.
 """
 
 from __future__ import annotations
@@ -179,7 +182,7 @@ def load_mesh(
     doubled += 0 if content.cell_groups else len(content.cells) - len(given)
     if doubled:
         notes.append(f"{doubled} cells are given twice: counted once")
-    turned = _turn(points, cells, content.kind.name)
+    turned = _turn(points, cells, content.kind.name, number)
     if turned.any():
         notes.append(f"{int(turned.sum())} cells were inside out (negative volume): turned")
     topology = Topology.of(cells, content.kind.name)
@@ -389,7 +392,12 @@ def _once(
     return cells[kept], np.searchsorted(kept, leader), len(cells) - len(kept)
 
 
-def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> NDArray[np.bool_]:
+def _turn(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    cell: str,
+    number: NDArray[np.int64],
+) -> NDArray[np.bool_]:
     """Turn cells that are inside out (in place) and say which; refuse empty and folded ones."""
     edges = points[cells[:, np.array(EDGES[cell])]]
     lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
@@ -398,33 +406,38 @@ def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> N
     jacobian = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1])
     least = EMPTY * longest[:, None] ** points.shape[1]
     empty = (np.abs(jacobian) <= least).any(axis=1)
-    if empty.any():
-        raise MeshError(first_of(points, cells, empty, f"{cell}s without volume, or with a flat "
-                               "corner"))  # fmt: skip
+    _refuse(points, cells, empty, f"{cell}s without volume, or with a flat corner", number)
     if shortest.min() < SHORTEST_EDGE:
         raise MeshError(
             f"has edges of {shortest.min():.3g}; at least {SHORTEST_EDGE:g} is allowed: choose a "
             "smaller unit of length (`scale`)"
         )
     slender = longest > LONGEST_CELL * shortest
-    if slender.any():
-        what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
-        raise MeshError(first_of(points, cells, slender, what))
+    what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
+    _refuse(points, cells, slender, what, number)
     inside_out = (jacobian < 0.0).all(axis=1)
     folded = (jacobian < 0.0).any(axis=1) & ~inside_out
-    if folded.any():
-        raise MeshError(
-            first_of(points, cells, folded, f"{cell}s folded into themselves, or with their nodes "
-                   "in another order than the format's")
-        )  # fmt: skip
+    what = f"{cell}s folded into themselves, or with their nodes in another order than the format's"
+    _refuse(points, cells, folded, what, number)
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
     if cell == "hexahedron":
         rows = np.flatnonzero(_warped(points, cells))
         folded[rows] = _folded_inside(points, cells[rows], cell, 1)
-    if folded.any():
         what = f"{cell}s folded inside: their Jacobian is positive at their corners only"
-        raise MeshError(first_of(points, cells, folded, what))
+        _refuse(points, cells, folded, what, number)
     return inside_out
+
+
+def _refuse(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    bad: NDArray[np.bool_],
+    what: str,
+    number: NDArray[np.int64],
+) -> None:
+    """Refuse a mesh of which some cells are `bad` (cells,)."""
+    if bad.any():
+        raise MeshError(first_of(points, cells, bad, what, number))
 
 
 def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:

@@ -28,13 +28,13 @@ def first_of(
     cells: NDArray[np.int64],
     bad: NDArray[np.bool_],
     what: str,
-    number: NDArray[np.int64] | None = None,
+    number: NDArray[np.int64],
 ) -> str:
     """How many cells are `bad` (cells,), and the first: its number in the file and its centre."""
     first = np.flatnonzero(bad)[0]
     at = ", ".join(f"{v:g}" for v in points[cells[first]].mean(axis=0))
-    name = "" if number is None else f" cell {number[first] + 1} of the file,"
-    return f"has {int(bad.sum())} {what}; the first is{name} at ({at})"
+    name = f"cell {number[first] + 1} of the file, at ({at})"
+    return f"has {int(bad.sum())} {what}; the first is {name}"
 
 
 FACETS = {
