@@ -358,19 +358,27 @@ def smooth(seed: int, d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return waves, heights * 0.3 / max(slope, 1e-9), frame
 
 
-@settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 10**6), cell=st.sampled_from(CELLS))
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), cell=st.sampled_from(CELLS), degree=st.sampled_from([1, 2]))
 def test_smooth_invertible_maps_are_accepted(
-    seed: int, cell: str, tmp_path_factory: pytest.TempPathFactory
+    seed: int, cell: str, degree: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     d = meshfiles.dimension(cell)
-    points, cells = meshfiles.lattice(cell, (5,) * d)
+    points, cells = meshfiles.lattice(cell, (4,) * d)
     waves, heights, frame = smooth(seed, d)
-    x = points[:, :d]
-    points[:, :d] = (x + np.sin(x @ waves.T + seed) @ heights) @ frame.T
+
+    def shape(x: np.ndarray) -> np.ndarray:
+        y = x.copy()
+        y[:, :d] = (x[:, :d] + np.sin(x[:, :d] @ waves.T + seed) @ heights) @ frame.T
+        return y
+
     mesh = meshfiles.of_cells(cell, points, cells)
+    if degree == 2:
+        mesh = meshfiles.second_order(mesh, cell, meshfiles.SECOND[cell][-1], shape)
+    else:
+        mesh.points = shape(mesh.points)
     folder = tmp_path_factory.mktemp("maps")
-    assert loaded(mesh, cell, folder).total_cells == len(cells)
+    assert loaded(mesh, cell, folder, degree).total_cells == len(cells)
 
 
 @settings(max_examples=40, deadline=None)
