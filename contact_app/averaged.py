@@ -88,12 +88,14 @@ def averaged_rows(
     located = np.empty((count, 3))
     itself = pair[:, 0] == pair[:, 1]
     located[row[itself]] = point[itself]
+    turns = np.cross(point - located[row], mean[:, None] * normal)
     return ContactRows(
         nodes=vertex,
         points=located,
         sources=np.full(count, source),
         gaps=means[0].astype(np.float64),
         normals=np.stack(means[1 : 1 + d], axis=1),
+        moments=np.stack([np.bincount(row, t, minlength=count) for t in turns.T], axis=1),
         areas=area,
         spread=np.ones(count),
         entries=ContactEntries(

@@ -68,10 +68,12 @@ def facets_across(model: Model, nodes: NodeFields) -> list[float]:
     """
     scene, exchange = model.scene, model.node_exchange
     subdomains = model.partition.subdomains
-    pressure = exchange.from_owners(nodes.contact_pressure[exchange.nodes - exchange.first])
     starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
     found = []
-    for contact in scene.touching:
+    for contact, at_nodes in zip(scene.touching, nodes.contacts, strict=True):
+        owned = np.zeros(len(nodes.points))
+        owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
+        pressure = exchange.from_owners(owned[exchange.nodes - exchange.first])
         sums = np.zeros(2)
         chosen = facets_of(scene, model.partition, contact.body, contact.boundary)
         for start, s, rows in zip(starts, subdomains, chosen, strict=False):

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from contact_app.assembly import cell_moduli, stress, von_mises
 from contact_app.candidates import slack_of
 from contact_app.model import Model
-from contact_app.pressure import SurfaceNodes, contact_forces, node_gaps
+from contact_app.pressure import NodesInContact, contact_forces, node_gaps
+from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.solution import Solution
 
 
@@ -29,7 +30,9 @@ class NodeFields:
     points : (nodes, 3)
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
-        Of the contact boundaries, as `pressure` evaluates it; 0 elsewhere.
+        The largest over the contacts of a node, as `pressure` evaluates them; 0 elsewhere.
+    contacts
+        Each contact at its nodes, as `Scene.touching` counts them.
     gap : (nodes,)
         Distance left to the nearest obstacle along its normal, between bodies its mean about a
         node of `on`; NaN where there is no contact row.
@@ -47,6 +50,7 @@ class NodeFields:
     points: NDArray[np.float64]
     displacement: NDArray[np.float64]
     contact_pressure: NDArray[np.float64]
+    contacts: tuple[NodesInContact, ...]
     gap: NDArray[np.float64]
     contact_force: NDArray[np.float64]
     pair_forces: NDArray[np.float64]
@@ -76,15 +80,16 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     gap = np.full(size, np.nan)
     far = slack_of(model.left_out, exchange, mean)
     gap[forces.nodes - exchange.first] = node_gaps(model, solution, surface, far)
-    obstacles = len(model.scene.contacts)
+    obstacles, resultants = len(model.scene.contacts), forces.resultants
     return NodeFields(
         first=exchange.first,
         points=located,
         displacement=mean,
         contact_pressure=pressure,
+        contacts=forces.contacts,
         gap=gap,
-        contact_force=forces.resultants[:obstacles].sum(axis=0),
-        pair_forces=forces.resultants[obstacles:],
+        contact_force=resultants[:obstacles].sum(axis=0),
+        pair_forces=resultants[obstacles:],
         without_area=forces.without_area,
         slack=far,
     )

@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.obstacles import SHAPES
 from contact_app.scene import Mirror, Scene
 from meshes.quadratic import node_vertices
 
@@ -178,8 +179,12 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
 def _pair_forces(forces: dict[str, list[float]], scene: Scene) -> dict[str, list[float]]:
     """Forces between the whole bodies from those of what was solved, by pair."""
     found = {pair: np.array(force) for pair, force in forces.items()}
+    obstacles = {
+        contact.source for contact in scene.mirrors[0].contacts if contact.against in SHAPES
+    }
     for mirror in reversed(scene.mirrors):
-        partners, turn = dict(mirror.partners), np.ones(3)
+        partners = {a: b for a, b in mirror.partners if a not in obstacles}
+        turn = np.ones(3)
         turn[mirror.axis] = -1.0
         none = np.zeros(3)
         found = {

@@ -86,6 +86,8 @@ class Model:
     needed, left_out
         Which of this rank's candidate rows are contact rows, and the others, which the answer is
         held against.
+    merged
+        Rows that a tighter one of the same node in the same direction makes redundant.
     reach
         How far the nodes of each contact may come nearer, (contacts,).
     notes
@@ -100,6 +102,7 @@ class Model:
     materials: tuple[tuple[Material, ...], ...]
     needed: NDArray[np.bool_]
     left_out: ContactRows
+    merged: ContactRows
     reach: NDArray[np.float64]
     notes: tuple[str, ...] = field(default=())
 
@@ -146,6 +149,8 @@ class Outline:
         Held nodes and contact rows this rank owns.
     needed, left_out
         Which of this rank's candidate rows `contact` holds, and the others.
+    merged
+        Rows that are redundant beside a candidate row of the same node.
     reach
         How far the nodes of each contact may come nearer, (contacts,).
     elements
@@ -163,6 +168,7 @@ class Outline:
     contact: ContactRows
     needed: NDArray[np.bool_]
     left_out: ContactRows
+    merged: ContactRows
     reach: NDArray[np.float64]
     elements: dict[int, Element]
     loads: list[NDArray[np.float64] | None]
@@ -218,7 +224,7 @@ def outline(
     exchange = NodeExchange(comm, surface.nodes, partition.nodes)
     try:
         held = merge_held(exchange, conditions)
-        contact = merge_contact(exchange, conditions, held, length)
+        contact, merged = merge_contact(exchange, conditions, held, length)
         pairs = [_pair_rows(scene, partition, exchange, i) for i in range(len(scene.pairs))]
         averaged = [
             _averaged_rows(scene, partition, exchange, i)
@@ -227,9 +233,10 @@ def outline(
         ]
         pairs = [cut_held(exchange, rows, held, length) for rows in pairs]
         averaged = [cut_held(exchange, rows, held, length) for rows in averaged]
-        if averaged:
-            averaged = [drop_parallel(exchange, ContactRows.join(averaged), length)]
         contact = ContactRows.join([contact, *averaged, *pairs])
+        if averaged or pairs:
+            contact, redundant = drop_parallel(exchange, contact, length)
+            merged = ContactRows.join([merged, redundant])
     except ContradictionError as error:
         raise _contradiction(scene, error) from error
 
@@ -248,8 +255,8 @@ def outline(
         all_rows = np.ones(len(contact.nodes), bool)
         needed = all_rows if needed == "all" else estimated(contact, reach)
     return Outline(
-        partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed), reach,
-        elements, loads, balances,
+        partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed),
+        merged, reach, elements, loads, balances,
     )  # fmt: skip
 
 
@@ -318,6 +325,7 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
         materials=tuple(key[1] for key in keys),
         needed=known.needed,
         left_out=known.left_out,
+        merged=known.merged,
         reach=known.reach,
         notes=tuple(notes),
     )

@@ -185,6 +185,8 @@ class MeanGaps:
         Mean gap, negative where the bodies overlap.
     normals : (rows, dimension)
         Mean normal out of the other body: force on the `on` body for a multiplier of one.
+    moments : (rows, 3)
+        Moment of that force about the row's node.
     row, node, component, value : (entries,)
         The rows, sorted; values on `on` nodes add up to a mean of n.
     entry_points : (entries, 3)
@@ -196,6 +198,7 @@ class MeanGaps:
     areas: NDArray[np.float64]
     gaps: NDArray[np.float64]
     normals: NDArray[np.float64]
+    moments: NDArray[np.float64]
     row: NDArray[np.int64]
     node: NDArray[np.int64]
     component: NDArray[np.int64]
@@ -645,15 +648,19 @@ def _rows(on: Surface, against: Surface, found: _Overlaps) -> MeanGaps:
     entries = scaled.tocoo()
     at, component = entries.col // d, entries.col % d
     all_nodes, all_points = np.concatenate([nodes, others]), np.concatenate([place, other_place])
-    mean = np.zeros((len(strong), d))
+    mean, turned = np.zeros((len(strong), d)), np.zeros((len(strong), 3))
     mine = at < count
     np.add.at(mean, (entries.row[mine], component[mine]), entries.data[mine])
+    force = -entries.data[mine, None] * np.eye(3)[component[mine]]
+    arm = place[at[mine]] - place[strong[entries.row[mine]]]
+    np.add.at(turned, entries.row[mine], np.cross(arm, force))
     return MeanGaps(
         nodes=nodes[strong],
         points=place[strong],
         areas=total[strong],
         gaps=gaps[strong] / total[strong],
         normals=-mean,
+        moments=turned,
         row=entries.row.astype(np.int64),
         node=all_nodes[at],
         component=component.astype(np.int64),

@@ -192,6 +192,11 @@ SHAPES: dict[str, Any] = {"plane": Plane, "sphere": Sphere, "cylinder": Cylinder
 """Class of each obstacle by its key in the configuration."""
 
 
+def kind_of(obstacle: Obstacle) -> str:
+    """Key of an obstacle in the configuration: plane, sphere, cylinder."""
+    return next(kind for kind, shape in SHAPES.items() if isinstance(obstacle, shape))
+
+
 def _corners(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corners of a box (8, 3)."""
     return np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T

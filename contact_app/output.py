@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from contact_app.fields import slabs
 from contact_app.mirror import Image, whole
+from contact_app.results.contacts import ContactsOfWhole
 from contact_app.xdmf import XDMFWriter, cell_type_name
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ def write_xdmf(solved: SolvedScene, path: Path) -> None:
     wanted = scene.output.fields
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     cell_fields = {name: getattr(cells, name) for name in CELL_FIELDS if name in wanted}
+    contacts = ContactsOfWhole(model, nodes, found)
+    alone = contacts.overlapping() if "contact_pressure" in wanted else []
     sizes = np.diff(partition.first_cell)
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
@@ -47,6 +50,11 @@ def write_xdmf(solved: SolvedScene, path: Path) -> None:
                 writer.points(start, located)
                 for name, values in fields.items():
                     writer.point_data(name, start, values)
+            for contact in alone:
+                pressure = contacts.pressure(image, contact)[image.new]
+                for start, (values,) in slabs(comm, image.first, pressure):
+                    assert writer is not None
+                    writer.point_data(f"contact_pressure_{contact + 1}", start, values)
             first = number * partition.cells + cells.first
             own = {name: image.field(name, v) for name, v in cell_fields.items()}
             for start, (groups, fields) in slabs(comm, first, _cells(model, image), own):

@@ -34,12 +34,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.alternation import Lines, alternation
-from contact_app.facets import between_vertices, hats_at_nodes, moments
+from contact_app.averaged import has_averaged_rows
+from contact_app.facets import between_vertices, hats_at_nodes
 from contact_app.mirror import on_planes
-from contact_app.model import Model, facets_of
+from contact_app.model import Model, boundary_nodes, facets_of
+from contact_app.results.division import ContactLoads, contact_loads
+from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
+from contact_app.scene import BodyContact, Contact
 from contact_app.solution import Solution
-from meshes import Reference
-from solver.tfeti.exchange import NodeExchange
 
 Array = NDArray[np.float64]
 
@@ -48,44 +50,35 @@ STRONG = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceNodes:
-    """Copies of the nodes on the bodies' surfaces in this rank's subdomains, and their owners.
+class NodesInContact:
+    """One contact at those nodes of its boundary that this rank owns.
 
     Attributes
     ----------
-    local : list of (copies of a subdomain,)
-        Ascending local nodes of each subdomain on the surface of its body.
-    exchange
-        Where the copies meet, one subdomain after another.
-    owned : (owned,)
-        Ascending numbers of the surface nodes this rank owns.
-    place : (arrived,)
-        Row in `owned` of each copy that arrives.
+    nodes : (n,)
+        Ascending numbers.
+    pressure : (n,)
+    shares : (n,)
+        ∫ φ_k over the boundary.
+    carriers : (n,)
+        Where the contact law is kept: at all nodes, or at the vertices of facets whose rows are
+        means about them.
+    closed : (n,)
+        Carriers with a contact force.
+    areas : (n,)
+        Area that the force at a closed node acts on; 0 at others.
+    forces, moments : (n, 3)
+        Force on the body of `on`, and its moment about the node.
     """
 
-    local: list[NDArray[np.int64]]
-    exchange: NodeExchange
-    owned: NDArray[np.int64]
-    place: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, model: Model) -> SurfaceNodes:
-        """Find them (collective)."""
-        subdomains = model.partition.subdomains
-        local = [np.unique(s.reference.facets[s.exterior]).astype(np.int64) for s in subdomains]
-        numbers = [s.nodes[nodes] for s, nodes in zip(subdomains, local, strict=True)]
-        exchange = NodeExchange(model.comm, np.concatenate(numbers), model.partition.nodes)
-        owned, place = np.unique(exchange.nodes, return_inverse=True)
-        return cls(local, exchange, owned, place.reshape(-1))
-
-    def sums(self, copies: Array) -> Array:
-        """Sum values (copies,) at the owners, (owned,) (collective)."""
-        arrived = self.exchange.to_owners(copies)
-        return np.bincount(self.place, arrived, len(self.owned)).astype(np.float64)
-
-    def copies(self, values: Array) -> Array:
-        """Bring values (owned,) to the copies (collective)."""
-        return self.exchange.from_owners(values[self.place])
+    nodes: NDArray[np.int64]
+    pressure: Array
+    shares: Array
+    carriers: NDArray[np.bool_]
+    closed: NDArray[np.bool_]
+    areas: Array
+    forces: Array
+    moments: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,45 +90,76 @@ class ContactForces:
     nodes : (owned,)
         Numbers of surface nodes.
     pressure : (owned,)
-    resultants : (obstacles and pairs, 3)
-        Force on the body of each contact, of this rank's rows.
+        The largest over the contacts of a node.
+    contacts
+        Each contact alone, as `Scene.touching` counts them.
     without_area
         Rows that carry force at a node no facet of the contact boundary has.
     """
 
     nodes: NDArray[np.int64]
     pressure: Array
-    resultants: Array
+    contacts: tuple[NodesInContact, ...]
     without_area: int
+
+    @property
+    def resultants(self) -> Array:
+        """Force on the body of `on` of each contact, of this rank's nodes, (contacts, 3)."""
+        return np.array([c.forces.sum(axis=0) for c in self.contacts]).reshape(-1, 3)
 
 
 def contact_forces(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactForces:
-    """Pressures and resultants of an answer (collective)."""
-    scene, problem, contact = model.scene, model.problem, model.problem.contact
-    force = solution.multiplier[problem.inequality] * contact.spread
-    at = np.searchsorted(surface.owned, contact.nodes)
+    """Pressures and forces of an answer, contact by contact (collective)."""
+    loads = contact_loads(model, solution, surface)
     pressure = np.zeros(len(surface.owned))
-    lost = 0
-    for i, touching in enumerate(scene.touching):
-        mine = (contact.sources == i) & (force > 0.0)
-        at_nodes = model.comm.allreduce(int(np.isnan(contact.areas[contact.sources == i]).sum()))
-        second = scene.bodies[touching.body].degree == 2
-        boundary = None
-        if at_nodes or second:
-            boundary = _Boundary(model, surface, touching.body, touching.boundary)
-        area = contact.areas[mine]
-        if boundary is not None and at_nodes:
-            area = boundary.shares[at[mine]]
-        lost += int((area <= 0.0).sum())
-        loaded = area > 0.0
-        part = np.zeros(len(pressure))
-        np.add.at(part, at[mine][loaded], force[mine][loaded] / area[loaded])
-        if boundary is not None and second:
-            part = boundary.recovered(part) if at_nodes else boundary.at_all_nodes(part)
-        pressure += part
-    resultants = np.zeros((len(scene.touching), 3))
-    np.add.at(resultants[:, : scene.dimension], contact.sources, force[:, None] * contact.normals)
-    return ContactForces(surface.owned, pressure, resultants, lost)
+    contacts, lost = [], 0
+    for number in range(len(model.scene.touching)):
+        found, missed = _in_contact(model, surface, loads, number)
+        at = np.searchsorted(surface.owned, found.nodes)
+        pressure[at] = np.maximum(pressure[at], found.pressure)
+        contacts.append(found)
+        lost += missed
+    return ContactForces(surface.owned, pressure, tuple(contacts), lost)
+
+
+def _in_contact(
+    model: Model, surface: SurfaceNodes, loads: ContactLoads, number: int
+) -> tuple[NodesInContact, int]:
+    """One contact at its nodes, and how many of its rows have force but no area (collective)."""
+    touching = model.scene.touching[number]
+    body = model.scene.bodies[touching.body]
+    at_nodes = isinstance(touching, Contact) and not has_averaged_rows(body)
+    boundary = _Boundary(model, surface, touching)
+    on = boundary.nodes(with_single=at_nodes)
+    mine = np.flatnonzero(loads.sources == number)
+    at = np.searchsorted(surface.owned, loads.nodes[mine])
+    force, area = loads.force[mine], loads.areas[mine]
+    area = np.where(np.isnan(area), boundary.shares[at], area)
+    loaded = force > 0.0
+    usable = loaded & (area > 0.0)
+
+    def at_owned(rows: NDArray[np.bool_], values: Array) -> Array:
+        result = np.zeros((len(surface.owned), *values.shape[1:]))
+        result[at[rows]] = values
+        return result
+
+    pressure = at_owned(usable, force[usable] / area[usable])
+    if body.degree == 2:
+        pressure = boundary.recovered(pressure) if at_nodes else boundary.at_all_nodes(pressure)
+    every = np.ones(len(mine), bool)
+    carriers = on if at_nodes else boundary.areas > 0.0
+    of_owned = NodesInContact(
+        nodes=surface.owned,
+        pressure=pressure,
+        shares=boundary.shares,
+        carriers=carriers,
+        closed=at_owned(loaded, force[loaded]) > 0.0,
+        areas=at_owned(usable, area[usable]),
+        forces=at_owned(every, loads.vectors[mine]),
+        moments=at_owned(every, loads.moments[mine]),
+    )
+    found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
+    return found, int((loaded & ~usable).sum())
 
 
 def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Array) -> Array:
@@ -164,15 +188,16 @@ def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Arra
         np.fmin.at(part, at[mine], distance[mine])
         at_nodes = model.comm.allreduce(int(np.isnan(areas[mine]).sum()))
         if scene.bodies[touching.body].degree == 2 and not at_nodes:
-            boundary = _Boundary(model, surface, touching.body, touching.boundary)
+            boundary = _Boundary(model, surface, touching)
             part = boundary.at_all_nodes(part)
         gap = np.fmin(gap, part)
     return gap
 
 
-def boundary_shares(model: Model, surface: SurfaceNodes, body: int, boundary: str) -> Array:
-    """∫ φ_k over a boundary at the surface nodes this rank owns, (owned,) (collective)."""
-    return _Boundary(model, surface, body, boundary).shares
+def boundary_shares(model: Model, surface: SurfaceNodes, touching: Contact | BodyContact) -> Array:
+    """∫ φ_k over the boundary of a contact at the owned surface nodes, (owned,) (collective)."""
+    chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+    return surface.shares(model, chosen)
 
 
 class _Boundary:
@@ -180,35 +205,50 @@ class _Boundary:
 
     Attributes
     ----------
-    shares : (owned,)
-        ∫ φ_k over the boundary.
+    shares, areas : (owned,)
+        ∫ φ_k over the boundary, and ∫ ψ_j of the hat functions of vertices.
     """
 
-    def __init__(self, model: Model, surface: SurfaceNodes, body: int, boundary: str) -> None:
-        self._surface, self._scene = surface, model.scene
-        d = model.scene.dimension
-        starts = np.cumsum([0, *map(len, surface.local)])
-        shares, areas = np.zeros(starts[-1]), np.zeros(starts[-1])
-        self._points = np.zeros((starts[-1], 3))
-        cache: dict[tuple, Array] = {}
+    def __init__(
+        self, model: Model, surface: SurfaceNodes, touching: Contact | BodyContact
+    ) -> None:
+        self._model, self._surface, self._scene = model, surface, model.scene
+        self._touching = touching
+        copies = surface.starts[-1]
+        shares, areas = np.zeros(copies), np.zeros(copies)
+        self._points = np.zeros((copies, 3))
         self._parts: list[tuple[NDArray[np.int64], Array]] = []  # copies, weights (v, nodes)
-        chosen = facets_of(model.scene, model.partition, body, boundary)
-        for local, (s, rows) in enumerate(zip(model.partition.subdomains, chosen, strict=True)):
-            if len(rows) == 0:
-                continue
-            facets = s.reference.facets[rows]
-            nodes = starts[local] + np.searchsorted(surface.local[local], facets)
-            key = (id(s.reference), rows.tobytes())
-            if key not in cache:
-                cache[key] = _shares(s.reference, rows, d)
-            share = cache[key]
+        chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+        for s, rows, nodes, share in facet_shares(model, surface, chosen):
             np.add.at(shares, nodes, share)
-            self._points[nodes] = s.points()[facets]
-            weights = hats_at_nodes(d, facets.shape[1])[None] * share[:, None]
+            self._points[nodes] = s.points()[s.reference.facets[rows]]
+            weights = hats_at_nodes(model.scene.dimension, nodes.shape[1])[None] * share[:, None]
             np.add.at(areas, nodes[:, : weights.shape[1]], weights.sum(axis=2))
             self._parts.append((nodes, weights))
         self.shares = surface.sums(shares)
-        self._areas = surface.sums(areas)
+        self.areas = surface.sums(areas)
+
+    def nodes(self, with_single: bool) -> NDArray[np.bool_]:
+        """Which nodes are on the boundary, (owned,).
+
+        Parameters
+        ----------
+        with_single
+            Whether nodes count that no whole facet of the boundary has.
+        """
+        surface, partition = self._surface, self._model.partition
+        marks = np.zeros(surface.starts[-1])
+        for nodes, _ in self._parts:
+            marks[nodes] = 1.0
+        if with_single:
+            body = self._scene.bodies[self._touching.body]
+            for start, s, local in zip(
+                surface.starts, partition.subdomains, surface.local, strict=False
+            ):
+                if s.body == self._touching.body:
+                    chosen = boundary_nodes(s, body, self._touching.boundary)
+                    marks[start + np.searchsorted(local, chosen)] = 1.0
+        return surface.sums(marks) > 0.0
 
     def recovered(self, pressure: Array) -> Array:
         """The pressure at all nodes from forces over shares (owned,), nothing alternating in it."""
@@ -218,7 +258,8 @@ class _Boundary:
         folded = np.zeros((3, len(q)), bool)
         planes = on_planes(self._scene, self._points)
         for mirror, on in zip(self._scene.mirrors, planes, strict=True):
-            folded[mirror.axis] = on
+            if self._touching.source not in dict(mirror.partners):  # else it ends at the plane
+                folded[mirror.axis] = on
         off = alternation(lines, q, lambda values: surface.copies(surface.sums(values)), folded)
         part = surface.sums(off) / surface.sums(np.ones(len(q)))
         found = np.maximum(pressure - part, 0.0)
@@ -235,7 +276,7 @@ class _Boundary:
         change = self.about_vertices(copies - self.extended(mean))
         taken, given = np.minimum(change, 0.0), np.maximum(change, 0.0)
         cut = np.maximum(taken, -mean)
-        sums = self._surface.exchange.comm.allreduce(np.stack([taken, cut]) @ self._areas)
+        sums = self._surface.exchange.comm.allreduce(np.stack([taken, cut]) @ self.areas)
         return mean + cut + given * (sums[1] / sums[0] if sums[0] < 0.0 else 1.0)
 
     def about_vertices(self, copies: Array) -> Array:
@@ -246,8 +287,8 @@ class _Boundary:
                 sums, nodes[:, : weights.shape[1]], np.einsum("fjk,fk->fj", weights, copies[nodes])
             )
         total = self._surface.sums(sums)
-        some = self._areas > 0.0
-        return np.divide(total, self._areas, out=np.zeros(len(total)), where=some)
+        some = self.areas > 0.0
+        return np.divide(total, self.areas, out=np.zeros(len(total)), where=some)
 
     def extended(self, values: Array) -> Array:
         """Values (owned,) at vertices, continued to the middles: at the copies of facets here."""
@@ -264,8 +305,3 @@ class _Boundary:
         found = self._surface.sums(np.where(known > 0.0, self.extended(values), 0.0))
         count = self._surface.sums(known)
         return np.divide(found, count, out=values.copy(), where=count > 0.0)
-
-
-def _shares(reference: Reference, rows: NDArray[np.int32], dimension: int) -> Array:
-    """∫ φ_k over each of some facets of a reference, (facets, nodes)."""
-    return moments(reference.points[reference.facets[rows]], dimension).sum(axis=1)

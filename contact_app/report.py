@@ -8,7 +8,7 @@ import math
 import platform
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
@@ -108,6 +108,9 @@ def _plain(value: Any) -> Any:
     return value
 
 
+#: Contacts that the table shows, each on a line.
+MOST_CONTACTS = 12
+
 #: The certificate's numbers and what they are called in the table.
 CERTIFICATE = {
     "max_penetration": "penetration / largest displacement",
@@ -180,6 +183,8 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
         force = ", ".join(_number(component) for component in solution["contact_force"])
         row("contact force", f"({force})")
         row("largest contact pressure", _number(solution["max_contact_pressure"]))
+        for name, value in _contact_rows(summary.get("contacts", [])):
+            row(name, value)
     for key, name in CERTIFICATE.items():
         value = certificate.get(key)
         met = None
@@ -213,6 +218,20 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
     ranks = environment["ranks"]
     row("memory", f"{environment['peak_rss_gb']:.2f} GB" + (" on a rank" if ranks > 1 else ""))
     return table
+
+
+def _contact_rows(contacts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Force and largest pressure of each contact, where there are several."""
+    if len(contacts) < 2:
+        return
+    yield "of each contact", "force, largest pressure"
+    for contact in contacts[:MOST_CONTACTS]:
+        force = ", ".join(_number(component) for component in contact["force"])
+        pressure = _number(contact["max_pressure"])
+        yield f"  {contact['on']} on {contact['with']}", f"({force}), {pressure}"
+    more = len(contacts) - MOST_CONTACTS
+    if more > 0:
+        yield f"  and {more} more", "in summary.json"
 
 
 def _number(value: float | None) -> str:

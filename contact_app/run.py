@@ -42,6 +42,7 @@ from contact_app.output import write_xdmf
 from contact_app.progress import Interruption, Progress, together
 from contact_app.refinement import solve_to_accuracy, with_levels
 from contact_app.report import log, print_summary, run_log, write_summary
+from contact_app.results.contacts import contact_records
 from contact_app.scene import Scene
 from contact_app.solution import Accuracy, Solution
 from contact_app.solve import reason_text, solve
@@ -450,6 +451,7 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["solution"]["pair_forces"] = {
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
+    summary["contacts"] = contact_records(solved.model, nodes)
     summary["accuracy"] = solved.accuracy.as_dict()
     if solved.communication is not None:
         summary["solver"]["communication_per_multiplication"] = solved.communication

@@ -20,7 +20,7 @@ from contact_app import configuration as c
 from contact_app.errors import ConfigurationError
 from contact_app.expressions import Expression, ExpressionError
 from contact_app.memory import ROWS_PER_DOF, available_bytes, needed_bytes, surface_bytes
-from contact_app.obstacles import SHAPES, Obstacle
+from contact_app.obstacles import SHAPES, Obstacle, kind_of
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
@@ -262,6 +262,24 @@ class BodyContact:
 
 
 @dataclass(frozen=True)
+class ContactName:
+    """What a contact of the scene file is called.
+
+    Attributes
+    ----------
+    source
+        Its key in the file, ``contacts[0]``.
+    on, against
+        The boundary that touches, body.boundary, and what it touches: such a boundary, or the kind
+        of an obstacle.
+    """
+
+    source: str
+    on: str
+    against: str
+
+
+@dataclass(frozen=True)
 class Decomposition:
     """None: chosen automatically; a number: graph partition; a tuple: sub-boxes along each axis."""
 
@@ -301,12 +319,18 @@ class OutputOptions:
 class Mirror:
     """A plane across an axis (0, 1 or 2) at a coordinate, about which a scene mirrors.
 
-    `partners` are the sources of contacts between bodies that are images of each other.
+    Attributes
+    ----------
+    partners
+        Sources of contacts that are images of each other, not of themselves.
+    contacts
+        Those of the scene before it was cut there.
     """
 
     axis: int
     at: float
     partners: tuple[tuple[str, str], ...] = ()
+    contacts: tuple[ContactName, ...] = ()
 
     def image(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images of points (…, 3)."""
@@ -357,6 +381,24 @@ class Scene:
     def touching(self) -> tuple[Contact | BodyContact, ...]:
         """All contacts, as contact rows count their sources: obstacles first, then pairs."""
         return (*self.contacts, *self.pairs)
+
+    @property
+    def contact_names(self) -> tuple[ContactName, ...]:
+        """All contacts in the order of the file, of the whole where it was cut."""
+        if self.mirrors:
+            return self.mirrors[0].contacts
+        found = []
+        for contact in self.touching:
+            if isinstance(contact, Contact):
+                against = kind_of(contact.obstacle)
+            else:
+                against = self._where(contact.other, contact.other_boundary)
+            on = self._where(contact.body, contact.boundary)
+            found.append(ContactName(contact.source, on, against))
+        return tuple(sorted(found, key=lambda name: (len(name.source), name.source)))
+
+    def _where(self, body: int, boundary: str) -> str:
+        return f"{self.bodies[body].name}.{boundary}"
 
 
 def build_scene(configuration: c.Configuration, surface_only: bool = False) -> Scene:

@@ -18,7 +18,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model import Model
-from contact_app.pressure import SurfaceNodes, contact_forces
+from contact_app.pressure import contact_forces
+from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.solution import Solution
 from meshes.subdomains import vtk_order
 from solver.tfeti.exchange import NodeExchange

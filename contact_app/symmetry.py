@@ -200,7 +200,14 @@ def _cut(scene: Scene, axis: int) -> Scene:
         contacts=kept(scene.contacts),
         pairs=kept(scene.pairs),
         decomposition=_divided(scene.decomposition, left),
-        mirrors=(*scene.mirrors, replace(mirror, partners=_partners(scene, mirror, described))),
+        mirrors=(
+            *scene.mirrors,
+            replace(
+                mirror,
+                partners=_partners(scene, mirror, described),
+                contacts=scene.contact_names,
+            ),
+        ),
     )
 
 
@@ -426,13 +433,13 @@ def _boundaries(item: Item) -> list[tuple[int, str]]:
 
 
 def _partners(scene: Scene, mirror: Mirror, described: _Described) -> tuple[tuple[str, str], ...]:
-    """Contacts between bodies that are images of others, not of themselves."""
-    known = {pair.source: described(pair) for pair in scene.pairs}
+    """Contacts that are images of others, not of themselves."""
+    known = {contact.source: described(contact) for contact in scene.touching}
     found = []
-    for pair in scene.pairs:
-        image = described(pair, mirror)
-        if not _alike(image, known[pair.source]):
-            found.append((pair.source, next(s for s, d in known.items() if _alike(image, d))))
+    for contact in scene.touching:
+        image = described(contact, mirror)
+        if not _alike(image, known[contact.source]):
+            found.append((contact.source, next(s for s, d in known.items() if _alike(image, d))))
     return tuple(found)
 
 

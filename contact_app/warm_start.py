@@ -26,7 +26,8 @@ from contact_app.facets import moments
 from contact_app.model import Model, boundary_facets
 from contact_app.patches import Cells
 from contact_app.point_values import PointValues
-from contact_app.pressure import SurfaceNodes, boundary_shares
+from contact_app.pressure import boundary_shares
+from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.stress_recovery import SHEARS
 from meshes import Subdomain
 from solver.tfeti.dual import interface_slices
@@ -211,7 +212,7 @@ def _areas(model: Model) -> Array:
     at = np.searchsorted(surface.owned, contact.nodes)
     areas = contact.areas.copy()
     for i, touching in enumerate(model.scene.touching):
-        shares = boundary_shares(model, surface, touching.body, touching.boundary)
+        shares = boundary_shares(model, surface, touching)
         mine = (contact.sources == i) & np.isnan(contact.areas)
         areas[mine] = shares[at[mine]]
     return areas

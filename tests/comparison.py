@@ -54,3 +54,26 @@ def counts(solution: Any) -> dict[str, int]:
         "proportioning_steps",
     )
     return {name: solution.summary["solver"][name] for name in names}
+
+
+def same_contacts(found: dict[str, Any], known: dict[str, Any], part: float = 1e-6) -> None:
+    """Hold `contacts` of two summaries of one scene against each other.
+
+    Parameters
+    ----------
+    part
+        Of the largest force, which counts as a moment on an arm of one, and of the largest
+        pressure, that is no difference.
+    """
+    ours, theirs = found["contacts"], known["contacts"]
+    assert [(c["on"], c["with"], c["nodes"]) for c in ours] == [
+        (c["on"], c["with"], c["nodes"]) for c in theirs
+    ]
+    force = max((np.abs(c["force"]).max() for c in theirs), default=0.0)
+    pressure = max((c["max_pressure"] for c in theirs), default=0.0)
+    sizes = {"force": force, "moment": force, "max_pressure": pressure, "point": 1.0, "area": 1.0}
+    for one, other in zip(ours, theirs, strict=True):
+        for key, size in sizes.items():
+            np.testing.assert_allclose(
+                one[key], other[key], rtol=0, atol=part * size, err_msg=f"{one['on']} {key}"
+            )

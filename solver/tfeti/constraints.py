@@ -153,6 +153,8 @@ class ContactRows:
         Distance left, by which the held part has been reduced.
     normals : (k, dimension)
         Force on the body for a multiplier of one: the normal out of what it touches.
+    moments : (k, 3)
+        Moment of that force about the node: zero unless the row has several nodes of the body.
     areas : (k,)
         Area on which the multiplier acts; NaN where it is the node's share of the boundary.
     spread : (k,)
@@ -167,6 +169,7 @@ class ContactRows:
     sources: NDArray[np.int64]
     gaps: NDArray[np.float64]
     normals: NDArray[np.float64]
+    moments: NDArray[np.float64]
     areas: NDArray[np.float64]
     spread: NDArray[np.float64]
     entries: ContactEntries
@@ -347,13 +350,17 @@ def merge_held(exchange: NodeExchange, conditions: NodeConditions) -> HeldRows:
 
 def merge_contact(
     exchange: NodeExchange, conditions: NodeConditions, held: HeldRows, length: float
-) -> ContactRows:
+) -> tuple[ContactRows, ContactRows]:
     """Bring together the contact rows of each owned node and drop redundant ones.
 
     Parameters
     ----------
     length
         A length of the scene; penetrations of held nodes below 1e-9 of it are round-off.
+
+    Returns
+    -------
+    The rows that are kept, and those that a tighter one in the same direction makes redundant.
 
     Raises
     ------
@@ -376,6 +383,7 @@ def merge_contact(
         sources=source[chosen],
         gaps=gap[chosen],
         normals=-direction,
+        moments=np.zeros((len(node), 3)),
         areas=np.full(len(node), np.nan),
         spread=np.ones(len(node)),
         entries=ContactEntries(row, node[row], points[row], component, direction[row, component]),
@@ -386,11 +394,16 @@ def merge_contact(
     norm = np.linalg.norm(cut, axis=1)
     direction, gap = cut / norm[:, None], rows.gaps / norm
     _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
-    return rows.of(_tightest(rows.nodes, direction, gap))
+    keep = _tightest(rows.nodes, direction, gap)
+    return rows.of(keep), rows.of(~keep)
 
 
-def drop_parallel(exchange: NodeExchange, rows: ContactRows, length: float) -> ContactRows:
-    """Of rows of one node over several nodes that are parallel keep the tightest.
+def drop_parallel(
+    exchange: NodeExchange, rows: ContactRows, length: float
+) -> tuple[ContactRows, ContactRows]:
+    """Of rows of one node that are parallel keep the tightest, unless none of them is a mean.
+
+    Rows at nodes alone are those of `merge_contact`, which has done so.
 
     Parameters
     ----------
@@ -399,27 +412,26 @@ def drop_parallel(exchange: NodeExchange, rows: ContactRows, length: float) -> C
     length
         As in `merge_contact`.
 
+    Returns
+    -------
+    The rows that are kept, and the others.
+
     Raises
     ------
     ContradictionError
         Two opposite rows leave no room.
     """
-    entries = rows.entries
-    # the nodes of these rows belong to any rank: their own numbers as columns
-    column = entries.node * rows.normals.shape[1] + entries.component
-    known, place = np.unique(column, return_inverse=True)
-    matrix = sparse.csr_matrix(
-        (entries.value, (entries.row, place.reshape(-1))), shape=(len(rows.nodes), len(known))
-    )
-    norm = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
-    matrix, gap = matrix.multiply(1.0 / norm[:, None]).tocsr(), rows.gaps / norm
+    matrix, norm = unit_rows(rows)
+    gap = rows.gaps / norm
     keep = np.ones(len(rows.nodes), bool)
     problem = None
     for i, j in pairs_at_nodes(rows.nodes):
         cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
-        same = (cosine > 1.0 - PARALLEL) & keep[i] & keep[j]
+        mean = ~(np.isnan(rows.areas[i]) & np.isnan(rows.areas[j]))
+        same = mean & (cosine > 1.0 - PARALLEL) & keep[i] & keep[j]
         keep[np.where(gap[i] <= gap[j], j, i)[same]] = False
-        tight = np.flatnonzero((cosine < PARALLEL - 1.0) & (gap[i] + gap[j] < -1e-9 * length))
+        opposite = mean & (cosine < PARALLEL - 1.0)
+        tight = np.flatnonzero(opposite & (gap[i] + gap[j] < -1e-9 * length))
         if len(tight):
             k = int(tight[np.argmin((gap[i] + gap[j])[tight])])
             problem = (
@@ -427,7 +439,26 @@ def drop_parallel(exchange: NodeExchange, rows: ContactRows, length: float) -> C
                 int(rows.nodes[i[k]]), float(-(gap[i[k]] + gap[j[k]]) * norm[i[k]]),
             )  # fmt: skip
     _raise_together(exchange, problem)
-    return rows.of(keep)
+    return rows.of(keep), rows.of(~keep)
+
+
+def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, NDArray[np.float64]]:
+    """Contact rows over the nodes they name, scaled to unit length, and their lengths before.
+
+    The nodes may belong to any rank: their numbers are the columns.
+
+    Returns
+    -------
+    A matrix (rows, components of nodes), and (rows,).
+    """
+    entries = rows.entries
+    column = entries.node * rows.normals.shape[1] + entries.component
+    known, place = np.unique(column, return_inverse=True)
+    matrix = sparse.csr_matrix(
+        (entries.value, (entries.row, place.reshape(-1))), shape=(len(rows.nodes), len(known))
+    )
+    norm = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
+    return matrix.multiply(1.0 / norm[:, None]).tocsr(), norm
 
 
 def cut_held(

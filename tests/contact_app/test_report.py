@@ -84,6 +84,28 @@ def test_each_line_of_the_certificate_has_its_verdict() -> None:
     assert not any("failed" in line for line in printed(good, tolerance=1e-6))
 
 
+def contact(number: int) -> dict:
+    return {
+        "on": f"cube.face{number}",
+        "with": "plane",
+        "force": [float(number), 0.0, -2.5],
+        "max_pressure": 0.25 + number,
+    }
+
+
+def test_each_of_several_contacts_has_a_line() -> None:
+    one = {**SUMMARY, "contacts": [contact(0)]}
+    assert printed(one) == printed(SUMMARY)
+    two = printed({**SUMMARY, "contacts": [contact(0), contact(1)]})
+    line = line_with(two, "  cube.face1 on plane")
+    assert line.split("plane")[1].strip() == "(1, 0, -2.5), 1.25"
+    assert len(two) == len(printed(SUMMARY)) + 3
+    many = printed({**SUMMARY, "contacts": [contact(i) for i in range(20)]})
+    assert len(many) == len(printed(SUMMARY)) + 14
+    assert line_with(many, "  and 8 more")
+    assert not any("face12" in line for line in many)
+
+
 def test_what_is_not_there_is_not_shown_as_a_number() -> None:
     summary = copy.deepcopy(SUMMARY)
     summary["certificate"]["duality_gap"] = None

@@ -20,6 +20,7 @@ from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import Scene, build_scene
 from contact_app.symmetry import halved
 from tests import meshfiles, scenes
+from tests.comparison import same_contacts
 from tests.ranks import summary_of
 
 SAMPLES = Path(__file__).parents[2] / "meshes" / "samples"
@@ -61,6 +62,7 @@ def hold(known: SolvedScene, found: SolvedScene, tolerance: float = 1e-7) -> Non
         a, b = (s.summary["solution"][key] for s in (known, found))
         a, b = (list(v.values()) if isinstance(v, dict) else v for v in (a, b))
         np.testing.assert_allclose(b, a, atol=10 * tolerance * np.abs(a).max(initial=0.0))
+    same_contacts(found.summary, known.summary, 30 * tolerance)
     # nodes of several bodies may share a place
     points, place = known.nodes.points, cKDTree(known.nodes.points)
     distance, at = place.query(found.nodes.points)

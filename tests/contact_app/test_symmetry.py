@@ -19,6 +19,7 @@ from contact_app.studies.mirrored import saving
 from contact_app.symmetry import halved
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes
+from tests.comparison import same_contacts
 from tests.ranks import summary_of
 
 
@@ -92,6 +93,7 @@ def same_as(
     assert "symmetry" not in known
     for key in ("energy", "max_displacement", "mean_displacement", "max_contact_pressure"):
         assert found["solution"][key] == pytest.approx(known["solution"][key], rel=1e-7), key
+    same_contacts(found, known, 3e-6)
     scale = np.abs(known["solution"]["contact_force"]).max()
     np.testing.assert_allclose(
         found["solution"]["contact_force"], known["solution"]["contact_force"], atol=1e-6 * scale

@@ -46,7 +46,7 @@ def build(nodes: list[int], given: NodeConditions, eliminate: bool = False):
     """B as a dense matrix over (copy, component), its right-hand side and kinds, and the rows."""
     exchange = NodeExchange(MPI.COMM_SELF, np.array(nodes, dtype=np.int64), max(nodes) + 1)
     held = merge_held(exchange, given)
-    contact = merge_contact(exchange, given, held, 1.0)
+    contact, _ = merge_contact(exchange, given, held, 1.0)
     eliminated = np.full(len(held.nodes), eliminate)
     rows, contact = write_rows(exchange, np.arange(len(nodes)), held, contact, eliminated)
     B = np.zeros((len(rows.kind), len(nodes) * D))

@@ -1,0 +1,227 @@
+"""Each contact of a scene summed up, and its pressure at the nodes that are written.
+
+The force on the body of `on` is the sum of the nodal forces f_k, its moment about a point c
+
+    M = Σ (x_k - c) × f_k + m_k,
+
+where m_k is the moment about the node of a row that is a mean about it; c is the centroid of the
+boundary, ∫ x ds / ∫ ds. In the plane the moment is its one component.
+
+Where the scene was cut at planes of symmetry, all of this is of the whole. Each contact of the
+whole consists of images of contacts of what was solved: of itself, or of its partner on the other
+side. A force turns with the mirror, a moment, an axial vector, turns and changes its sign, and
+nodes on a plane count once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.fields import NodeFields
+from contact_app.mirror import Image, Whole, on_planes, whole
+from contact_app.model import Model
+from contact_app.pressure import NodesInContact
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Resultant:
+    """One contact of what was solved, over all ranks.
+
+    Attributes
+    ----------
+    point : (3,)
+        Centroid of the boundary; the mean of its nodes where it has no facet.
+    boundary_area, area
+        Of the boundary, and of what belongs to nodes in contact.
+    force, moment : (3,)
+        On the body of `on`; the moment about `point`.
+    max_pressure
+    """
+
+    point: Array
+    boundary_area: float
+    area: float
+    force: Array
+    moment: Array
+    max_pressure: float
+
+    def image(self, image: Image) -> Resultant:
+        """The same of an image."""
+        turned, axial = (image.field("displacement", v[None])[0] for v in (self.force, self.moment))
+        sign = -1.0 if len(image.mirrors) % 2 else 1.0
+        point = image.points(self.point[None])[0]
+        return Resultant(
+            point, self.boundary_area, self.area, turned, sign * axial, self.max_pressure
+        )
+
+
+def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
+    """The list `contacts` of ``summary.json``, in the order of the scene file (collective)."""
+    contacts = ContactsOfWhole(model, nodes, whole(model, nodes))
+    found = _resultants(model, nodes)
+    records = []
+    for number, (name, counts) in enumerate(
+        zip(model.scene.contact_names, contacts.counts(), strict=True)
+    ):
+        pieces = [
+            found[origin].image(image)
+            for image in contacts.images
+            if (origin := contacts.origin(image, number)) is not None
+        ]
+        joined = _joined(pieces, model.scene.dimension)
+        records.append({"on": name.on, "with": name.against, **joined, "nodes": counts})
+    return records
+
+
+def _joined(pieces: list[Resultant], dimension: int) -> dict[str, Any]:
+    """The numbers of a contact from those of its pieces."""
+    weight = np.array([r.boundary_area for r in pieces])
+    if not weight.any():
+        weight = np.ones(len(pieces))
+    point = weight @ np.array([r.point for r in pieces]) / weight.sum()
+    moment = np.sum([r.moment + np.cross(r.point - point, r.force) for r in pieces], axis=0)
+    return {
+        "force": [float(v) for v in np.sum([r.force for r in pieces], axis=0)],
+        "moment": float(moment[2]) if dimension == 2 else [float(v) for v in moment],
+        "point": [float(v) for v in point],
+        "area": float(sum(r.area for r in pieces)),
+        "max_pressure": max(r.max_pressure for r in pieces),
+    }
+
+
+def _resultants(model: Model, nodes: NodeFields) -> list[Resultant]:
+    """Sums over the nodes of each contact of what was solved (collective)."""
+    scene = model.scene
+    if not scene.touching:
+        return []
+    sums, peaks = [], []
+    centres = [_middle(scene.bodies[touching.body].mesh) for touching in scene.touching]
+    for contact, centre in zip(nodes.contacts, centres, strict=True):
+        at = contact.nodes - nodes.first
+        arm = nodes.points[at] - centre
+        turned = (np.cross(arm, contact.forces) + contact.moments).sum(axis=0)
+        sums.append([
+            contact.shares.sum(), len(at), contact.areas.sum(), *(contact.shares @ arm),
+            *arm.sum(axis=0), *contact.forces.sum(axis=0), *turned,
+        ])  # fmt: skip
+        peaks.append(contact.pressure.max(initial=0.0))
+    totals = model.comm.allreduce(np.array(sums, float))
+    largest = np.array(peaks)
+    model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+    found = []
+    for (share, count, area, *rest), peak, centre in zip(totals, largest, centres, strict=True):
+        weighted, plain, force, moment = np.array(rest).reshape(4, 3)
+        away = weighted / share if share > 0.0 else plain / max(count, 1.0)
+        moment = moment - np.cross(away, force)
+        found.append(Resultant(centre + away, share, area, force, moment, float(peak)))
+    return found
+
+
+def _middle(mesh: Any) -> Array:
+    """Middle of a mesh, (3,): a point near it, about which sums lose no digits."""
+    middle = np.zeros(3)
+    middle[: mesh.dimension] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
+    return middle
+
+
+class ContactsOfWhole:
+    """The contacts of the scene file at the nodes this rank owns, and at their images.
+
+    Contacts have the numbers of the file, from 0.
+
+    Parameters
+    ----------
+    nodes
+        Fields of what was solved.
+    found
+        The images of it.
+    """
+
+    def __init__(self, model: Model, nodes: NodeFields, found: Whole) -> None:
+        self.images = found.images
+        self._comm, self._scene, self._nodes = model.comm, model.scene, nodes
+        self._on = on_planes(model.scene, nodes.points)
+        self._place = {contact.source: i for i, contact in enumerate(model.scene.touching)}
+
+    def origin(self, image: Image, number: int) -> int | None:
+        """The contact of what was solved that is this one's in an image; None if there is none."""
+        source = self._scene.contact_names[number].source
+        for mirror in self._scene.mirrors:
+            if mirror in image.mirrors:
+                source = dict(mirror.partners).get(source, source)
+        return self._place.get(source)
+
+    def counts(self) -> list[dict[str, int]]:
+        """Nodes of each contact by their status, nodes of several images once (collective)."""
+        counts = np.zeros((len(self._scene.contact_names), 2), np.int64)
+        for number in range(len(counts)):
+            seen: list[Image] = []
+            for image in self.images:
+                origin = self.origin(image, number)
+                if origin is None:
+                    continue
+                contact = self._nodes.contacts[origin]
+                at = contact.nodes - self._nodes.first
+                new = np.ones(len(at), bool)
+                for earlier in seen:
+                    new &= ~self._coincide(image, earlier, at)
+                new &= contact.carriers
+                counts[number] += (new & ~contact.closed).sum(), (new & contact.closed).sum()
+                seen.append(image)
+        return [
+            {"open": int(left), "stick": 0, "slip": int(closed)}
+            for left, closed in self._comm.allreduce(counts)
+        ]
+
+    def pressure(self, image: Image, number: int) -> Array:
+        """Pressure of a contact at the images of the nodes, (nodes,); 0 away from it."""
+        return self._field(image, number, lambda contact: contact.pressure)
+
+    def overlapping(self) -> list[int]:
+        """Contacts that share a node with another one (collective)."""
+        names = range(len(self._scene.contact_names))
+        shared = np.zeros(len(names), bool)
+        for image in self.images:
+            count = np.sum([self._on_boundary(image, number) for number in names], axis=0)
+            several = (count > 1.0) & image.new
+            for number in names:
+                shared[number] |= bool((self._on_boundary(image, number)[several] > 0.0).any())
+        self._comm.Allreduce(MPI.IN_PLACE, shared, op=MPI.LOR)
+        return [int(number) for number in np.flatnonzero(shared)]
+
+    def _on_boundary(self, image: Image, number: int) -> Array:
+        """1 at the images of nodes on the boundary of a contact, (nodes,)."""
+        return self._field(image, number, lambda contact: np.ones(len(contact.nodes)))
+
+    def _field(self, image: Image, number: int, values: Callable[[NodesInContact], Array]) -> Array:
+        """Values of a contact at the images of the nodes, (nodes,).
+
+        A node on a plane has those of the image about that plane, too.
+        """
+        result = np.zeros(len(self._nodes.points))
+        for other in self.images:
+            origin = self.origin(other, number)
+            if origin is None:
+                continue
+            contact = self._nodes.contacts[origin]
+            at = contact.nodes - self._nodes.first
+            there = self._coincide(image, other, at)
+            result[at[there]] = np.maximum(result[at[there]], values(contact)[there])
+        return result
+
+    def _coincide(self, image: Image, other: Image, at: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which of some nodes (n,) are at one place in both images, (n,)."""
+        apart = [
+            k
+            for k, mirror in enumerate(self._scene.mirrors)
+            if (mirror in image.mirrors) != (mirror in other.mirrors)
+        ]
+        return np.asarray(self._on[apart][:, at].all(axis=0))

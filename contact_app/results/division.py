@@ -1,0 +1,227 @@
+"""Which contact the force at a node belongs to.
+
+Every contact row is a row of one contact, and its force is the force of that contact, unless rows
+of several contacts say the same of a node: two floors side by side that are level, a boundary given
+twice, two surfaces of another body that go on straight where they meet. Then one row is kept for
+all of them (`merge_contact`, `candidates.estimated`), or the multipliers of equal rows are
+determined in their sum only. The sum is the force of the node; it is divided as a uniform pressure
+would be, by the area that each contact has about the node. So a pressure goes on across the seam of
+two boundaries, and the sum of all contacts stays what the solver found. Means over the facets of
+neighbouring pairs, which differ but may still have more multipliers than are determined, are
+settled before (`seams`).
+
+Rows say the same of a node where they are less than `NEARLY_PARALLEL` apart, as unit vectors and in
+their normals, and where their gaps differ by less than `TIED`: an obstacle that lies deeper takes
+no force. Two rows that both have multipliers are told apart by the solver unless they are less than
+`EQUAL` apart. A facet that is on the boundaries of several obstacles counts for the first of them,
+or else its pressure would be divided in two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from contact_app.averaged import has_averaged_rows
+from contact_app.candidates import NEARLY_PARALLEL
+from contact_app.model import Model, facets_of
+from contact_app.results.seams import smooth_forces
+from contact_app.results.surface_nodes import SurfaceNodes
+from contact_app.scene import Scene
+from contact_app.solution import Solution
+from solver.tfeti.constraints import ContactRows, pairs_at_nodes, unit_rows
+
+Array = NDArray[np.float64]
+
+TIED = 1e-9
+"""Difference of gaps, over the size of the scene, that is none: as in `merge_contact`."""
+
+
+EQUAL = 1e-6
+"""Distance of two unit rows below which their multipliers are determined in their sum only."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactLoads:
+    """Forces of contacts at the nodes this rank owns, each contact at most once a node.
+
+    Attributes
+    ----------
+    sources, nodes : (loads,)
+        Contact, as `Scene.touching` counts them, and number of the node.
+    force : (loads,)
+        Its size, zero or more.
+    vectors, moments : (loads, 3)
+        Force on the body of `on`, and its moment about the node.
+    areas : (loads,)
+        Area on which it acts; NaN where it is the node's share of the boundary.
+    """
+
+    sources: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    force: Array
+    vectors: Array
+    moments: Array
+    areas: Array
+
+
+def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactLoads:
+    """Divide the forces of the contact rows among the contacts (collective)."""
+    problem, contact = model.problem, model.problem.contact
+    parts = [contact, model.left_out, model.merged]
+    given = solution.multiplier[problem.inequality] * contact.spread
+    if model.scene.pairs:
+        jumps = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
+        least = solution.tolerance * solution.measures.displacement
+        closed = (given > 0.0) | (-jumps / contact.spread <= least)
+        given = smooth_forces(model.comm, contact, given, closed)
+    order = np.lexsort(
+        [np.concatenate([getattr(p, n) for p in parts]) for n in ("sources", "nodes")]
+    )
+    rows = ContactRows.join(parts)  # in this order
+    own = order < len(contact.nodes)
+    force = np.zeros(len(order))
+    force[own] = given[order[own]]
+    vectors = np.zeros((len(order), 3))
+    vectors[:, : model.scene.dimension] = force[:, None] * rows.normals
+    loads = ContactLoads(
+        rows.sources, rows.nodes, force, vectors, force[:, None] * rows.moments, rows.areas
+    )
+    label = _together(rows, own, force, TIED * _size(model.scene))
+    if model.comm.allreduce(int((label >= 0).sum())):
+        loads = _divided(model, surface, loads, label)
+    kept = own | (loads.force > 0.0)
+    return ContactLoads(**{name: values[kept] for name, values in loads.__dict__.items()})
+
+
+def _size(scene: Scene) -> float:
+    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+
+
+def _together(
+    rows: ContactRows, own: NDArray[np.bool_], force: Array, tied: float
+) -> NDArray[np.int64]:
+    """Number of the group of equal rows that carries force each row is in, -1 for none, (rows,).
+
+    Parameters
+    ----------
+    own, force : (rows,)
+        Which have a multiplier, and its force.
+    tied
+        Difference of gaps that is none.
+    """
+    label = np.full(len(rows.nodes), -1, np.int64)
+    first = np.flatnonzero(rows.nodes[1:] == rows.nodes[:-1])
+    several = np.zeros(len(label), bool)
+    several[first], several[first + 1] = True, True
+    some = rows.of(several)
+    if not several.any():
+        return label
+    matrix, length = unit_rows(some)
+    gap, solved = some.gaps / length, own[several]
+    links = [np.zeros((0, 2), np.int64)]
+    for i, j in pairs_at_nodes(some.nodes):
+        cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
+        apart = np.maximum(
+            np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0)),
+            np.linalg.norm(some.normals[i] - some.normals[j], axis=1),
+        )
+        same = apart < np.where(solved[i] & solved[j], EQUAL, NEARLY_PARALLEL)
+        same &= np.abs(gap[i] - gap[j]) <= tied
+        links.append(np.stack([i[same], j[same]], axis=1))
+    ends = np.concatenate(links)
+    graph = sparse.csr_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (len(gap),))
+    group = connected_components(graph, directed=False)[1]
+    loaded = np.bincount(group, force[several]) > 0.0
+    loaded &= np.bincount(group) > 1
+    number = np.where(loaded, np.cumsum(loaded) - 1, -1)
+    label[several] = number[group]
+    return label
+
+
+def _divided(
+    model: Model, surface: SurfaceNodes, loads: ContactLoads, label: NDArray[np.int64]
+) -> ContactLoads:
+    """Divide the sum of each group of rows by their areas (collective)."""
+    grouped = np.flatnonzero(label >= 0)
+    group = label[grouped]
+    weight = _weights(model, surface, loads, grouped, group)
+    total = np.bincount(group, weight)
+    known = total[group] > 0.0
+    grouped, group = grouped[known], group[known]
+    part = weight[known] / total[group]
+
+    def divided(values: Array) -> Array:
+        values = values.copy()
+        sums = np.zeros((len(total), *values.shape[1:]))
+        np.add.at(sums, group, values[grouped])
+        values[grouped] = part.reshape(-1, *(1,) * (values.ndim - 1)) * sums[group]
+        return values
+
+    return ContactLoads(
+        loads.sources, loads.nodes, divided(loads.force), divided(loads.vectors),
+        divided(loads.moments), loads.areas,
+    )  # fmt: skip
+
+
+def _weights(
+    model: Model,
+    surface: SurfaceNodes,
+    loads: ContactLoads,
+    grouped: NDArray[np.int64],
+    group: NDArray[np.int64],
+) -> Array:
+    """Area of the contact of each grouped row about its node, (grouped,) (collective)."""
+    weight, sources = loads.areas[grouped].copy(), loads.sources[grouped]
+    shared = np.flatnonzero(sources < len(model.scene.contacts))
+    weight[shared] = 0.0
+    at = np.searchsorted(surface.owned, loads.nodes[grouped])
+    members, which = _members(sources[shared], group[shared])
+    every = sorted({m for rank in model.comm.allgather(members) for m in rank})
+    for these in every:
+        mine = shared[which == members.index(these)] if these in members else shared[:0]
+        for source, shares in _shares_in_turn(model, surface, these):
+            of_source = mine[sources[mine] == source]
+            weight[of_source] = shares[at[of_source]]
+    return weight
+
+
+def _members(
+    sources: NDArray[np.int64], group: NDArray[np.int64]
+) -> tuple[list[tuple[int, ...]], NDArray[np.int64]]:
+    """Which contacts groups consist of: all different ones, and the number of that of each row."""
+    if len(group) == 0:
+        return [], group
+    order = np.lexsort((sources, group))
+    _, start, row, count = np.unique(
+        group[order], return_index=True, return_inverse=True, return_counts=True
+    )
+    row = row.reshape(-1)
+    table = np.full((len(start), int(count.max())), -1, np.int64)
+    table[row, np.arange(len(order)) - start[row]] = sources[order]
+    found, place = np.unique(table, axis=0, return_inverse=True)
+    which = np.empty(len(order), np.int64)
+    which[order] = place.reshape(-1)[row]
+    return [tuple(int(s) for s in line if s >= 0) for line in found], which
+
+
+def _shares_in_turn(
+    model: Model, surface: SurfaceNodes, sources: tuple[int, ...]
+) -> Iterator[tuple[int, Array]]:
+    """∫ φ_k over the facets of each obstacle's contact that no earlier one has, (owned,).
+
+    Where rows are means about vertices these are the integrals of their hat functions. Collective.
+    """
+    taken = [np.zeros(0, np.int32) for _ in model.partition.subdomains]
+    for source in sources:
+        touching = model.scene.touching[source]
+        chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+        left = [np.setdiff1d(own, t) for own, t in zip(chosen, taken, strict=True)]
+        means = has_averaged_rows(model.scene.bodies[touching.body])
+        yield source, surface.shares(model, left, hats=means)
+        taken = [np.union1d(own, t) for own, t in zip(chosen, taken, strict=True)]
