@@ -182,7 +182,7 @@ def _code_of_exit(ended: SystemExit) -> int:
 
 def _refuse_unwritable(directory: Path) -> None:
     """Find out that results cannot be written before anything is computed."""
-    if directory.exists() and not directory.is_dir():
+    if os.path.exists(directory) and not os.path.isdir(directory):
         raise ConfigurationError(
             f"--output {directory}: results cannot be written there: it is a file"
         )

@@ -18,7 +18,7 @@ from contact_app.box_surface import refuse_unguaranteed
 from contact_app.caches import usable_caches
 from contact_app.candidates import Needed, more_needed
 from contact_app.check import modelled_lines
-from contact_app.checkpoint import Attention, Checkpoint
+from contact_app.checkpoint import EVERY_SECONDS, Attention, Checkpoint
 from contact_app.communication import Communication, on_first
 from contact_app.disk import refuse_without_room
 from contact_app.environment import environment, slow_blas_warning
@@ -95,7 +95,11 @@ class SolvedScene:
 
 
 def run(
-    scene: Scene, directory: Path, comm: MPI.Intracomm = MPI.COMM_WORLD, resume: bool = False
+    scene: Scene,
+    directory: Path,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    resume: bool = False,
+    every: float = EVERY_SECONDS,
 ) -> int:
     """Solve a scene, show progress, write everything to a directory; the exit code (collective).
 
@@ -107,6 +111,8 @@ def run(
     ----------
     resume
         Go on from the checkpoint an earlier run left in the directory, if there is one.
+    every
+        Seconds of solving between two checkpoints.
     """
     first = comm.rank == 0
     if resume and scene.accuracy is not None:
@@ -115,7 +121,7 @@ def run(
             "start it anew"
         )
     on_first(comm, lambda: clear(directory, resume))
-    checkpoint = Checkpoint(directory, comm, resume)
+    checkpoint = Checkpoint(directory, comm, resume, every)
     with (
         _without_parts(directory),
         run_log(directory / "run.log", first),
@@ -150,19 +156,20 @@ def run(
                 progress.stage,
             )
             solved = refined.solved
+        stopped = solved.solution.reason is Reason.STOPPED and refined is None
+        # a long solve is safe before its results meet the disk
+        if stopped or comm.bcast(solved.timings.seconds["solve"] > checkpoint.every):
+            checkpoint.save_held()
         try:
             summary, files = _write(solved, refined, directory, progress)
         except (OSError, CouldNotRunError) as error:
-            checkpoint.save_held()
-            if first and checkpoint.path.is_file():
+            if checkpoint.path.is_file():
                 add_remedy(error, "--resume goes on from the checkpoint of this run")
             raise
-        if solved.solution.reason is Reason.STOPPED and refined is None:
-            checkpoint.save_held()
-            if first and checkpoint.path.is_file():
-                log.info("--resume goes on from here")
-        else:
+        if not stopped:
             checkpoint.remove()
+        elif first and checkpoint.path.is_file():
+            log.info("--resume goes on from here")
     if first:
         try:
             print_summary(summary, solved.solution.tolerance, files)

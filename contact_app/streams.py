@@ -74,7 +74,7 @@ class _Output(io.FileIO):
         except OSError as error:
             _to_null(self.fileno())
             if self._strict and error.errno not in (errno.EPIPE, errno.EBADF):
-                raise
+                raise OSError(error.errno, error.strerror, "standard output") from error
             return memoryview(data).nbytes
 
 

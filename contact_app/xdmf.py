@@ -90,7 +90,7 @@ class XDMFWriter:
         Size of the whole grid. Points and cells must be complete in the end; a point or cell
         that a field is never written for reads as NaN.
     expected
-        Bytes of all numbers, where they are known beforehand: as much room is made at once.
+        Size of the file (`grid_bytes`), where it is known beforehand: as much room is made at once.
 
     Raises
     ------
@@ -151,7 +151,7 @@ class XDMFWriter:
     def _reserve(self, count: int) -> None:
         """Take room for so many bytes more, and for all that are expected."""
         self._needed += count
-        size = max(self._needed, DIRECTORY_BYTES + self._expected)
+        size = max(self._needed, self._expected)
         try:
             reserve(self._room.fileno(), size)
         except OSError as error:
