@@ -87,7 +87,8 @@ def _of_system(error: OSError) -> str:
     what = os.strerror(number) if number else str(error).splitlines()[0] or type(error).__name__
     where = f"{error.filename}: " if error.filename else ""
     if number in DISK_FULL:
-        remedy = f"make room {'there' if where else 'on the disk'}, or name another directory with --output"
+        place = "there" if where else "on the disk"
+        remedy = f"make room {place}, or name another directory with --output"
     elif number in FORBIDDEN:
         remedy = "change its permissions, or name another directory with --output"
     else:

@@ -701,7 +701,7 @@ def _directions(motions: NDArray[np.float64]) -> str:
                 sign = "-" if value < 0 else "+"
                 terms.append(f"{'' if abs(value) > 0.999 else f'{abs(value):.2g} '}{sign}{name}")
         words.append(" and ".join(terms).replace("+a turn", "a turn").replace("-a turn", "a turn"))
-    return "; ".join(words)
+    return "; ".join(sorted(words))  # one order, so that equal remarks read alike
 
 
 def _contradiction(scene: Scene, error: ContradictionError) -> ContactError:

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from contact_app.alike import said_once
 from contact_app.box_surface import refuse_unguaranteed
 from contact_app.caches import usable_caches
 from contact_app.candidates import Needed, more_needed
@@ -156,7 +157,8 @@ def run(
                 progress.stage,
             )
             solved = refined.solved
-        stopped = solved.solution.reason is Reason.STOPPED and refined is None
+        solution = solved.solution
+        stopped = solution.reason is Reason.STOPPED and not solution.converged and refined is None
         # a long solve is safe before its results meet the disk
         if stopped or comm.bcast(solved.timings.seconds["solve"] > checkpoint.every):
             checkpoint.save_held()
@@ -189,7 +191,8 @@ def _write(
     ranks.
     """
     comm = solved.model.comm
-    for note in solved.model.notes:
+    bodies = [body.name for body in solved.model.scene.bodies]
+    for note in said_once(solved.model.notes, bodies):
         log.info("%s", note)
     files = [directory / name for name in ("summary.json", "history.csv", "run.log")]
     if solved.model.scene.output.xdmf:
