@@ -28,7 +28,7 @@ def said_once(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
         Of bodies.
 
     >>> said_once(["b1: is loose", "b2: is stiff", "b3: is loose"], ["b1", "b2", "b3"])
-    ['b1: is loose (the same of 1 more: b3)', 'b2: is stiff']
+    ['b1: is loose (and 1 more alike: b3)', 'b2: is stiff']
     """
     known = sorted(map(re.escape, set(names)), key=len, reverse=True)
     bodies = [rf"(?<![\w.])(?:{'|'.join(known)})(?![\w])"] if known else []
@@ -49,4 +49,4 @@ def _joined(group: list[str], pattern: re.Pattern[str]) -> str:
     if not listed:
         return f"{first} (said {len(group)} times)"
     last = f", … {about[-1]}" if len(about) > LISTED else ""
-    return f"{first} (the same of {len(others)} more: {', '.join(listed)}{last})"
+    return f"{first} (and {len(others)} more alike: {', '.join(listed)}{last})"

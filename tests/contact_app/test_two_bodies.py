@@ -150,7 +150,7 @@ def test_two_bodies_that_leave_together() -> None:
     warnings = solution.summary["certificate"]["warnings"]
     (told,) = [w for w in warnings if "can move freely" in w]
     assert "lower can move freely" in told
-    assert told.endswith("(the same of 1 more: upper)")
+    assert told.endswith("(and 1 more alike: upper)")
     made["conditions"].append({"on": "upper.x+", "traction": [1.0, 0.0]})
     with pytest.raises(NoEquilibriumError, match=r"upper from leaving along \+x"):
         solve(made)
