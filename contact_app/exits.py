@@ -27,6 +27,12 @@ MOMENT = 2.0
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
+MET, TOLD = 30_101, 30_102
+"""Tags of messages between ranks that end; solvers use small ones, and MPI allows 32,767."""
+
+LONGEST = 1000
+"""Characters of a message that are sent to other ranks: it must go without being received."""
+
 PETSC_OUT_OF_MEMORY = 55
 """``PETSC_ERR_MEM``."""
 
@@ -133,16 +139,20 @@ def end(error: BaseException) -> Exit:
     if world is None:
         _tell_without_mpi(message, of_all=isinstance(error, ContactError))
         return code
-    if not _all_arrive(world):
+    found = _exchanged(world, (int(code), message[:LONGEST]))
+    if found is None:
         tell(message, world.rank)
         world.Abort(int(code))
-    found = world.gather((int(code), message))
-    if found is not None:
-        for rank, (_, text) in enumerate(found):
+        return code  # not reached
+    if world.rank == 0:
+        for rank, (_, text) in found.items():
             if rank == 0 or text != found[0][1]:
                 tell(text, rank)
-        code = Exit(max(number for number, _ in found))
-    return Exit(world.bcast(int(code)))
+        for rank in range(1, world.size):
+            world.send(None, dest=rank, tag=TOLD)
+    else:
+        world.recv(source=0, tag=TOLD)  # the first rank that exits takes the others with it
+    return Exit(max(number for number, _ in found.values()))
 
 
 def add_remedy(error: BaseException, sentence: str) -> None:
@@ -159,14 +169,25 @@ def _world() -> Any:
     return world if world.size > 1 else None
 
 
-def _all_arrive(world: Any) -> bool:
-    """Whether every rank comes here within `PATIENCE` seconds."""
-    request, began = world.Ibarrier(), time.monotonic()
-    while not request.Test():
+def _exchanged(world: Any, mine: tuple[int, str]) -> dict[int, tuple[int, str]] | None:
+    """Code and message of every rank, by rank; None if not all come here in `PATIENCE` seconds.
+
+    By messages with a tag of their own: ranks that have met nothing may be in any collective, and
+    another one would be taken for a part of it.
+    """
+    others = [rank for rank in range(world.size) if rank != world.rank]
+    sent = [world.isend(mine, dest=rank, tag=MET) for rank in others]
+    found, began = {world.rank: mine}, time.monotonic()
+    while len(found) < world.size:
+        for rank in others:
+            if rank not in found and world.iprobe(source=rank, tag=MET):
+                found[rank] = world.recv(source=rank, tag=MET)
         if time.monotonic() - began > PATIENCE:
-            return False
+            return None
         time.sleep(0.01)
-    return True
+    for request in sent:
+        request.wait()
+    return dict(sorted(found.items()))
 
 
 def _tell_without_mpi(message: str, of_all: bool) -> None:

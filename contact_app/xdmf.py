@@ -132,8 +132,8 @@ class XDMFWriter:
         """Make the file, with room for what is expected."""
         self._room = self._part.open("wb", buffering=0)
         try:
-            self._room.write(_empty_file())
             self._reserve(0)
+            self._room.write(_empty_file())
             self._file = h5py.File(self._part, "r+")
         except BaseException:
             self.discard()
