@@ -293,9 +293,10 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
     notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
     for body, found in zip(scene.bodies, balances, strict=True):
         if found.free_motions.shape[1]:
+            freely = _directions(_upward(found.free_motions))
             notes.append(
-                f"{body.name} can move freely along {_directions(found.free_motions)} and no load "
-                "works on that motion: it is held where it is"
+                f"{body.name} can move freely along {freely} and no load works on that motion: it "
+                "is held where it is"
             )
     if not eliminated.all():
         floating = int((~eliminated).sum())
@@ -682,6 +683,12 @@ def _frame(body: Body) -> tuple[NDArray[np.float64], float]:
     lower, upper = np.array(body.mesh.lower), np.array(body.mesh.upper)
     centre[: len(lower)] = 0.5 * (lower + upper)
     return centre, float((upper - lower).max())
+
+
+def _upward(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motions (motions, k) that go either way, with a sign of which the first part is positive."""
+    large = np.abs(motions) > 1e-3 * np.abs(motions).max(axis=0)
+    return motions * np.sign(motions[large.argmax(axis=0), np.arange(motions.shape[1])])
 
 
 def _directions(motions: NDArray[np.float64]) -> str:
