@@ -317,7 +317,10 @@ class Face:
             self._stalls = it.counts.cg >= self._most
             return Reason.ROUND_OFF if self._stalls else None
 
-        return inner.minimise(self._iterate, stop, monitor)
+        try:
+            return inner.minimise(self._iterate, stop, monitor)
+        finally:
+            self._iterate.watch = None  # it knows the face, which would keep itself alive
 
     def state(self) -> State:
         """What the iterate means for the whole problem (collective).

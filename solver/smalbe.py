@@ -409,6 +409,7 @@ class SMALBE:
             it.measure_b()
             if moved and not self.recompute_gradient:
                 it.restart()
+        it.watch = None  # it knows the iterate, which would keep itself alive
         it.settle()
         it.counts.collectives += it.reduction.collectives - before
         return Result(
