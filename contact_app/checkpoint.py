@@ -8,9 +8,9 @@ is at work hands over its state. There are two kinds of states, told apart by th
 - ρ = 0: conjugate gradients on an active set, or MPRGP alone. x is λ itself, and the second vector
   is 1 where a contact row is taken to touch and 0 elsewhere.
 
-Two files: the vectors (`vector_file`), independent of the number of ranks, and the scalars in JSON,
-written last and put in place at once, so that a run killed while it writes leaves the checkpoint
-before it whole.
+Two files: the vectors (`vector_file`) and the scalars in JSON, written last and put in place at
+once, so that a run killed while it writes leaves the checkpoint before it whole. Rows have another
+order on another number of ranks, so a run goes on with as many as wrote its checkpoint.
 """
 
 from __future__ import annotations
@@ -116,7 +116,13 @@ class Checkpoint:
             return None
         try:
             saved: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
-            there = saved["problem"]
+            there, ranks = saved["problem"], saved["ranks"]
+            if ranks != self.comm.size:
+                return ConfigurationError(
+                    f"{self.path}: the checkpoint was written on {ranks} ranks, and on "
+                    f"{self.comm.size} its rows have another order; resume on as many ranks, or "
+                    "run without --resume"
+                )
             if set(here) == set(there) and all(
                 math.isclose(here[name], there[name], rel_tol=SAME, abs_tol=1e-300) for name in here
             ):
@@ -169,7 +175,10 @@ class Checkpoint:
         scalars = {k: v for k, v in state.__dict__.items() if k not in ("x", "multiplier")}
         scalars["counts"] = asdict(state.counts)
         scalars["lagrangian"] = state.lagrangian if math.isfinite(state.lagrangian) else None
-        text = {"problem": _description(problem), "vectors": path.name, "state": scalars}
+        text = {
+            "problem": _description(problem), "ranks": self.comm.size, "vectors": path.name,
+            "state": scalars,
+        }  # fmt: skip
         fault = None
         if self.comm.rank == 0:
             try:

@@ -1,4 +1,4 @@
-"""Distributed vectors in one file, in the order of their rows, whatever the number of ranks.
+"""Distributed vectors in one file, in the order of their rows.
 
 Rank 0 writes and reads the parts of all ranks one after another, so that it holds one of them at a
 time and an error of the disk is met in one place. Numbers are little-endian of 8 bytes.
@@ -71,7 +71,7 @@ def _write_first(
 def read_vectors(
     path: Path, comm: MPI.Intracomm, size: int, count: int
 ) -> list[NDArray[np.float64]]:
-    """Read vectors that `write_vectors` wrote, on any number of ranks (collective).
+    """Read vectors that `write_vectors` wrote (collective).
 
     Parameters
     ----------

@@ -143,6 +143,17 @@ def test_a_damaged_checkpoint_is_refused(problem: DualProblem, scene: Any, tmp_p
         go(problem, scene, tmp_path, None, resume=True)
 
 
+def test_a_checkpoint_of_another_number_of_ranks_is_refused(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    """Rows have another order there, and the work that was spent would be lost unseen."""
+    go(problem, scene, tmp_path, stopped_after_steps(5), resume=False)
+    path = tmp_path / "checkpoint.json"
+    path.write_text(path.read_text().replace('"ranks": 1', '"ranks": 2'))
+    with pytest.raises(ConfigurationError, match="written on 2 ranks"):
+        go(problem, scene, tmp_path, None, resume=True)
+
+
 def test_without_a_checkpoint_a_resumed_run_starts_from_the_beginning(
     problem: DualProblem, tmp_path: Path
 ) -> None:
