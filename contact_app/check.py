@@ -19,6 +19,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from rich.console import Console
 
+from contact_app.alike import said_once
 from contact_app.box_surface import refuse_unguaranteed, stress_bytes
 from contact_app.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.distant import distant
@@ -230,8 +231,9 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
 
 
 def _left_out(scene: Scene, known: Outline) -> list[str]:
-    lines = ["left out:", *(f"  {note}" for note in left_out_notes(scene, known))]
-    lines += [f"  {sentence}" for sentence in (*_repeated(scene), *_unloaded(scene, known))]
+    notes = [*left_out_notes(scene, known), *_repeated(scene), *_unloaded(scene, known)]
+    notes = said_once(notes, [body.name for body in scene.bodies])
+    lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
     lines += [f"  {sentence}" for sentence in LEFT_OUT]
     if scene.plane:
         lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")

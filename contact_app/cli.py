@@ -11,18 +11,15 @@ import logging
 import os
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
-
-FAILED, BAD_INPUT, NO_EQUILIBRIUM = 1, 2, 3
-
-PATIENCE = 2.0
-"""Seconds that other ranks wait for rank 0 to say what all of them found."""
+from contact_app.caches import usable_caches
+from contact_app.errors import ConfigurationError, CouldNotRunError
+from contact_app.exits import Exit, end
+from contact_app.streams import safe_streams
 
 app = typer.Typer(
     name="contact-app",
@@ -58,8 +55,12 @@ def run(
 ) -> None:
     """Validate a scene, solve it, certify the answer and write it.
 
-    Exit code 0: converged and certified. 1: solved but not certified or not converged.
-    2: bad input. 3: the scene has no equilibrium.
+    Exit code 0: converged and certified. 1: solved but not certified or not converged; the results
+    so far are written. 2: bad input. 3: the scene has no equilibrium. 4: the program could not run
+    (disk, memory, permissions, a failure of its own); the message says what to do.
+
+    Results of an earlier run in the directory are removed first. Ctrl-C or SIGTERM ends the solve:
+    what it has reached is written, with a checkpoint for --resume.
     """
     from contact_app.configuration import load
     from contact_app.scene import build_scene
@@ -135,73 +136,62 @@ if importlib.util.find_spec("contact_app.commands_studies"):
 
 
 def main() -> None:
-    """Run the command line; errors a user can mend are one message, without a traceback."""
+    """Run the command line; each exception becomes one message and an exit code (`exits`)."""
     # PETSc's own handlers would answer a closed pipe (`| head`) with a page of its errors
     options = os.environ.get("PETSC_OPTIONS", "")
     os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
     # waiting ranks yield: on shared cores three ranks take seconds instead of minutes
     os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
-    # compiling a form tells the root logger every command it runs
-    terminal = logging.StreamHandler()
-    terminal.setLevel(logging.WARNING)
-    logging.getLogger().addHandler(terminal)
+    with safe_streams():
+        # compiling a form tells the root logger every command it runs
+        terminal = logging.StreamHandler()
+        terminal.setLevel(logging.WARNING)
+        logging.getLogger().addHandler(terminal)
+        try:
+            code = _run_app()
+        finally:
+            logging.getLogger().removeHandler(terminal)
+    sys.exit(code)
+
+
+def _run_app() -> int:
+    """Exit code of the command that was asked for."""
     try:
-        app()
-    except NoEquilibriumError as error:
-        _tell(str(error))
-        sys.exit(NO_EQUILIBRIUM)
-    except ConfigurationError as error:
-        _tell(str(error))
-        sys.exit(BAD_INPUT)
-    except ContactError as error:
-        _tell(str(error))
-        sys.exit(FAILED)
-    except OSError as error:  # a full disk, a directory taken away
-        _tell(f"the run ended: {error}", of_all=False)
-        sys.exit(FAILED)
-    except MemoryError:
-        _tell(
-            "the run ended: not enough memory; see contact-app check for what a scene needs",
-            of_all=False,
-        )
-        sys.exit(FAILED)
-    finally:
-        logging.getLogger().removeHandler(terminal)
+        usable_caches()
+        try:
+            app()
+        except SystemExit as end_of_command:
+            code = _code_of_exit(end_of_command)
+        else:
+            code = Exit.CERTIFIED
+        sys.stdout.flush()
+    except Exception as error:
+        code = end(error)
+    return int(code)
+
+
+def _code_of_exit(ended: SystemExit) -> int:
+    """Exit code of a command; that of an interruption, which typer would make a 1, is its own."""
+    cause: BaseException | None = ended
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return Exit.INTERRUPTED
+        cause = cause.__cause__ or cause.__context__
+    return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
 
 
 def _refuse_unwritable(directory: Path) -> None:
     """Find out that results cannot be written before anything is computed."""
+    if os.path.exists(directory) and not os.path.isdir(directory):
+        raise ConfigurationError(
+            f"--output {directory}: results cannot be written there: it is a file"
+        )
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):
             pass
     except OSError as error:
-        raise ConfigurationError(
-            f"--output {directory}: results cannot be written there: {error.strerror}"
+        raise CouldNotRunError(
+            f"--output {directory}: results cannot be written there: {error.strerror}; change its "
+            "permissions, make room, or name another directory"
         ) from None
-
-
-def _rank() -> int:
-    """Rank under mpirun or srun, without MPI, which takes its time to load."""
-    for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"):
-        if os.environ.get(name, "").isdigit():
-            return int(os.environ[name])
-    return 0
-
-
-def _tell(message: str, of_all: bool = True) -> None:
-    """Print a message; what a terminal would obey is shown as its code.
-
-    What all ranks found is said once. The first of them that exits takes the others with it, so
-    they leave rank 0 a moment to say it. What one rank met (`of_all` false) it says itself.
-    """
-    rank = _rank()
-    if rank > 0 and of_all:
-        time.sleep(PATIENCE)
-        return
-    if rank > 0:
-        message = f"rank {rank}: {message}"
-    shown = (
-        c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in message
-    )
-    print("".join(shown), file=sys.stderr, flush=True)

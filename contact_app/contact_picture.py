@@ -61,7 +61,7 @@ def draw_contact(stored: Stored, target: Path, title: str = "") -> Path:
     if title:
         figure.suptitle(title)
     target.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(target, dpi=150)
+    figure.savefig(target, dpi=150, format="png")
     return target
 
 

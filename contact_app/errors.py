@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class ContactError(Exception):
-    """Base of the errors that are told to the user without a traceback."""
+    """Base of the errors that are told to the user without a traceback: exit code 4."""
 
 
 class ConfigurationError(ContactError):
@@ -13,3 +13,7 @@ class ConfigurationError(ContactError):
 
 class NoEquilibriumError(ContactError):
     """The scene has no equilibrium, or conditions exclude each other: exit code 3."""
+
+
+class CouldNotRunError(ContactError):
+    """The program could not run: exit code 4. The text says what is missing and what to do."""

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -23,7 +23,7 @@ from petsc4py import PETSc
 
 from solver import MPRGP, BoxQP, Counts, Reason
 from solver.errors import QPError
-from solver.iterate import Iterate
+from solver.iterate import Iterate, Watch
 from solver.result import Monitor
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.edges import mirrored
@@ -161,8 +161,34 @@ Lacks = Callable[[State], float]
 """Factor by which the error of a state has to fall before it is worth a test; one or less where it
 is worth one as it stands."""
 
-Keep = Callable[[State, Counts], None]
-"""Told of each state, and of the work up to it."""
+
+@dataclass(frozen=True)
+class Keep:
+    """Saves the state of a face at steps where one is wanted.
+
+    Attributes
+    ----------
+    due
+        Whether a state is wanted at this step; the same on all ranks.
+    save
+        Told of the state and of the work up to it.
+    before
+        Work of faces before this one.
+    """
+
+    due: Callable[[], bool]
+    save: Callable[[State, Counts], None]
+    before: Counts = field(default_factory=Counts)
+
+    def watch(self, face: Face) -> Watch:
+        """What sees the iterates of a face."""
+
+        def saw(it: Iterate) -> None:
+            if self.due():
+                self.save(face.state(), self.before + face.counts)
+
+        return saw
+
 
 Guess = Callable[[], NDArray[np.bool_]]
 """Contact rows that touch, (dual,) (collective)."""
@@ -276,8 +302,11 @@ class Face:
         it = self._iterate
         return replace(it.counts, collectives=it.reduction.collectives - self._before)
 
-    def solve(self, inner: MPRGP, aim: float, monitor: Monitor | None) -> Reason:
+    def solve(
+        self, inner: MPRGP, aim: float, monitor: Monitor | None, keep: Keep | None = None
+    ) -> Reason:
         """Go on to a relative residual, directions kept; `inner` limits all iterations of it."""
+        self._iterate.watch = None if keep is None else keep.watch(self)
 
         def stop(it: Iterate) -> Reason | None:
             tolerance = max(aim * it.b_norm, self._smallest)
@@ -288,10 +317,13 @@ class Face:
             self._stalls = it.counts.cg >= self._most
             return Reason.ROUND_OFF if self._stalls else None
 
-        return inner.minimise(self._iterate, stop, monitor)
+        try:
+            return inner.minimise(self._iterate, stop, monitor)
+        finally:
+            self._iterate.watch = None  # it knows the face, which would keep itself alive
 
-    def look(self) -> tuple[State, NDArray[np.bool_]]:
-        """What the iterate means for the whole problem, and the contact rows that touch next.
+    def state(self) -> State:
+        """What the iterate means for the whole problem (collective).
 
         Takes no product: the directions' displacements were kept.
         """
@@ -309,9 +341,14 @@ class Face:
         jumps += kernel_part
         add_motions(problem, alpha, u)
         lengths = problem.bodies.of_rows(problem.lengths(u))
-        state = State(multiplier, alpha, self.touching, jumps, lengths, u, strained)
+        return State(multiplier, alpha, self.touching, jumps, lengths, u, strained)
+
+    def look(self) -> tuple[State, NDArray[np.bool_]]:
+        """The state, and the contact rows that touch next (collective)."""
+        problem, state = self.problem, self.state()
+        multiplier, jumps = state.multiplier, state.jumps
         distance = state.distance(problem)
-        error = SIGNIFICANT * self.error(strained)
+        error = SIGNIFICANT * self.error(state.strained)
         strongest = largest_magnitude(problem.comm, multiplier[self.touching])
         stays = multiplier > -error * strongest
         if self._beyond:
@@ -367,12 +404,10 @@ def decide(
     """
     aim, looks = first_look * face.residual, 0
     while True:
-        ended = face.solve(inner, aim, monitor)
+        ended = face.solve(inner, aim, monitor, keep)
         state, following = face.look()
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, face.counts)
-        if keep is not None:
-            keep(state, face.counts)
         changes = face.problem.comm.allreduce(int((following != face.touching).sum()))
         lack = lacks(state) if eager or not changes else math.inf
         if lack <= 1.0 or (not changes and face.at_round_off):
@@ -442,7 +477,7 @@ def follow(
         try:
             found = decide(
                 face, left, lacks, accept, monitor,
-                keep and partial(_kept, keep, counts), first_look, eager,
+                keep and replace(keep, before=counts), first_look, eager,
             )  # fmt: skip
         except QPError:  # the rows that touch keep a body so badly that rounding lets it go
             counts = counts + face.counts
@@ -469,7 +504,3 @@ def _peels(comm: MPI.Intracomm, touching: NDArray[np.bool_], following: NDArray[
         np.array([(following & ~touching).sum(), (touching & ~following).sum(), touching.sum()])
     )
     return not closed and bool(opened > PEELED * before)
-
-
-def _kept(keep: Keep, before: Counts, state: State, spent: Counts) -> None:
-    keep(state, before + spent)

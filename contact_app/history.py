@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
 from solver.result import Step
+
+log = logging.getLogger("contact_app")
 
 COLUMNS = (
     "outer",
@@ -60,6 +63,14 @@ class History:
         """Write one row; where an outer iteration starts is no iteration and leaves none."""
         if self._file is None or event.type == "start":
             return
+        try:
+            self._write(event)
+        except OSError as error:  # a full disk: the solve is worth more than its rows
+            log.warning("history.csv ends here: %s", error.strerror)
+            self.close()
+
+    def _write(self, event: Step) -> None:
+        assert self._file is not None
         self._file.write(
             f"{event.outer},{event.iteration},{event.type},{event.projected_gradient_norm:.9e},"
             f"{event.equality_residual:.9e},{event.active},{event.seconds:.6f}\n"
@@ -71,6 +82,9 @@ class History:
 
     def close(self) -> None:
         """Write what is left; more calls do nothing."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        file, self._file = self._file, None
+        if file is not None:
+            try:
+                file.close()
+            except OSError as error:
+                log.warning("history.csv is not whole: %s", error.strerror)

@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.alike import said_once
 from contact_app.certificate import EQUILIBRIUM_FLOOR
 from contact_app.contact_limits import FEWEST_FACETS, entered_beside, facets_across
 from contact_app.fields import CellFields, NodeFields
@@ -152,7 +153,7 @@ def model_warnings(
     for note in model.notes:
         if "can move freely" in note:
             warnings.append(note)
-    return warnings
+    return said_once(warnings, [body.name for body in scene.bodies])
 
 
 def _yielding(model: Model, cells: CellFields) -> list[str]:

@@ -301,9 +301,10 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
     notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
     for body, found in zip(scene.bodies, balances, strict=True):
         if found.free_motions.shape[1]:
+            freely = _directions(_upward(found.free_motions))
             notes.append(
-                f"{body.name} can move freely along {_directions(found.free_motions)} and no load "
-                "works on that motion: it is held where it is"
+                f"{body.name} can move freely along {freely} and no load works on that motion: it "
+                "is held where it is"
             )
     if not eliminated.all():
         floating = int((~eliminated).sum())
@@ -699,6 +700,12 @@ def _frame(body: Body) -> tuple[NDArray[np.float64], float]:
     return centre, float((upper - lower).max())
 
 
+def _upward(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motions (motions, k) that go either way, with a sign of which the first part is positive."""
+    large = np.abs(motions) > 1e-3 * np.abs(motions).max(axis=0)
+    return motions * np.sign(motions[large.argmax(axis=0), np.arange(motions.shape[1])])
+
+
 def _directions(motions: NDArray[np.float64]) -> str:
     """Rigid motions (motions, k) in words."""
     planar = len(motions) == 3
@@ -716,7 +723,7 @@ def _directions(motions: NDArray[np.float64]) -> str:
                 sign = "-" if value < 0 else "+"
                 terms.append(f"{'' if abs(value) > 0.999 else f'{abs(value):.2g} '}{sign}{name}")
         words.append(" and ".join(terms).replace("+a turn", "a turn").replace("-a turn", "a turn"))
-    return "; ".join(words)
+    return "; ".join(sorted(words))  # one order, so that equal remarks read alike
 
 
 def _contradiction(scene: Scene, error: ContradictionError) -> ContactError:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from contact_app.fields import slabs
 from contact_app.mirror import Image, whole
+from contact_app.result_size import result_bytes
 from contact_app.results.contacts import ContactsOfWhole
 from contact_app.xdmf import XDMFWriter, cell_type_name
 
@@ -40,7 +41,10 @@ def write_xdmf(solved: SolvedScene, path: Path) -> None:
         (cell_type_name(b.mesh.cell, b.degree), int(n))
         for b, n in zip(scene.bodies, sizes, strict=True)
     ] * len(found.images)
-    writer = XDMFWriter(path, runs, found.nodes, found.cells) if comm.rank == 0 else None
+    writer = None
+    if comm.rank == 0:
+        size = result_bytes(scene, found.nodes, found.cells, len(alone))
+        writer = XDMFWriter(path, runs, found.nodes, found.cells, size)
     with writer or nullcontext():
         for number, image in enumerate(found.images):
             own = {name: image.field(name, v)[image.new] for name, v in point_fields.items()}

@@ -16,6 +16,7 @@ import numpy as np
 from contact_app.contact_picture import NothingPressedError, draw_contact
 from contact_app.errors import ContactError
 from contact_app.plane_picture import draw_plane
+from contact_app.result_directory import whole
 from contact_app.space_picture import draw_space
 from contact_app.stored import Stored, read
 
@@ -90,16 +91,20 @@ def plot(
     title = str(summary.get("scene", {}).get("title", ""))
     caption = f"{title}\ndisplacements × {factor:g}".strip()
     bodies = target / "bodies.png"
-    if stored.plane:
-        draw_plane(stored, shown, LABELS, factor, bodies, caption)
-    else:
-        between = bool(summary.get("solution", {}).get("pair_forces"))
-        note = draw_space(stored, shown, LABELS, factor, bodies, caption, camera, between)
-        if note is not None:
-            remarks.append(f"bodies.png is drawn by matplotlib: {note}")
+    with whole(bodies) as part:
+        if stored.plane:
+            draw_plane(stored, shown, LABELS, factor, part, caption)
+        else:
+            between = bool(summary.get("solution", {}).get("pair_forces"))
+            note = draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
+            if note is not None:
+                remarks.append(f"bodies.png is drawn by matplotlib: {note}")
     pictures = [bodies]
+    pressure = target / "contact_pressure.png"
     try:
-        pictures.append(draw_contact(stored, target / "contact_pressure.png", title))
+        with whole(pressure) as part:
+            draw_contact(stored, part, title)
+        pictures.append(pressure)
     except NothingPressedError as error:
         remarks.append(f"left out: contact_pressure.png: {error}")
     return pictures, remarks

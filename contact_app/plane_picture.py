@@ -58,7 +58,7 @@ def draw_plane(
         )
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=10)
-    figure.savefig(target, dpi=150)
+    figure.savefig(target, dpi=150, format="png")
     return target
 
 

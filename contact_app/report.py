@@ -7,6 +7,7 @@ import logging
 import math
 import platform
 import sys
+import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,28 +19,48 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from contact_app.errors import ContactError
+from contact_app.exits import is_own_failure, mark_logged, message_of, tell
+from contact_app.result_directory import whole
 
 log = logging.getLogger("contact_app")
 
 
+class _LogFile(logging.FileHandler):
+    """A log file that a full disk cuts short, which is told once and ends nothing."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, mode="w", encoding="utf-8")
+        self.fault: BaseException | None = None
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        self.fault = self.fault or sys.exc_info()[1]
+
+    def close(self) -> None:
+        try:
+            super().close()
+        except OSError as error:
+            self.fault = self.fault or error
+
+
 @contextmanager
-def run_log(path: Path | None) -> Iterator[logging.Logger]:
+def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
     """Keep what is logged meanwhile, warnings of Python included, in a text file.
 
     Other packages' messages are kept from the terminal, their warnings in the file: compiling a
-    form tells the root logger every command it runs. An exception that passes is logged, a
-    `ContactError` without its traceback.
+    form tells the root logger every command it runs. An exception that passes is logged, one that
+    is a failure of the program itself with its traceback, by whichever rank meets it.
 
     Parameters
     ----------
     path
-        ``run.log``; None on ranks that write none.
+        ``run.log``; None where there is none.
+    first
+        Whether this rank writes it.
     """
     handler: logging.Handler = logging.NullHandler()
-    if path is not None:
+    if path is not None and first:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = logging.FileHandler(path, mode="w", encoding="utf-8")
+        handler = _LogFile(path)
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
     handler.addFilter(_is_told)
     root = logging.getLogger()
@@ -52,16 +73,32 @@ def run_log(path: Path | None) -> Iterator[logging.Logger]:
         with warnings.catch_warnings():
             warnings.showwarning = _log_warning
             yield log
-    except ContactError as error:
-        log.error("%s", error)
-        raise
-    except BaseException:
-        log.exception("the run ended before its end")
+    except BaseException as error:
+        if path is not None:
+            _log_end(error, path, first)
         raise
     finally:
         root.handlers = handlers
         log.setLevel(level)
         handler.close()
+        fault = getattr(handler, "fault", None)
+        if fault is not None:
+            tell(f"{path} is not whole: {getattr(fault, 'strerror', None) or fault}")
+
+
+def _log_end(error: BaseException, path: Path, first: bool) -> None:
+    """Log the exception that ends a run; other ranks add theirs to the file of the first."""
+    own = is_own_failure(error)
+    if first:
+        log.error("%s", message_of(error), exc_info=error if own else None)
+    elif own:
+        try:
+            with path.open("a", encoding="utf-8") as file:
+                file.write("on another rank:\n" + "".join(traceback.format_exception(error)))
+        except OSError:
+            return
+    if own:
+        mark_logged(error, path)
 
 
 def _log_warning(
@@ -87,10 +124,9 @@ def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
     JSON knows neither NaN nor infinity: they become null.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
     text = json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False)
-    part.write_text(text + "\n", encoding="utf-8")
-    part.replace(path)
+    with whole(path) as part:
+        part.write_text(text + "\n", encoding="utf-8")
 
 
 def _plain(value: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -15,14 +14,19 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from contact_app.alike import said_once
 from contact_app.box_surface import refuse_unguaranteed
+from contact_app.caches import usable_caches
 from contact_app.candidates import Needed, more_needed
 from contact_app.check import modelled_lines
-from contact_app.checkpoint import Checkpoint
-from contact_app.communication import Communication
+from contact_app.checkpoint import EVERY_SECONDS, Attention, Checkpoint
+from contact_app.communication import Communication, on_first
+from contact_app.disk import refuse_without_room
 from contact_app.environment import environment, slow_blas_warning
 from contact_app.error_estimate import ErrorEstimator
-from contact_app.errors import ConfigurationError, ContactError
+from contact_app.errors import ConfigurationError, CouldNotRunError
+from contact_app.exits import Exit, add_remedy
+from contact_app.exits import tell as say
 from contact_app.fallback import (
     FAILURES,
     NoAnswerError,
@@ -40,8 +44,10 @@ from contact_app.mirror import whole_summary
 from contact_app.model import Model, Outline, Tell, build_model
 from contact_app.output import write_xdmf
 from contact_app.progress import Interruption, Progress, together
-from contact_app.refinement import solve_to_accuracy, with_levels
+from contact_app.refinement import Refined, solve_to_accuracy, with_levels
 from contact_app.report import log, print_summary, run_log, write_summary
+from contact_app.result_directory import clear, remove_parts
+from contact_app.result_size import result_bytes
 from contact_app.results.contacts import contact_records
 from contact_app.scene import Scene
 from contact_app.solution import Accuracy, Solution
@@ -50,7 +56,7 @@ from contact_app.symmetry import halved
 from contact_app.timings import Timings
 from contact_app.warm_start import LastLevel
 from solver import Counts
-from solver.result import Monitor, Reason, Step
+from solver.result import Monitor, Reason
 from solver.tfeti.constraints import RowKind
 
 EXTENSIONS = 4
@@ -59,9 +65,6 @@ EXTENSIONS = 4
 CROSSED = 1e-6
 """Largest penetration of contacts that were left out, over the largest displacement: the duality
 gap does not know of it."""
-
-CERTIFIED, NOT_CERTIFIED = 0, 1
-"""Exit codes of a run that solved something."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,32 +104,44 @@ class SolvedScene:
 
 
 def run(
-    scene: Scene, directory: Path, comm: MPI.Intracomm = MPI.COMM_WORLD, resume: bool = False
+    scene: Scene,
+    directory: Path,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    resume: bool = False,
+    every: float = EVERY_SECONDS,
 ) -> int:
     """Solve a scene, show progress, write everything to a directory; the exit code (collective).
 
-    Interrupted (Ctrl-C or SIGTERM) the solve stops at its next step and what it has is recovered,
-    certified and written, with a checkpoint of its last outer iteration.
+    The results of an earlier run in the directory are removed first. Interrupted (Ctrl-C or
+    SIGTERM) the solve stops at its next step with a checkpoint, and what it has reached is
+    recovered, certified and written.
 
     Parameters
     ----------
     resume
         Go on from the checkpoint an earlier run left in the directory, if there is one.
+    every
+        Seconds of solving between two checkpoints.
     """
     first = comm.rank == 0
-    checkpoint = Checkpoint(directory, comm, resume)
+    if resume and scene.accuracy is not None:
+        raise ConfigurationError(
+            f"{scene.at('accuracy')}: a run to an accuracy leaves no checkpoint to resume from; "
+            "start it anew"
+        )
+    on_first(comm, lambda: clear(directory, resume))
+    checkpoint = Checkpoint(directory, comm, resume, every)
     with (
-        _ending_together(comm),
-        run_log(directory / "run.log" if first else None),
+        _without_parts(directory),
+        run_log(directory / "run.log", first),
         Progress(first) as progress,
         History(directory / "history.csv" if first else None, checkpoint.found) as history,
         Interruption() as interruption,
     ):
-
-        def interrupted(event: Step) -> bool:
-            return bool(comm.allreduce(int(interruption(event)), op=MPI.MAX))
-
-        monitor = together(progress, history, interrupted)
+        for sentence in usable_caches():
+            log.info("%s", sentence)
+        attention = Attention(comm, lambda: interruption.asked, checkpoint)
+        monitor = together(progress, history, attention)
         if resume:
             progress.stage(
                 f"going on from {checkpoint.path}"
@@ -141,59 +156,89 @@ def run(
         progress.stage(f"modelling {scene.title or scene.source.name}")
         refined = None
         if scene.accuracy is None:
-            solved = solve_scene(scene, comm, monitor, checkpoint, _log_model)
+            tell = partial(_log_model_that_fits, directory=directory)
+            solved = solve_scene(scene, comm, monitor, checkpoint, tell)
         else:
-            if resume:
-                raise ConfigurationError(
-                    f"{scene.at('accuracy')}: a run to an accuracy leaves no checkpoint to resume "
-                    "from; start it anew"
-                )
             refined = solve_to_accuracy(
                 scene,
                 partial(solve_scene, comm=comm, monitor=monitor, tell=_log_model),
                 progress.stage,
             )
             solved = refined.solved
-        if solved.solution.reason is Reason.STOPPED and refined is None:
-            checkpoint.write()
-            if first and checkpoint.path.is_file():
-                log.info("--resume goes on from here")
-        else:
+        solution = solved.solution
+        stopped = solution.reason is Reason.STOPPED and not solution.converged and refined is None
+        # a long solve is safe before its results meet the disk
+        if stopped or comm.bcast(solved.timings.seconds["solve"] > checkpoint.every):
+            checkpoint.save_held()
+        try:
+            summary, files = _write(solved, refined, directory, progress)
+        except (OSError, CouldNotRunError) as error:
+            if checkpoint.path.is_file():
+                add_remedy(error, "--resume goes on from the checkpoint of this run")
+            raise
+        if not stopped:
             checkpoint.remove()
-        for note in solved.model.notes:
-            log.info("%s", note)
-        files = [directory / "summary.json", directory / "history.csv", directory / "run.log"]
-        if scene.output.xdmf:
-            progress.stage("writing")
-            with solved.timings.measure("output"):
-                write_xdmf(solved, directory / "solution.xdmf")
-            files.insert(0, directory / "solution.xdmf")
-        summary = {**solved.summary, "timings": solved.timings.as_dict()}
-        if refined is not None:
-            summary = with_levels(summary, refined)
-        if first:
-            for warning in summary["certificate"]["warnings"]:
-                log.warning("%s", warning)
-            write_summary(directory / "summary.json", summary)
+        elif first and checkpoint.path.is_file():
+            log.info("--resume goes on from here")
     if first:
-        print_summary(summary, solved.solution.tolerance, files)
+        try:
+            print_summary(summary, solved.solution.tolerance, files)
+        except OSError as error:
+            say(f"the summary could not be printed ({error.strerror}); {files[0].parent} has it")
     reached = refined is None or not refined.missed
     reached &= solved.guaranteed is None or not solved.guaranteed.missing
-    return CERTIFIED if solved.solution.converged and reached else NOT_CERTIFIED
+    return Exit.CERTIFIED if solved.solution.converged and reached else Exit.NOT_CERTIFIED
+
+
+def _write(
+    solved: SolvedScene, refined: Refined | None, directory: Path, progress: Progress
+) -> tuple[dict[str, Any], list[Path]]:
+    """Write the files of a run; the summary, and the files (collective).
+
+    The summary is written last: where it is, everything is. An error of the disk is raised on all
+    ranks.
+    """
+    comm = solved.model.comm
+    bodies = [body.name for body in solved.model.scene.bodies]
+    for note in said_once(solved.model.notes, bodies):
+        log.info("%s", note)
+    files = [directory / name for name in ("summary.json", "history.csv", "run.log")]
+    if solved.model.scene.output.xdmf:
+        progress.stage("writing")
+        with solved.timings.measure("output"):
+            write_xdmf(solved, directory / "solution.xdmf")
+        files.insert(0, directory / "solution.xdmf")
+    summary = {**solved.summary, "timings": solved.timings.as_dict()}
+    if refined is not None:
+        summary = with_levels(summary, refined)
+    if comm.rank == 0:
+        for warning in summary["certificate"]["warnings"]:
+            log.warning("%s", warning)
+    on_first(comm, lambda: write_summary(directory / "summary.json", summary))
+    return summary, files
 
 
 @contextmanager
-def _ending_together(comm: MPI.Intracomm) -> Iterator[None]:
-    """Let a fault on one rank end all of them, instead of leaving the others waiting."""
+def _without_parts(directory: Path) -> Iterator[None]:
+    """Leave no file that is not whole, whichever rank an exception ends the run on."""
     try:
         yield
-    except ContactError:
-        raise
     except BaseException:
-        if comm.size == 1:
-            raise
-        traceback.print_exc()
-        comm.Abort(NOT_CERTIFIED)
+        remove_parts(directory)
+        raise
+
+
+def _log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
+    """As `_log_model`; refuse a result that will not fit on the disk (collective)."""
+    _log_model(scene, known)
+    if scene.output.xdmf:
+        images = 2 ** len(scene.mirrors)
+        sizes = images * known.partition.nodes, images * known.partition.cells
+        needed = result_bytes(scene, *sizes)
+        on_first(
+            known.partition.comm,
+            lambda: refuse_without_room(directory, "solution.h5", needed),
+        )
 
 
 def _log_model(scene: Scene, known: Outline) -> None:
@@ -249,7 +294,7 @@ def _certified_if_possible(
 
     Raises
     ------
-    ContactError
+    CouldNotRunError
         No way left an answer.
     """
     timings, first, count, spent = Timings(), None, None, Counts()
@@ -264,7 +309,7 @@ def _certified_if_possible(
     fewer = fewest_subdomains(scene, count, comm)
     if fewer is None:
         if first is None:
-            raise ContactError(f"{scene.source}: the solver found no answer: {why}")
+            raise _no_answer(scene, why)
         return first
     subdomains = "in its subdomains" if count is None else f"in {count} subdomains"
     text = (
@@ -277,8 +322,15 @@ def _certified_if_possible(
     try:
         again = _solved(fewer, comm, monitor, None, tell, start, timings, spent)
     except NoAnswerError as error:
-        raise ContactError(f"{scene.source}: the solver found no answer: {error}") from None
+        raise _no_answer(scene, str(error)) from None
     return _warned(again, text)
+
+
+def _no_answer(scene: Scene, why: str) -> CouldNotRunError:
+    return CouldNotRunError(
+        f"{scene.source}: the solver found no answer: {why} Try other cells (less slender ones, of "
+        "degree 2) or a looser solver.tolerance, and report the scene"
+    )
 
 
 def _warned(solved: SolvedScene, text: str) -> SolvedScene:

@@ -19,16 +19,17 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.certificate import certify
-from contact_app.checkpoint import Checkpoint
+from contact_app.checkpoint import Checkpoint, Saver, without_outer_iterations
 from contact_app.faces import Guess, Keep, Outcome, State, follow
 from contact_app.scene import SolverOptions
 from contact_app.solution import Solution
 from contact_app.target import Assess, Target, aim
 from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.contact.duality_gap import duality_gap
+from solver.iterate import Iterate
 from solver.operators import estimate_norm
 from solver.result import Monitor
-from solver.smalbe import Restart, Save
+from solver.smalbe import Restart
 from solver.tfeti.bedding import bedded, lies_flat
 from solver.tfeti.bodies import body_lengths
 from solver.tfeti.coarse import ProjectorEquality
@@ -91,8 +92,8 @@ def solve(
     Parameters
     ----------
     checkpoint
-        Where the state of each outer iteration is kept, and where a stopped solve goes on from.
-        Solves without outer iterations are short and leave none.
+        Where the state is saved at steps where that is due, and where a stopped solve goes on from.
+        The state that a solve ended with is held for a run that is stopped later.
     assess
         Estimates the errors of an answer; an automatic tolerance needs it.
     start : (dual,)
@@ -110,9 +111,14 @@ def solve(
         max_iterations=options.max_iterations,
     )
     if problem.coarse is None or not problem.one_sided:
-        found = _solve_mprgp(problem, target, inner, monitor, start)
-        return replace(found, warm=warm)
-    return _solve_smalbe(problem, target, inner, monitor, checkpoint, start)
+        found = _solve_mprgp(problem, target, inner, monitor, checkpoint, start)
+        found = replace(found, warm=warm)
+    else:
+        found = _solve_smalbe(problem, target, inner, monitor, checkpoint, start)
+    if checkpoint is not None and found.reason is not Reason.STOPPED:
+        touching = problem.inequality & (found.multiplier > 0.0)
+        checkpoint.hold(without_outer_iterations(found.multiplier, touching, found.counts))
+    return found
 
 
 def _on_faces(
@@ -184,13 +190,13 @@ class _OuterJudge:
         target: Target,
         inner: MPRGP,
         monitor: Monitor | None,
-        save: Save,
+        saver: Saver,
     ) -> None:
         self.answer: Solution | None = None
         self.ended: Reason | None = None
         self.spent = Counts()
         self._problem, self._target, self._inner = problem, target, inner
-        self._monitor, self._save = monitor, save
+        self._monitor, self._saver = monitor, saver
         self._lengths: NDArray[np.float64] | None = None
         self._residuals: list[float] = []
         self._next_certificate = self._failures = 0
@@ -227,7 +233,7 @@ class _OuterJudge:
         assert problem.lower is not None
 
         def keep(found: State, spent: Counts) -> None:
-            self._save(
+            self._saver(
                 Restart(
                     state.iteration, *found.homogenised(problem), state.rho, state.M,
                     state.target, -math.inf, (), state.counts + spent,
@@ -241,7 +247,7 @@ class _OuterJudge:
             problem.offset + state.x,
             problem.inequality & (state.x > problem.lower),
             self._monitor,
-            keep,
+            Keep(lambda: self._saver.due, keep),
         )
         self.spent = self.spent + found.counts
         if answer is None:
@@ -271,17 +277,13 @@ def _solve_smalbe(
     """SMALBE-M around MPRGP on the projected, homogenised dual."""
     assert problem.coarse is not None
     restart = checkpoint.load(problem) if checkpoint else None
-    start, counts = None, Counts()
-
-    def save(state: Restart) -> None:
-        if checkpoint is not None:
-            checkpoint(replace(state, counts=counts + state.counts))
-
-    if restart is None or not restart.outer:
-        found, answer = _from_first_face(problem, target, inner, restart, monitor, save, guess)
+    start, counts, saver = None, Counts(), Saver(checkpoint)
+    if restart is None or not restart.rho:
+        found, answer = _from_first_face(problem, target, inner, restart, monitor, saver, guess)
         if guess is not None and found.state is None:  # what touched does not keep some body
             guess, counts = None, found.counts
-            found, answer = _from_first_face(problem, target, inner, restart, monitor, save, None)
+            saver = saver.after(counts)
+            found, answer = _from_first_face(problem, target, inner, restart, monitor, saver, None)
             found = replace(found, counts=counts + found.counts)
         if answer is not None:
             return replace(answer, counts=found.counts, warm=guess is not None)
@@ -297,7 +299,8 @@ def _solve_smalbe(
         max_iterations=inner.max_iterations - counts.inner,
     )
     x0, multiplier0 = start.homogenised(problem) if start else (None, None)
-    judge = _OuterJudge(problem, target, inner, monitor, save)
+    saver = Saver(checkpoint, counts)
+    judge = _OuterJudge(problem, target, inner, monitor, saver)
     result = SMALBE(inner).solve(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
@@ -305,8 +308,9 @@ def _solve_smalbe(
         multiplier0=multiplier0,
         monitor=monitor,
         accept=judge.accepts,
-        save=lambda state: save(replace(state, counts=judge.spent + state.counts)),
+        save=lambda state: saver.after(judge.spent)(state),
         restart=restart,
+        due=lambda: saver.due,
     )
     answer = judge.answer
     if answer is None or result.reason is not Reason.ACCEPTED:
@@ -322,29 +326,33 @@ def _from_first_face(
     inner: MPRGP,
     restart: Restart | None,
     monitor: Monitor | None,
-    save: Save,
+    saver: Saver,
     guess: NDArray[np.float64] | None,
 ) -> tuple[Outcome, Solution | None]:
     """Faces from a first one on, or from where a stopped solve had come to.
 
     The first is what pushes in a guess of the multipliers; without one it is all contact where
     bodies lie flat, since rigid subdomains do not bulge, else what touches when all subdomains are
-    rigid, on springs. What is saved of a face is λ itself, without a multiplier of Gλ = e.
+    rigid, on springs. What is saved of a face is λ itself and what touches on it, without a
+    multiplier of Gλ = e.
     """
     multiplier, before, fewer = guess, Counts(), None
     if restart is not None:
         multiplier, before = restart.x, restart.counts
-    if multiplier is not None:
+        touching = problem.inequality & (restart.multiplier > 0.5)
+    elif multiplier is not None:
         touching = problem.inequality & (multiplier > 0.0)
     elif lies_flat(problem):
         touching, fewer = problem.inequality, partial(bedded, problem)
     else:
         touching = bedded(problem)
 
-    def keep(state: State, spent: Counts) -> None:
-        none = np.zeros(problem.size)
-        save(Restart(0, state.multiplier, none, 0.0, 0.0, 0.0, -math.inf, (), before + spent))
+    saver = saver.after(before)
 
+    def save(state: State, spent: Counts) -> None:
+        saver(without_outer_iterations(state.multiplier, state.touching, spent))
+
+    keep = Keep(lambda: saver.due, save)
     found, answer = _on_faces(problem, target, inner, multiplier, touching, monitor, keep, fewer)
     return replace(found, counts=before + found.counts), answer
 
@@ -354,11 +362,15 @@ def _solve_mprgp(
     target: Target,
     inner: MPRGP,
     monitor: Monitor | None,
+    checkpoint: Checkpoint | None,
     start: NDArray[np.float64] | None,
 ) -> Solution:
     """MPRGP alone; without bounds it is the conjugate gradient method."""
     qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0
-    inner = replace(inner, atol=problem.round_off)
+    inner, before = replace(inner, atol=problem.round_off), Counts()
+    restart = checkpoint.load(problem) if checkpoint else None
+    if restart is not None:
+        start, before = restart.x, restart.counts
     if problem.coarse is None and problem.one_sided:
         inner = replace(inner, memory=MEMORY)
         if start is None:
@@ -373,10 +385,20 @@ def _solve_mprgp(
         answer = target.judge(_answer(problem, target, x, None))
         return answer
 
-    result = inner.solve(qp, x0=start, monitor=monitor, accept=lambda x: certify(x).converged)
+    before = before + Counts(hessian=columns)
+    saver = Saver(checkpoint, before)
+
+    def watch(it: Iterate) -> None:
+        if saver.due:
+            none = np.zeros(problem.size, bool)
+            saver(without_outer_iterations(problem.offset + it.x, none, replace(it.counts)))
+
+    result = inner.solve(
+        qp, x0=start, monitor=monitor, accept=lambda x: certify(x).converged, watch=watch
+    )
     if answer is None or not answer.converged:
         answer = certify(result.x)
-    counts = Counts(hessian=columns) + result.counts
+    counts = before + result.counts
     return replace(answer, counts=counts, reason=result.reason)
 
 

@@ -168,7 +168,7 @@ def draw_space(
         )  # fmt: skip
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=12)
-    figure.savefig(target, dpi=150)
+    figure.savefig(target, dpi=150, format="png")
     return note
 
 

@@ -6,13 +6,15 @@ every attribute: ``solution.xdmf``, the text that names them, and ``solution.h5`
 numbers. The array of a field is written slab by slab, so that no process needs to hold all of it.
 
 Both files are written under temporary names and renamed at the end, the ``.xdmf`` last: what is
-there under its own name is whole.
+there under its own name is whole. Room for the numbers is taken from the file system before HDF5
+writes them, since HDF5 crashes when it closes a file for which the disk had no room.
 
 Format: the XDMF model and format, version 3 (www.xdmf.org).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +26,13 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact_app.disk import is_full, no_room, reserve
 from contact_app.errors import ContactError
+from contact_app.result_directory import part_of, whole
 from meshes.quadratic import node_vertices
+
+DIRECTORY_BYTES = 1 << 16
+"""Room for what HDF5 writes beside the numbers: names and shapes of a dozen arrays take 10 kB."""
 
 
 class XDMFError(ContactError):
@@ -82,6 +89,13 @@ class XDMFWriter:
     n_nodes, n_cells
         Size of the whole grid. Points and cells must be complete in the end; a point or cell
         that a field is never written for reads as NaN.
+    expected
+        Size of the file (`grid_bytes`), where it is known beforehand: as much room is made at once.
+
+    Raises
+    ------
+    CouldNotRunError
+        There is no room on the disk; also when a field is first written.
     """
 
     def __init__(
@@ -90,6 +104,7 @@ class XDMFWriter:
         cell_type: str | Sequence[tuple[str, int]],
         n_nodes: int,
         n_cells: int,
+        expected: int = 0,
     ) -> None:
         self.path = Path(path)
         if self.path.suffix != ".xdmf":
@@ -105,12 +120,44 @@ class XDMFWriter:
         self._attributes: dict[tuple[str, str], int] = {}  # (centre, name) -> components
         self._missing = {"points": n_nodes, "cells": n_cells}
         self._data = self.path.with_suffix(".h5")
-        self._part = self.path.with_name(f".{self._data.name}.part")
+        self._part = part_of(self._data)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = h5py.File(self._part, "w")
-        self._file.create_dataset("points", (n_nodes, 3), "f8")
-        number = "i4" if n_nodes < 2**31 else "i8"
-        self._file.create_dataset("cells", self._runs.shape, number)
+        self._needed, self._expected = DIRECTORY_BYTES, expected
+        self._file: h5py.File | None = None
+        self._begin()
+        self._make("points", (n_nodes, 3), "f8")
+        self._make("cells", self._runs.shape, "i4" if n_nodes < 2**31 else "i8")
+
+    def _begin(self) -> None:
+        """Make the file, with room for what is expected."""
+        self._room = self._part.open("wb", buffering=0)
+        try:
+            self._reserve(0)
+            self._room.write(_empty_file())
+            self._file = h5py.File(self._part, "r+")
+        except BaseException:
+            self.discard()
+            raise
+
+    def _make(self, key: str, shape: tuple[int, ...], number: str, fill: Any = None) -> None:
+        """Make an array, with room for it."""
+        try:
+            self._reserve(math.prod(shape) * int(number[1:]))
+            self._arrays.create_dataset(key, shape, number, fillvalue=fill)
+        except BaseException:
+            self.discard()
+            raise
+
+    def _reserve(self, count: int) -> None:
+        """Take room for so many bytes more, and for all that are expected."""
+        self._needed += count
+        size = max(self._needed, self._expected)
+        try:
+            reserve(self._room.fileno(), size)
+        except OSError as error:
+            if not is_full(error):
+                raise
+            raise no_room(self._data, size) from error
 
     def __enter__(self) -> XDMFWriter:
         return self
@@ -151,7 +198,7 @@ class XDMFWriter:
         self._missing["cells"] -= len(array)
         if self._runs.mixed:
             array = np.insert(array, 0, kind.number, axis=1).ravel()
-        self._file["cells"][row : row + len(array)] = array
+        self._arrays["cells"][row : row + len(array)] = array
 
     def point_data(self, name: str, start: int, values: ArrayLike) -> None:
         """Write a field's values at nodes `start` to `start` + k.
@@ -177,18 +224,29 @@ class XDMFWriter:
                     f"{self.path.name}: {abs(count)} {what} were "
                     f"{'never written' if count > 0 else 'written twice'}"
                 )
-        self._file.close()
-        text = self.path.with_name(f".{self.path.name}.part")
-        text.write_text(self._xml(), encoding="utf-8")
-        # An older text must not stand beside newer numbers, even for a moment.
-        self.path.unlink(missing_ok=True)
-        self._part.replace(self._data)
-        text.replace(self.path)
+        try:
+            self._arrays.close()
+            self._room.close()
+            with whole(self.path) as text:
+                text.write_text(self._xml(), encoding="utf-8")
+                # An older text must not stand beside newer numbers, even for a moment.
+                self.path.unlink(missing_ok=True)
+                self._part.replace(self._data)
+        except BaseException:
+            self.discard()
+            raise
 
     def discard(self) -> None:
         """Give up: remove what was written so far."""
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
+        self._room.close()
         self._part.unlink(missing_ok=True)
+
+    @property
+    def _arrays(self) -> h5py.File:
+        assert self._file is not None
+        return self._file
 
     def _field(self, centre: str, name: str, start: int, values: ArrayLike, size: int) -> None:
         array = _components(name, np.asarray(values, dtype=np.float64))
@@ -197,15 +255,14 @@ class XDMFWriter:
         known = self._attributes.setdefault((centre, name), components)
         if known != components:
             raise XDMFError(f"{name} has {components} components here and {known} before")
-        if key not in self._file:
-            shape = (size,) if components == 1 else (size, components)
-            self._file.create_dataset(key, shape, "f8", fillvalue=np.nan)
+        if key not in self._arrays:
+            self._make(key, (size,) if components == 1 else (size, components), "f8", np.nan)
         self._write(key, start, array, size)
 
     def _write(self, key: str, start: int, array: NDArray[Any], size: int) -> None:
         if not 0 <= start <= start + len(array) <= size:
             raise XDMFError(f"rows {start} to {start + len(array)} of {key} are outside 0 … {size}")
-        self._file[key][start : start + len(array)] = array
+        self._arrays[key][start : start + len(array)] = array
 
     def _item(self, key: str, shape: tuple[int, ...], number: str, size: int) -> str:
         return (
@@ -241,6 +298,13 @@ class XDMFWriter:
         return "\n".join(lines)
 
 
+def _empty_file() -> bytes:
+    """An HDF5 file without anything in it, made in memory."""
+    with h5py.File("nowhere", "w", driver="core", backing_store=False) as file:
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
 class _Runs:
     """Where the cells of each run stand in the topology's array."""
 
@@ -271,6 +335,19 @@ class _Runs:
             cell += size
             row += size * (1 + kind.vertices) if self.mixed else size
         raise XDMFError(f"cells {start} to {start + count} are not within one run of the grid")
+
+
+def grid_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
+    """Size of a file with these fields.
+
+    Parameters
+    ----------
+    vertices
+        Of a cell.
+    at_nodes, at_cells
+        Components of all fields together.
+    """
+    return DIRECTORY_BYTES + nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 4)
 
 
 def _three_columns(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ Hessian, three passes, two collectives. All vectors are allocated when the itera
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from time import perf_counter
 from typing import Protocol
 
@@ -38,6 +39,10 @@ class Preconditioner(Protocol):
         """
 
 
+#: Called with the iterate after each step; copies what it wants to keep.
+Watch = Callable[["Iterate"], None]
+
+
 class Iterate:
     """Point x, gradient g = Ax - b and its splitting, direction p and product Ap.
 
@@ -54,6 +59,8 @@ class Iterate:
     image : ndarray or None
         What an operator that has an ``image`` makes of x beside the product, carried along by
         recurrence as g is.
+    watch : callable of Iterate or None
+        Sees the iterate after each step.
     """
 
     def __init__(
@@ -107,6 +114,7 @@ class Iterate:
         self.image: np.ndarray | None = None
         self._image_p: np.ndarray | None = None
         self._image_beside: np.ndarray | None = None
+        self.watch: Watch | None = None
         self._norm = norm
         self._fresh = False  # p is the preconditioned free gradient itself
         self._beside = (0.0, 0.0, 0.0)
@@ -347,7 +355,10 @@ class Iterate:
     # ------------------------------------------------------------------ bookkeeping
 
     def record(self, step: str, monitor: Monitor | None) -> bool:
-        """Append to the history, tell the monitor; whether it asks to stop (on any rank)."""
+        """Append to the history, tell the monitor; whether it asks to stop (on any rank).
+
+        The watch, which may save the iterate, sees it after the monitor.
+        """
         event = Step(
             self.outer,
             self.iterations,
@@ -358,9 +369,12 @@ class Iterate:
             perf_counter() - self._began,
         )
         self.history.append(event)
-        if monitor is None:
-            return False
-        return self.reduction.sums(float(bool(monitor(event))))[0] > 0.0
+        stop = False
+        if monitor is not None:
+            stop = self.reduction.sums(float(bool(monitor(event))))[0] > 0.0
+        if self.watch is not None:
+            self.watch(self)
+        return stop
 
     @property
     def round_off(self) -> float:

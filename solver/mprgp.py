@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from solver.errors import UnboundedError
 from solver.expansion import Expansion, expansion_by_name
-from solver.iterate import Iterate, Preconditioner
+from solver.iterate import Iterate, Preconditioner, Watch
 from solver.qp import BoxQP
 from solver.result import Counts, Monitor, Reason, Result
 from solver.vectors import Vector
@@ -84,6 +84,7 @@ class MPRGP:
         x0: object = None,
         monitor: Monitor | None = None,
         accept: AcceptIterate | None = None,
+        watch: Watch | None = None,
     ) -> Result:
         """Minimise from x0 (projected into the box; zeros if None).
 
@@ -92,6 +93,8 @@ class MPRGP:
         accept : callable of the iterate (local part)
             The caller's own test where the tolerance is met. Where it fails the solve goes on,
             its directions kept, to a tolerance of `TIGHTEN` times that.
+        watch : callable of Iterate
+            Sees the iterate after each step, after the monitor.
 
         Raises
         ------
@@ -102,6 +105,7 @@ class MPRGP:
         it = Iterate(
             qp, start, norm=self.norm, preconditioner=self.preconditioner, memory=self.memory
         )
+        it.watch = watch
         it.counts.hessian, it.counts.cg = spent.hessian, spent.cg
         it.measure_b()
         self.strategy.prepare(it)

@@ -114,7 +114,7 @@ Accept = Callable[[OuterState], bool]
 
 @dataclass(frozen=True)
 class Restart:
-    """All that the next outer iteration starts from, beside the problem itself.
+    """All that an outer iteration starts or goes on from, beside the problem itself.
 
     Attributes
     ----------
@@ -128,6 +128,7 @@ class Restart:
     sizes : tuple of float
         ‖Cx - c‖ by outer iteration since ρ was set.
     counts : Counts
+        Work so far, of an outer iteration that is not over, too.
     """
 
     outer: int
@@ -141,8 +142,11 @@ class Restart:
     counts: Counts
 
 
-#: Told of the state at the end of each outer iteration; copies what it wants to keep.
+#: Told of a state; copies what it wants to keep.
 Save = Callable[[Restart], None]
+
+#: Whether the state is wanted at this step; must answer the same on all ranks.
+Due = Callable[[], bool]
 
 
 @dataclass(frozen=True)
@@ -209,6 +213,7 @@ class SMALBE:
         accept: Accept | None = None,
         save: Save | None = None,
         restart: Restart | None = None,
+        due: Due | None = None,
     ) -> Result:
         """Minimise the cost of qp with Cx = c.
 
@@ -221,6 +226,10 @@ class SMALBE:
         accept : callable of OuterState
             When given, it alone decides convergence, at the end of every outer iteration.
         save : callable of Restart
+            Told of the state at the end of each outer iteration.
+        due : callable
+            Asked after each inner step, after the monitor, whether `save` is told of the state
+            there, too.
         restart : Restart
             Go on from there, instead of from x0 and multiplier0, for one product more than the
             solve that was not interrupted.
@@ -317,6 +326,17 @@ class SMALBE:
         done = restart.outer if restart else 0
         next_multiplier = multiplier.copy()
         before = it.reduction.collectives
+
+        def state(outer: int) -> Restart:
+            return Restart(
+                outer, it.x, multiplier, rho, M, target, previous, tuple(sizes), replace(it.counts)
+            )
+
+        def watch(it: Iterate) -> None:
+            if save is not None and due is not None and due():
+                save(state(it.outer - 1))
+
+        it.watch = watch
         for outer in range(done + 1, self.max_outer + 1):
             it.outer = it.counts.outer = outer
             if outer > done + 1 and (self.recompute_gradient or it.drift > 0.1 * tolerance):
@@ -385,15 +405,11 @@ class SMALBE:
                 moved = True
                 previous = -math.inf
             if save is not None:
-                save(
-                    Restart(
-                        outer, it.x, multiplier, rho, M, target, previous, tuple(sizes),
-                        replace(it.counts),
-                    )
-                )  # fmt: skip
+                save(state(outer))
             it.measure_b()
             if moved and not self.recompute_gradient:
                 it.restart()
+        it.watch = None  # it knows the iterate, which would keep itself alive
         it.settle()
         it.counts.collectives += it.reduction.collectives - before
         return Result(

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.checkpoint import Checkpoint
+from contact_app.checkpoint import Attention, Checkpoint, Saver
 from contact_app.history import History
 from contact_app.model import Model, build_model
 from contact_app.progress import Interruption, Progress, together
@@ -32,7 +32,7 @@ from contact_app.surface import surface_fields, write_lattice, write_surface
 from contact_app.timings import Timings
 from solver import MPRGP, SMALBE, BoxQP, Reason
 from solver.operators import estimate_norm
-from solver.result import Monitor, Step
+from solver.result import Monitor
 
 PAPER_CELLS = 300
 """Hexahedra along each edge of the paper's cube."""
@@ -94,11 +94,8 @@ def _run(
         History(directory / "history.csv" if first else None, checkpoint.found) as history,
         Interruption() as interruption,
     ):
-
-        def interrupted(event: Step) -> bool:
-            return bool(comm.allreduce(int(interruption(event)), op=MPI.MAX))
-
-        monitor = together(progress, history, interrupted)
+        attention = Attention(comm, lambda: interruption.asked, checkpoint)
+        monitor = together(progress, history, attention)
         progress.stage(f"solving, {setting.value}")
         with timings.measure("solve"):
             if setting is Settings.ours:
@@ -106,7 +103,7 @@ def _run(
             else:
                 solution = _by_the_paper(model, monitor, checkpoint)
         if solution.reason is Reason.STOPPED:
-            checkpoint.write()
+            checkpoint.save_held()
         else:
             checkpoint.remove()
         progress.stage("writing")
@@ -134,12 +131,14 @@ def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Sol
     norm, products = estimate_norm(problem.projected)
     solver = SMALBE.paper(MPRGP("projcg", rtol=RTOL, norm=norm))
     constraint = equality(model)
+    saver = Saver(checkpoint)
     result = solver.solve(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         constraint,
         monitor=monitor,
-        save=checkpoint,
+        save=saver,
         restart=checkpoint.load(problem),
+        due=lambda: saver.due,
     )
     result.counts.norm_estimation += products
     force = np.empty(problem.size)

@@ -1,0 +1,217 @@
+"""How the program ends: its exit codes, and the message and code of each exception.
+
+On several ranks an exception is met by all of them or by some. Ranks that meet one wait a moment
+for the others. If all arrive, rank 0 tells what happened and all exit with one code. Otherwise the
+rank tells what it met and aborts the others, which would wait for it in some exchange for ever.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import time
+import traceback
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+
+PATIENCE = 5.0
+"""Seconds that a rank with an exception waits for the others to meet theirs."""
+
+MOMENT = 2.0
+"""Seconds that other ranks leave rank 0 to speak where MPI has not begun."""
+
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+
+MET, TOLD = 30_101, 30_102
+"""Tags of messages between ranks that end; solvers use small ones, and MPI allows 32,767."""
+
+LONGEST = 1000
+"""Characters of a message that are sent to other ranks: it must go without being received."""
+
+PETSC_OUT_OF_MEMORY = 55
+"""``PETSC_ERR_MEM``."""
+
+
+class Exit(IntEnum):
+    """Exit codes of ``contact-app``."""
+
+    CERTIFIED = 0
+    NOT_CERTIFIED = 1
+    """Solved, but not certified or not converged; the results so far are written."""
+    BAD_INPUT = 2
+    NO_EQUILIBRIUM = 3
+    COULD_NOT_RUN = 4
+    """Disk, memory, permissions, or a failure of the program's own."""
+    INTERRUPTED = 130
+    """By Ctrl-C before there was anything to write (128 + SIGINT, as shells count)."""
+
+
+def code_of(error: BaseException) -> Exit:
+    """Exit code of an exception that ends the program."""
+    if isinstance(error, NoEquilibriumError):
+        return Exit.NO_EQUILIBRIUM
+    if isinstance(error, ConfigurationError):
+        return Exit.BAD_INPUT
+    return Exit.COULD_NOT_RUN
+
+
+def message_of(error: BaseException) -> str:
+    """What the user is told: what happened and what to do."""
+    remedy = error.__dict__.get("remedy")
+    return _what_happened(error) + (f"; {remedy}" if remedy else "")
+
+
+def _what_happened(error: BaseException) -> str:
+    if isinstance(error, ContactError):
+        return str(error)
+    if _is_memory(error):
+        return (
+            "the run ended: not enough memory; contact-app check says what a scene needs; use a "
+            "coarser mesh, smaller subdomains or a larger machine"
+        )
+    if isinstance(error, OSError):
+        return _of_system(error)
+    what = f"{type(error).__name__}: {error}".strip().splitlines()[0].rstrip(": ")
+    where = logged_in(error)
+    place = f"the traceback is in {where}" if where else "the traceback is above"
+    return (
+        f"the run ended by a failure of the program itself ({what}); {place}: please report it "
+        "together with the scene"
+    )
+
+
+def _of_system(error: OSError) -> str:
+    """What the operating system refused; HDF5's own words fill a screen and are left out."""
+    number = error.errno
+    if isinstance(error, TimeoutError) and not number:  # of dolfinx's compiler: says what to do
+        return f"the run ended: {str(error).splitlines()[0]}"
+    what = os.strerror(number) if number else str(error).splitlines()[0] or type(error).__name__
+    where = f"{error.filename}: " if error.filename else ""
+    if number in DISK_FULL:
+        place = "there" if where else "on the disk"
+        remedy = f"make room {place}, or name another directory with --output"
+    elif number in FORBIDDEN:
+        remedy = "change its permissions, or name another directory with --output"
+    else:
+        remedy = "look at this file or device, or name another directory with --output"
+    return f"the run ended: {where}{what}; {remedy}"
+
+
+def _is_memory(error: BaseException) -> bool:
+    if isinstance(error, MemoryError):
+        return True
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    petsc = type(error).__module__.startswith("petsc4py")
+    return petsc and getattr(error, "ierr", 0) == PETSC_OUT_OF_MEMORY
+
+
+def is_own_failure(error: BaseException) -> bool:
+    """Whether an exception is a mistake in this program, whose traceback is needed to find it."""
+    return not isinstance(error, ContactError | OSError) and not _is_memory(error)
+
+
+def mark_logged(error: BaseException, path: Path) -> None:
+    """Remember that the traceback of an exception is in a file."""
+    error.__dict__["logged_in"] = path
+
+
+def logged_in(error: BaseException) -> Path | None:
+    """The file that has the traceback of an exception, if one has."""
+    found = error.__dict__.get("logged_in")
+    return found if isinstance(found, Path) else None
+
+
+def end(error: BaseException) -> Exit:
+    """Tell of an exception and return the exit code; does not return where others must be aborted.
+
+    Called by each rank that meets an exception.
+    """
+    code, message = code_of(error), message_of(error)
+    if is_own_failure(error) and logged_in(error) is None:
+        traceback.print_exception(error)
+    world = _world()
+    if world is None:
+        _tell_without_mpi(message, of_all=isinstance(error, ContactError))
+        return code
+    found = _exchanged(world, (int(code), message[:LONGEST]))
+    if found is None:
+        tell(message, world.rank)
+        world.Abort(int(code))
+        return code  # not reached
+    if world.rank == 0:
+        for rank, (_, text) in found.items():
+            if rank == 0 or text != found[0][1]:
+                tell(text, rank)
+        for rank in range(1, world.size):
+            world.send(None, dest=rank, tag=TOLD)
+    else:
+        world.recv(source=0, tag=TOLD)  # the first rank that exits takes the others with it
+    return Exit(max(number for number, _ in found.values()))
+
+
+def add_remedy(error: BaseException, sentence: str) -> None:
+    """Add to what is told of an exception."""
+    error.__dict__["remedy"] = sentence
+
+
+def _world() -> Any:
+    """MPI's world where it has begun and has several ranks, else None."""
+    module = sys.modules.get("mpi4py.MPI")
+    if module is None or not module.Is_initialized() or module.Is_finalized():
+        return None
+    world = module.COMM_WORLD
+    return world if world.size > 1 else None
+
+
+def _exchanged(world: Any, mine: tuple[int, str]) -> dict[int, tuple[int, str]] | None:
+    """Code and message of every rank, by rank; None if not all come here in `PATIENCE` seconds.
+
+    By messages with a tag of their own: ranks that have met nothing may be in any collective, and
+    another one would be taken for a part of it.
+    """
+    others = [rank for rank in range(world.size) if rank != world.rank]
+    sent = [world.isend(mine, dest=rank, tag=MET) for rank in others]
+    found, began = {world.rank: mine}, time.monotonic()
+    while len(found) < world.size:
+        for rank in others:
+            if rank not in found and world.iprobe(source=rank, tag=MET):
+                found[rank] = world.recv(source=rank, tag=MET)
+        if time.monotonic() - began > PATIENCE:
+            return None
+        time.sleep(0.01)
+    for request in sent:
+        request.wait()
+    return dict(sorted(found.items()))
+
+
+def _tell_without_mpi(message: str, of_all: bool) -> None:
+    """Before MPI has begun the first rank that exits takes the others with it."""
+    rank = rank_by_environment()
+    if rank > 0 and of_all:
+        time.sleep(MOMENT)
+        return
+    tell(message, rank)
+
+
+def rank_by_environment() -> int:
+    """Rank under mpirun or srun, without MPI, which takes its time to load."""
+    for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"):
+        if os.environ.get(name, "").isdigit():
+            return int(os.environ[name])
+    return 0
+
+
+def tell(message: str, rank: int = 0) -> None:
+    """Print a message; what a terminal would obey is shown as its code."""
+    if rank > 0:
+        message = f"rank {rank}: {message}"
+    shown = (
+        c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in message
+    )
+    print("".join(shown), file=sys.stderr, flush=True)

@@ -1,0 +1,129 @@
+"""Standard streams that are closed, that fill up, or that know no characters but ASCII.
+
+A program is started with a stream closed (``>&-``), with one that a reader closes (``| head``), or
+with one that cannot encode what is written. None of these is a reason to lose a solved scene.
+
+- A closed descriptor 0, 1 or 2 is put on the null device. Otherwise the next file to be opened
+  would get its number, and libraries that print to it would write into a file of results.
+- What is written to a pipe that nobody reads is dropped, and so is what standard error cannot take.
+- A character that the encoding has not is replaced by one like it: × by x, … by three dots.
+"""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import io
+import os
+import sys
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import TextIO
+
+ERRORS = "contact-app-alike"
+"""Name of the handler of characters that an encoding has not."""
+
+ALIKE = {
+    "×": "x", "…": "...", "‖": "||", "≤": "<=", "≥": ">=", "≠": "!=", "·": "*", "−": "-",
+    "–": "-", "—": "-", "‘": "'", "’": "'", "“": '"', "”": '"', "∞": "inf", "→": "->", "°": "deg",
+    "ν": "nu", "λ": "lambda", "μ": "mu", "σ": "sigma", "ε": "epsilon", "ρ": "rho", "Γ": "Gamma",
+    "α": "alpha", "∂": "d", "•": "*", "✓": "ok", "⁻": "-", "─": "-", "│": "|",
+}  # fmt: skip
+
+
+def alike(text: str) -> str:
+    """The same in ASCII.
+
+    >>> alike("‖u‖ ≤ 2 × 10⁻³ …")
+    '||u|| <= 2 x 10-3 ...'
+    """
+    found = []
+    for c in text:
+        if c.isascii():
+            found.append(c)
+        elif c in ALIKE:
+            found.append(ALIKE[c])
+        elif "─" <= c <= "╿":  # lines of boxes
+            found.append("+")
+        else:
+            parts = unicodedata.normalize("NFKD", c)
+            found.append("".join(p for p in parts if p.isascii()) or "?")
+    return "".join(found)
+
+
+def _replace(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return alike(error.object[error.start : error.end]), error.end
+
+
+codecs.register_error(ERRORS, _replace)
+
+
+class _Output(io.FileIO):
+    """A descriptor that drops what nobody reads, and everything after an error."""
+
+    def __init__(self, descriptor: int, strict: bool) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self._strict = strict
+
+    def write(self, data) -> int:  # type: ignore[no-untyped-def, override]
+        try:
+            return super().write(data) or 0
+        except OSError as error:
+            _to_null(self.fileno())
+            if self._strict and error.errno not in (errno.EPIPE, errno.EBADF):
+                raise OSError(error.errno, error.strerror, "standard output") from error
+            return memoryview(data).nbytes
+
+
+@contextmanager
+def safe_streams() -> Iterator[None]:
+    """Replace the standard streams for as long as the block runs.
+
+    An error of standard output other than a pipe without a reader is still raised: what it should
+    have taken is lost. Streams that someone else put in place, such as pytest, stay.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            _to_null(descriptor)
+    before = sys.stdin, sys.stdout, sys.stderr
+    if sys.stdin is None:
+        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: SIM115
+    if sys.stdout in (None, sys.__stdout__):
+        sys.stdout = _text(1, sys.stdout, strict=True)
+    if sys.stderr in (None, sys.__stderr__):
+        sys.stderr = _text(2, sys.stderr, strict=False)
+    try:
+        yield
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):
+                stream.flush()
+        if before[1] is not None and before[2] is not None:
+            sys.stdin, sys.stdout, sys.stderr = before
+
+
+def _text(descriptor: int, before: TextIO | None, strict: bool) -> TextIO:
+    """A text stream on a descriptor, with the encoding of the one it replaces."""
+    if before is not None:
+        with suppress(OSError):
+            before.flush()
+    encoding = (before.encoding if before is not None else None) or "utf-8"
+    raw = _Output(descriptor, strict)
+    through = descriptor == 2 or bool(getattr(before, "write_through", False))
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw), encoding, ERRORS, line_buffering=raw.isatty() or through
+    )
+
+
+def _to_null(descriptor: int) -> None:
+    """Let a descriptor lead nowhere."""
+    null = os.open(os.devnull, os.O_RDWR)
+    if null != descriptor:
+        os.dup2(null, descriptor)
+        os.close(null)
+    os.set_inheritable(descriptor, True)
