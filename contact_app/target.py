@@ -172,9 +172,6 @@ class AutomaticTarget(Target):
         excess = accuracy.excess(SHARE, self._tightest)
         chosen = min(limit, LOOSEST)
         self._chosen, self._limit = chosen, limit
-        if len(accuracy.bodies) > 1 and excess > 0.0:  # of the whole what the worst body asks for
-            whole = math.sqrt(2.0 * max(gap, 0.0) / accuracy.square)
-            self._limit = min(limit, whole / excess)
         judged = solution.certificate.judged(chosen)
         if excess > 1.0:
             judged = replace(judged, passed=False)
