@@ -7,6 +7,9 @@ that falls apart into pieces which share no facet.
 
 Nodes amid the edges of second-order cells make edges curved where the displacement is of degree 2;
 for degree 1 they are left out, which is reported. Cells that their curved edges fold are refused.
+
+Whether cells overlap their neighbours is decided in `meshes.orientation`, whether a body overlaps
+itself elsewhere in `meshes.overlap`.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from meshes.orientation import refuse_crowded, refuse_same_side
+from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
     EDGES,
     STRAIGHT,
@@ -33,7 +38,7 @@ from meshes.quadratic import (
 )
 from meshes.read import FileContent, read_file
 from meshes.subdomains import vtk_shapes
-from meshes.unstructured import CellMesh, MeshError, Topology
+from meshes.unstructured import CellMesh, MeshError, Topology, first_of
 
 SAME_PLACE = 1e-9
 """Distance over the size of the body below which two nodes are one."""
@@ -177,9 +182,12 @@ def load_mesh(
     doubled += 0 if content.cell_groups else len(content.cells) - len(given)
     if doubled:
         notes.append(f"{doubled} cells are given twice: counted once")
-    turned = _turn(points, cells, content.kind.name)
+    turned = _turn(points, cells, content.kind.name, number)
     if turned.any():
         notes.append(f"{int(turned.sum())} cells were inside out (negative volume): turned")
+    topology = Topology.of(cells, content.kind.name)
+    refuse_crowded(cells, content.kind.name, topology, number)
+    refuse_same_side(points, cells, content.kind.name, topology, number, turned)
     if middles is not None:
         middles = middles[number]
         order = reordering(content.kind.name, REVERSED[content.kind.name])
@@ -187,13 +195,13 @@ def load_mesh(
         middles[turned] = middles[turned][:, order[v:] - v]
         middles = _curved(points, cells, middles, content.kind.name, number)
 
-    topology = Topology.of(cells, content.kind.name)
-    if topology.crowded:
-        raise MeshError(
-            f"has {topology.crowded} facets that more than two cells share: its cells overlap"
-        )
+    pieces = _pieces(cells, topology)
+    if (
+        pieces.max() == 0
+    ):  # pieces that overlap are bodies of their own; nodes hang in what overlaps
+        refuse_overlaps(points, cells, content.kind.name, topology, middles, number)
     _refuse_hanging(points, topology)
-    _refuse_pieces(points, cells, topology)
+    _refuse_pieces(points, cells, pieces)
     place = np.full(len(given), -1, np.int64)
     place[chosen] = rows
     sides = _sides(content, rename, topology, notes)
@@ -254,20 +262,56 @@ def _curved(
     apart = away > APART * np.ptp(points[cells], axis=1).max(axis=1)
     if apart.any():
         what = f"{cell}s that have nodes amid an edge or face elsewhere than their neighbours"
-        raise MeshError(_which(points, cells, apart, what, number))
+        raise MeshError(first_of(points, cells, apart, what, number))
     folded = np.zeros(len(cells), bool)
     rows = np.flatnonzero(bulge > STRAIGHT)
-    slopes = vtk_shapes(cell, 2, _lattice(cell))[1]
-    for part in np.array_split(rows, len(rows) // BATCH + 1):
-        jacobian = np.linalg.det(np.einsum("qrk,cki->cqir", slopes, places[nodes[part]]))
-        folded[part] = jacobian.min(axis=1) <= FOLDED * jacobian.max(axis=1)
+    folded[rows] = _folded_inside(places, nodes[rows], cell, 2)
     if folded.any():
         what = f"{cell}s folded by their curved edges (their Jacobian is not positive everywhere)"
         raise MeshError(
-            _which(points, cells, folded, what, number) + "; use smaller cells or straight edges "
+            first_of(points, cells, folded, what, number) + "; use smaller cells or straight edges "
             "there (in Gmsh: Mesh.HighOrderOptimize = 2, or Mesh.SecondOrderLinear = 1)"
         )
     return middles
+
+
+def _folded_inside(
+    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, degree: int
+) -> NDArray[np.bool_]:
+    """Whether the Jacobian of cells is not positive at every point of a lattice, (cells,)."""
+    slopes = vtk_shapes(cell, degree, _lattice(cell))[1]
+    folded = np.zeros(len(cells), bool)
+    for i in range(0, len(cells), BATCH):
+        part = slice(i, i + BATCH)
+        jacobian = _determinants(np.tensordot(slopes, points[cells[part]], axes=(2, 1))).T
+        folded[part] = jacobian.min(axis=1) <= FOLDED * jacobian.max(axis=1)
+    return folded
+
+
+def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Determinants of matrices (points, d, cells, d) of few rows, faster than by factors."""
+    if columns.shape[1] == 2:
+        a, b = columns[:, 0], columns[:, 1]
+        return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(columns, (1, 3), (0, 1))
+    return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+
+
+def _warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Hexahedra so far from parallelepipeds that corners alone do not tell their Jacobian's sign.
+
+    With m the mean of the four edges along each axis and d the largest deviation from it, the
+    Jacobian is at least det m - (∏ (|m| + d) - ∏ |m|), by the multilinearity of determinants.
+    """
+    ends = points[cells[:, np.array(EDGES["hexahedron"])]]
+    along = np.array([(0, 2, 4, 6), (1, 3, 5, 7), (8, 9, 10, 11)])
+    sign = np.array([(1, -1, 1, -1), (1, -1, 1, -1), (1, 1, 1, 1)])
+    edges = (ends[:, :, 1] - ends[:, :, 0])[:, along] * sign[:, :, None]
+    mean = edges.mean(axis=2)
+    length = np.linalg.norm(mean, axis=2)
+    apart = np.linalg.norm(edges - mean[:, :, None], axis=3).max(axis=2)
+    room = np.linalg.det(mean) - (length + apart).prod(axis=1) + length.prod(axis=1)
+    return np.asarray(room <= FOLDED * length.prod(axis=1))
 
 
 def _lattice(cell: str) -> NDArray[np.float64]:
@@ -348,7 +392,12 @@ def _once(
     return cells[kept], np.searchsorted(kept, leader), len(cells) - len(kept)
 
 
-def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> NDArray[np.bool_]:
+def _turn(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    cell: str,
+    number: NDArray[np.int64],
+) -> NDArray[np.bool_]:
     """Turn cells that are inside out (in place) and say which; refuse empty and folded ones."""
     edges = points[cells[:, np.array(EDGES[cell])]]
     lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
@@ -357,40 +406,38 @@ def _turn(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> N
     jacobian = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1])
     least = EMPTY * longest[:, None] ** points.shape[1]
     empty = (np.abs(jacobian) <= least).any(axis=1)
-    if empty.any():
-        raise MeshError(_which(points, cells, empty, f"{cell}s without volume, or with a flat "
-                               "corner"))  # fmt: skip
+    _refuse(points, cells, empty, f"{cell}s without volume, or with a flat corner", number)
     if shortest.min() < SHORTEST_EDGE:
         raise MeshError(
             f"has edges of {shortest.min():.3g}; at least {SHORTEST_EDGE:g} is allowed: choose a "
             "smaller unit of length (`scale`)"
         )
     slender = longest > LONGEST_CELL * shortest
-    if slender.any():
-        what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
-        raise MeshError(_which(points, cells, slender, what))
+    what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
+    _refuse(points, cells, slender, what, number)
     inside_out = (jacobian < 0.0).all(axis=1)
     folded = (jacobian < 0.0).any(axis=1) & ~inside_out
-    if folded.any():
-        raise MeshError(
-            _which(points, cells, folded, f"{cell}s folded into themselves, or with their nodes "
-                   "in another order than the format's")
-        )  # fmt: skip
+    what = f"{cell}s folded into themselves, or with their nodes in another order than the format's"
+    _refuse(points, cells, folded, what, number)
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
+    if cell == "hexahedron":
+        rows = np.flatnonzero(_warped(points, cells))
+        folded[rows] = _folded_inside(points, cells[rows], cell, 1)
+        what = f"{cell}s folded inside: their Jacobian is positive at their corners only"
+        _refuse(points, cells, folded, what, number)
     return inside_out
 
 
-def _which(
+def _refuse(
     points: NDArray[np.float64],
     cells: NDArray[np.int64],
     bad: NDArray[np.bool_],
     what: str,
-    number: NDArray[np.int64] | None = None,
-) -> str:
-    first = np.flatnonzero(bad)[0]
-    at = ", ".join(f"{v:g}" for v in points[cells[first]].mean(axis=0))
-    name = "" if number is None else f" cell {number[first] + 1} of the file,"
-    return f"has {int(bad.sum())} {what}; the first is{name} at ({at})"
+    number: NDArray[np.int64],
+) -> None:
+    """Refuse a mesh of which some cells are `bad` (cells,)."""
+    if bad.any():
+        raise MeshError(first_of(points, cells, bad, what, number))
 
 
 def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:
@@ -434,13 +481,18 @@ def _lies_on(
     return np.asarray(inside & (np.linalg.norm(x - foot, axis=1) <= HANGING * size))
 
 
-def _refuse_pieces(
-    points: NDArray[np.float64], cells: NDArray[np.int64], topology: Topology
-) -> None:
-    """Refuse a body whose cells do not hang together through facets."""
+def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:
+    """Number of the piece each cell is in, (cells,): pieces hang together through facets."""
     a, b = topology.pairs.T
     graph = sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
-    number, label = connected_components(graph, directed=False)
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _refuse_pieces(
+    points: NDArray[np.float64], cells: NDArray[np.int64], label: NDArray[np.int64]
+) -> None:
+    """Refuse a body of more than one piece; `label` (cells,) numbers them."""
+    number = int(label.max()) + 1
     if number == 1:
         return
     sizes = np.bincount(label)

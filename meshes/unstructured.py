@@ -23,6 +23,20 @@ class MeshError(ValueError):
     """A mesh that cannot be used; the text says why and what would do."""
 
 
+def first_of(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    bad: NDArray[np.bool_],
+    what: str,
+    number: NDArray[np.int64],
+) -> str:
+    """How many cells are `bad` (cells,), and the first: its number in the file and its centre."""
+    first = np.flatnonzero(bad)[0]
+    at = ", ".join(f"{v:g}" for v in points[cells[first]].mean(axis=0))
+    name = f"cell {number[first] + 1} of the file, at ({at})"
+    return f"has {int(bad.sum())} {what}; the first is {name}"
+
+
 FACETS = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
     "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
@@ -77,6 +91,8 @@ class Topology:
         The cell each of them belongs to.
     pairs : (pairs, 2)
         Cells that share a facet.
+    pair_facets : (pairs, 2)
+        Which of its facets each of the two cells shares.
     crowded
         Facets that more than two cells have: none in a mesh that fills space once.
     """
@@ -84,6 +100,7 @@ class Topology:
     facets: NDArray[np.int64]
     facet_cells: NDArray[np.int64]
     pairs: NDArray[np.int64]
+    pair_facets: NDArray[np.int8]
     crowded: int
 
     @classmethod
@@ -99,6 +116,7 @@ class Topology:
         count = np.diff(np.append(start, len(keys)))
         single, double = order[start[count == 1]], start[count == 2]
         single.sort()
+        twice = np.stack([order[double], order[double + 1]], axis=1)
         on_surface = facets[single].astype(np.int64)
         if cells.shape[1] > VERTICES[cell]:
             nodes = facet_table(FACETS[cell], cell)[single % len(table)]
@@ -106,9 +124,8 @@ class Topology:
         return cls(
             facets=on_surface,
             facet_cells=owner[single].astype(np.int64),
-            pairs=np.stack(
-                [owner[order[double]], owner[order[double + 1]]], axis=1, dtype=np.int64
-            ),
+            pairs=owner[twice].astype(np.int64),
+            pair_facets=(twice % len(table)).astype(np.int8),
             crowded=int((count > 2).sum()),
         )
 

@@ -223,3 +223,115 @@ def by_entities(mesh: meshio.Mesh) -> meshio.Mesh:
         cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
         field_data=mesh.field_data,
     )
+
+
+def lattice(cell: str, counts: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Points (nodes, 3) and cells of the unit block of so many cells along each axis."""
+    d = dimension(cell)
+    made = BoxShape((0.0,) * d, (1.0,) * d, counts[:d], cell).cell_mesh()
+    return np.pad(made.points, ((0, 0), (0, 3 - d))), made.cells
+
+
+def of_cells(cell: str, points: np.ndarray, cells: np.ndarray) -> meshio.Mesh:
+    """A mesh without groups; plane ones at z = 0."""
+    if dimension(cell) == 2:
+        points = points * [1.0, 1.0, 0.0]
+    return meshio.Mesh(points, [(MESHIO[cell], cells)])
+
+
+def spiral(
+    cell: str, turns: float, width: float, pitch: float, rise: float = 0.0, counts: int = 24
+) -> meshio.Mesh:
+    """A band of a width wound about the z axis, of inner radius 1 at its start.
+
+    A turn moves it outward by `pitch` and up by `rise`; in 3D its height is `width`, too. It
+    overlaps itself where it is wound by more than a turn and wider than pitch and rise.
+    """
+    around = max(3, round(counts * turns))
+    points, cells = lattice(cell, (around, 2, 2))
+    s, t, u = points.T
+    angle, radius = 2.0 * np.pi * turns * s, 1.0 + turns * pitch * s + width * t
+    height = turns * rise * s + width * u
+    wound = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    return of_cells(cell, wound, cells)
+
+
+def loop(cell: str, far: bool) -> meshio.Mesh:
+    """A strip along a path that crosses itself (an alpha); in 3D it passes above where `far`."""
+    points, cells = lattice(cell, (40, 2, 2))
+    s = 2.0 * points[:, 0] - 1.0
+    path = np.column_stack([3.0 * s**2, 4.0 * (s**3 - 0.6 * s), s if far else 0.05 * s])
+    slope = np.column_stack([6.0 * s, 4.0 * (3.0 * s**2 - 0.6), 0.0 * s])
+    side = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.hypot(*slope[:, :2].T)[:, None]
+    path[:, :2] += 0.2 * (points[:, 1, None] - 0.5) * side
+    path[:, 2] += 0.2 * points[:, 2]
+    return of_cells(cell, path, cells)
+
+
+def tangled(cell: str, seed: int) -> meshio.Mesh:
+    """The unit block with one node inside pulled through the surface of the cells it belongs to."""
+    random = np.random.default_rng(seed)
+    n, d = 4, dimension(cell)
+    points, cells = lattice(cell, (n,) * d)
+    inside = ((points[:, :d] > 0.3) & (points[:, :d] < 0.7)).all(axis=1)
+    node = random.choice(np.flatnonzero(inside))
+    away = random.normal(size=d)
+    points[node, :d] += (random.uniform(2.1, 4.0) / n) * away / np.abs(away).max()
+    return of_cells(cell, points, cells)
+
+
+def pitchfork(cell: str, gap: float, prongs: int = 2, high: int = 3) -> meshio.Mesh:
+    """Prongs of width 1 on a foot, `gap` apart; of cells of about 1."""
+    columns = 2 * prongs - 1
+    points, cells = lattice(cell, (columns, high, 2))
+    index = np.rint(points * [columns, high, 2]).astype(int)
+    middle = points[cells].mean(axis=1) * [columns, high, 2]
+    kept = (middle[:, 0].astype(int) % 2 == 0) | (middle[:, 1] < 1.0)
+    x = (index[:, 0] + 1) // 2 + gap * (index[:, 0] // 2)
+    return of_cells(cell, np.column_stack([x, index[:, 1], 0.5 * index[:, 2]]), cells[kept])
+
+
+def two_sheets() -> meshio.Mesh:
+    """A square above a larger one, joined crosswise along a slit: no facets on the surface cross.
+
+    Each side of the slit in one square goes on in the other one, so that the mesh winds twice
+    about the two ends of the slit (the surface of √(z² - ¼)); all cells have positive area.
+    """
+    points: list[tuple[float, float]] = []
+    number: dict[tuple[int, int, int], int] = {}
+    cells = []
+    for sheet, half in ((0, 4), (1, 8)):
+        for i, j in itertools.product(range(-half, half), repeat=2):
+            corners = []
+            for a, b in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)):
+                key = (sheet, a, b)
+                x, y = 0.25 * a + 0.03 * sheet * (b != 0), 0.25 * b + 0.02 * sheet
+                if b == 0 and abs(a) <= 2:  # on the slit: the side is of sheet `link`
+                    link = sheet if j >= 0 else 1 - sheet
+                    key = (2 + link if abs(a) < 2 else 4, a, 0)
+                    x, y = 0.25 * a, (0.03 - 0.06 * link) * (abs(a) < 2)
+                if key not in number:
+                    number[key] = len(points)
+                    points.append((x, y))
+                corners.append(number[key])
+            cells.append(corners)
+    return of_cells("quadrilateral", np.pad(np.array(points), ((0, 0), (0, 1))), np.array(cells))
+
+
+def overlapping(cell: str, seed: int) -> meshio.Mesh:
+    """A random mesh whose cells overlap: refused, whatever is done with it."""
+    random = np.random.default_rng(seed)
+    wide = random.uniform(0.15, 0.4)
+    kinds = {
+        "tangled": lambda: tangled(cell, seed),
+        "loop": lambda: loop(cell, far=False),
+        "spiral": lambda: spiral(
+            cell, random.uniform(1.1, 2.5), wide, wide * random.uniform(0.3, 0.9)
+        ),
+        "helix": lambda: spiral(
+            cell, random.uniform(1.1, 2.5), wide, 0.0, wide * random.uniform(0.3, 0.9)
+        ),
+    }
+    mesh = kinds[list(kinds)[int(random.integers(4))]]()
+    mesh.points[:, : dimension(cell)] *= 10.0 ** random.uniform(-3.0, 3.0)
+    return mesh

@@ -404,7 +404,7 @@ def test_cells_without_volume(cell: str, tmp_path: Path) -> None:
     corners = given.cells[0].data[0]
     axis = meshfiles.dimension(cell) - 1
     given.points[corners, axis] = given.points[corners[0], axis]  # flattens it
-    assert "without volume, or with a flat corner; the first is at" in refused(
+    assert "without volume, or with a flat corner; the first is cell 1 of the file, at" in refused(
         given, tmp_path, cell
     )
 

@@ -1,0 +1,271 @@
+"""Crossings and winding numbers of closed surfaces of segments (2D) or plane triangles (3D).
+
+**Crossings.** Two segments cross, or an edge pierces a triangle, where the ends of either lie on
+different sides of the other: signs of determinants (O'Rourke, Computational Geometry in C, 1998,
+section 7.3 and 7.5). Two triangles that meet in more than a common node or edge and are not in one
+plane have an edge of one that pierces the other, so edges against triangles see all of them, also
+triangles that share one node.
+
+**Winding number.** A ray from x upwards crosses simplices with outward normals n; the winding
+number is w(x) = Σ sign(n · ray). The surface is turned by a fixed angle first, so that rays run
+into no plane, edge or node of a mesh that is aligned with the axes. Each side of an edge, in
+projection, is decided by one determinant for all triangles that have the edge, so that a ray leaves
+no gap between two triangles (Haines, Point in polygon strategies, Graphics Gems IV, 1994).
+
+**Candidates** are pairs of bounding boxes that meet. Boxes are sorted by size in powers of two, and
+each size is searched with its own radius (a k-d tree, maximum norm), so that large and small facets
+of a graded mesh do not all meet one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+TURN = {
+    2: np.array([[0.80901699, -0.58778525], [0.58778525, 0.80901699]]),
+    3: np.array(
+        [
+            [0.73588162, -0.55512063, 0.38743861],
+            [0.60817093, 0.20121936, -0.76788063],
+            [0.34830697, 0.80707076, 0.48745296],
+        ]
+    ),
+}
+"""What the surface is turned by before rays are cast along the last axis; angles of no meaning."""
+
+PAIRS = 2_000_000
+"""Pairs of boxes looked at at once, about: memory."""
+
+SOME = 200
+"""Boxes from which the number of pairs is estimated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A closed surface of segments or plane triangles.
+
+    Attributes
+    ----------
+    places : (nodes, d)
+    simplices : (simplices, d)
+        Rows of `places`; normals by the right-hand rule (in 2D to the right) point outward.
+    touch : (simplices,)
+        Depth up to which two simplices merely touch: the smaller one of the two counts.
+    deviation : (simplices,)
+        Distance from what they stand for at most: the sum of the two counts.
+    """
+
+    places: NDArray[np.float64]
+    simplices: NDArray[np.int64]
+    touch: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+    def depth(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.float64]:
+        """How deep the simplices of pairs have to be in each other to cross, (pairs,)."""
+        deviation = self.deviation[i] + self.deviation[j]
+        return np.asarray(np.minimum(self.touch[i], self.touch[j]) + deviation)
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Bounding boxes.
+
+    Attributes
+    ----------
+    lower, upper : (boxes, d)
+    """
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, places: NDArray[np.float64], simplices: NDArray[np.int64]) -> Boxes:
+        """Of simplices (simplices, nodes) on places (nodes, d)."""
+        lower = upper = places[simplices[:, 0]]
+        for k in range(1, simplices.shape[1]):
+            corner = places[simplices[:, k]]
+            lower, upper = np.minimum(lower, corner), np.maximum(upper, corner)
+        return cls(lower, upper)
+
+
+def meeting(a: Boxes, b: Boxes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Pairs (rows of a, rows of b) of boxes that meet, each pair once, part by part."""
+    size = [(box.upper - box.lower).max(axis=1) for box in (a, b)]
+    unit = max(size[0].max(initial=0.0), size[1].max(initial=0.0), np.finfo(float).tiny)
+    level = [np.frexp(np.maximum(s / unit, 2.0**-40))[1] for s in size]
+    for top in np.unique(np.concatenate(level)):
+        at = [np.flatnonzero(own == top) for own in level]
+        below = [np.flatnonzero(own <= top) for own in level]
+        yield from _near(a, b, at[0], below[1])
+        yield from _near(a, b, below[0][level[0][below[0]] < top], at[1])
+
+
+def _near(
+    a: Boxes, b: Boxes, rows: NDArray[np.int64], others: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """The pairs of some rows of a and of b; centres nearer than the sum of half their sizes."""
+    if len(rows) == 0 or len(others) == 0:
+        return
+    reach = sum(
+        0.5 * (box.upper - box.lower)[own].max() for box, own in ((a, rows), (b, others))
+    ) * (1.0 + 1e-9)
+    centres = [0.5 * (box.lower[own] + box.upper[own]) for box, own in ((a, rows), (b, others))]
+    reach += 1e-15 * max(np.abs(c).max() for c in centres)
+    tree = cKDTree(centres[1], balanced_tree=False, compact_nodes=False)
+    some = centres[0][:: len(rows) // SOME + 1]
+    mean = tree.query_ball_point(some, reach, p=np.inf, return_length=True).mean()
+    for chosen in np.array_split(np.arange(len(rows)), int(mean * len(rows)) // PAIRS + 1):
+        found = cKDTree(centres[0][chosen], balanced_tree=False, compact_nodes=False)
+        table = found.sparse_distance_matrix(tree, reach, p=np.inf, output_type="ndarray")
+        i, j = rows[chosen[table["i"]]], others[table["j"]]
+        for axis in range(a.lower.shape[1]):
+            touch = a.lower[i, axis] <= b.upper[j, axis]
+            touch &= b.lower[j, axis] <= a.upper[i, axis]
+            i, j = i[touch], j[touch]
+        yield i, j
+
+
+def segment_crossings(surface: Surface) -> NDArray[np.int64]:
+    """Pairs of segments in the plane that cross, (pairs, 2).
+
+    The ends of both are farther from the line of the other than `Surface.depth`.
+    """
+    places, segments = surface.places, surface.simplices
+    boxes, found = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
+    for i, j in meeting(boxes, boxes):
+        new = i < j
+        new &= (segments[i][:, :, None] != segments[j][:, None, :]).all(axis=(1, 2))
+        i, j = i[new], j[new]
+        p, q = (places[segments[i, k]] for k in range(2))
+        r, s = (places[segments[j, k]] for k in range(2))
+        least = surface.depth(i, j)
+        on_j = _apart(_beside(r, s, p), _beside(r, s, q), least)
+        on_i = _apart(_beside(p, q, r), _beside(p, q, s), least)
+        crossed = on_i & on_j
+        found.append(np.stack([i[crossed], j[crossed]], axis=1))
+    return np.concatenate(found)
+
+
+def _beside(
+    a: NDArray[np.float64], b: NDArray[np.float64], x: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Distance of points to lines, positive on the left."""
+    along = b - a
+    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), np.finfo(float).tiny)
+    return (along[:, 0] * (x - a)[:, 1] - along[:, 1] * (x - a)[:, 0]) / length
+
+
+def _apart(
+    first: NDArray[np.float64], second: NDArray[np.float64], least: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether two distances have different signs and are farther than that."""
+    return np.asarray((first * second < 0.0) & (np.minimum(abs(first), abs(second)) > least))
+
+
+def triangle_crossings(surface: Surface) -> NDArray[np.int64]:
+    """Pairs of triangles of which one has an edge that pierces the other, (pairs, 2).
+
+    The ends of the edge are farther from the plane of the triangle, and the point where it pierces
+    the plane is farther inside the edges of the triangle, than `Surface.depth`.
+    """
+    places, triangles = surface.places, surface.simplices
+    ends = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
+    key = ends[:, 0] * len(places) + ends[:, 1]
+    first = np.unique(key, return_index=True)[1]
+    edges, owner = ends[first], first // 3
+    found = [np.zeros((0, 2), np.int64)]
+    for e, t in meeting(Boxes.of(places, edges), Boxes.of(places, triangles)):
+        new = np.ones(len(e), bool)
+        for corner in triangles[t].T:
+            new &= (edges[e, 0] != corner) & (edges[e, 1] != corner)
+        e, t = e[new], t[new]
+        least = surface.depth(owner[e], t)
+        pierced = _pierces(places, edges[e], triangles[t], least)
+        found.append(np.stack([owner[e[pierced]], t[pierced]], axis=1))
+    return np.concatenate(found)
+
+
+def _pierces(
+    places: NDArray[np.float64],
+    edges: NDArray[np.int64],
+    triangles: NDArray[np.int64],
+    least: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Whether edges (pairs, 2) pierce triangles (pairs, 3) deeper than that, (pairs,)."""
+    pierced = np.zeros(len(edges), bool)
+    a = places[triangles[:, 0]]
+    u, v = places[triangles[:, 1]] - a, places[triangles[:, 2]] - a
+    normal = np.cross(u, v)
+    double = np.maximum(np.sqrt(np.einsum("ni,ni->n", normal, normal)), np.finfo(float).tiny)
+    first = np.einsum("ni,ni->n", places[edges[:, 0]] - a, normal) / double
+    second = np.einsum("ni,ni->n", places[edges[:, 1]] - a, normal) / double
+    rows = np.flatnonzero(_apart(first, second, least))
+    a, u, v, normal, double = (x[rows] for x in (a, u, v, normal, double))
+    p, q = places[edges[rows, 0]], places[edges[rows, 1]]
+    share = (first[rows] / (first[rows] - second[rows]))[:, None]
+    x = p + share * (q - p) - a
+    weights = [
+        np.einsum("ni,ni->n", np.cross(x, v), normal) / double,
+        np.einsum("ni,ni->n", np.cross(u, x), normal) / double,
+    ]
+    weights.append(double - weights[0] - weights[1])
+    opposite = [v, u, v - u]
+    inside = np.ones(len(rows), bool)
+    for weight, edge in zip(weights, opposite, strict=True):
+        inside &= weight > least[rows] * np.sqrt(np.einsum("ni,ni->n", edge, edge))
+    pierced[rows[inside]] = True
+    return pierced
+
+
+def winding(x: NDArray[np.float64], surface: Surface) -> NDArray[np.int64]:
+    """Winding numbers of a surface about points x (points, d), (points,)."""
+    d, simplices = x.shape[1], surface.simplices
+    centre = surface.places.mean(axis=0)
+    x, places = (x - centre) @ TURN[d].T, (surface.places - centre) @ TURN[d].T
+    shadows = Boxes.of(places[:, : d - 1], simplices)
+    total = np.zeros(len(x), np.int64)
+    for i, s in meeting(Boxes(x[:, : d - 1], x[:, : d - 1]), shadows):
+        hit = _above(x[i], places, simplices[s])
+        total += np.bincount(i, hit, len(x)).astype(np.int64)
+    return total
+
+
+def _above(
+    x: NDArray[np.float64], places: NDArray[np.float64], simplices: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """1, -1 or 0: whether a simplex is above a point, and its normal points up, (points,)."""
+    if x.shape[1] == 2:
+        a, b = (places[simplices[:, k]] for k in range(2))
+        side = (b[:, 0] <= x[:, 0]).astype(float) - (a[:, 0] <= x[:, 0])
+        up = _beside(a, b, x) * side  # the normal is on the right: up where a is right of b
+        return np.asarray(np.where(up > 0.0, side, 0.0))
+    side = [_left(x, places, simplices[:, k], simplices[:, (k + 1) % 3]) for k in range(3)]
+    hit = np.zeros(len(x))
+    rows = np.flatnonzero((side[0] == side[1]) & (side[1] == side[2]))
+    a, b, c = (places[simplices[rows, k]] - x[rows] for k in range(3))
+    volume = np.einsum("ni,ni->n", a, np.cross(b, c))
+    sign = np.where(side[0][rows], 1.0, -1.0)
+    hit[rows] = np.where(volume * sign > 0.0, sign, 0.0)
+    return hit
+
+
+def _left(
+    x: NDArray[np.float64],
+    places: NDArray[np.float64],
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+) -> NDArray[np.bool_]:
+    """Whether points lie left of edges in projection along the last axis, (points,).
+
+    Both directions of an edge are decided by one number.
+    """
+    swap = first > second
+    a = places[np.where(swap, second, first), :2]
+    b = places[np.where(swap, first, second), :2]
+    left = (b[:, 0] - a[:, 0]) * (x[:, 1] - a[:, 1]) > (b[:, 1] - a[:, 1]) * (x[:, 0] - a[:, 0])
+    return np.asarray(left ^ swap)

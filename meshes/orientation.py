@@ -1,0 +1,167 @@
+"""Whether the cells of every inner facet lie on opposite sides of it.
+
+Every cell is first turned so that its volume is positive. Then its facets, listed by the right-hand
+rule, have outward normals, and two cells lie on opposite sides of a facet they share exactly if
+they list its nodes in opposite orders. For simplices the sign of the vertex opposite to the facet
+says the same; for quadrilaterals and hexahedra, whose Jacobian is positive at every corner, the
+order decides also where the facet is warped. How the file listed the nodes of a cell plays no part:
+a file that lists some cells in the other order describes the same mesh, and the turned cells pass.
+A cell that was pulled inside out does not pass: once turned, it lies on its neighbours.
+
+Where no two cells lie on one side of their facet, the turned cells orient the mesh; so a band that
+has no orientation (a Möbius strip) always has such a pair. Cells that overlap without being
+neighbours are left to `meshes.overlap`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from meshes.unstructured import FACETS, MeshError, Topology, first_of
+
+BATCH = 200_000
+"""Pairs of cells looked at at once: what fits into the cache."""
+
+
+def refuse_crowded(
+    cells: NDArray[np.int64], cell: str, topology: Topology, number: NDArray[np.int64]
+) -> None:
+    """Refuse facets that more than two cells have.
+
+    Parameters
+    ----------
+    cells : (cells, vertices)
+    number : (cells,)
+        Of each cell in the file, from 0.
+
+    Raises
+    ------
+    MeshError
+        With the number of such facets and the cells of the first one.
+    """
+    if not topology.crowded:
+        return
+    table = np.array(FACETS[cell])
+    facets = np.sort(cells[:, table].reshape(-1, table.shape[1]), axis=1)
+    facet, count = np.unique(facets, axis=0, return_inverse=True, return_counts=True)[1:]
+    first = np.argmax(count[facet.ravel()] > 2)
+    rows = np.flatnonzero(facet.ravel() == facet.ravel()[first]) // len(table)
+    which = ", ".join(str(k) for k in np.sort(number[rows] + 1))
+    raise MeshError(
+        f"has {topology.crowded} facets that more than two cells share: its cells overlap; the "
+        f"first is of the cells {which} of the file"
+    )
+
+
+def refuse_same_side(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    cell: str,
+    topology: Topology,
+    number: NDArray[np.int64],
+    turned: NDArray[np.bool_],
+) -> None:
+    """Refuse cells that lie on the same side of a facet they share.
+
+    Parameters
+    ----------
+    points : (nodes, dimension)
+    cells : (cells, vertices)
+        Turned so that their volumes are positive.
+    number : (cells,)
+        Of each cell in the file, from 0.
+    turned : (cells,)
+        Which of them were turned.
+
+    Raises
+    ------
+    MeshError
+        With the number of such cells, the first of them, and what to do.
+    """
+    same = _same_side(cells, cell, topology)
+    if not same.any():
+        return
+    pairs = topology.pairs[same]
+    wrong, other = _suspects(pairs, topology, turned)
+    bad = np.zeros(len(cells), bool)
+    bad[wrong] = True
+    over = number[other[np.flatnonzero(wrong == np.flatnonzero(bad)[0])[0]]] + 1
+    facet = "an edge" if points.shape[1] == 2 else "a face"
+    what = (
+        f"{cell}s that overlap their neighbours: they lie on the same side of {facet} they share, "
+        "as if pulled inside out"
+    )
+    advice = (
+        "; its cells form a band with one side only (a Möbius strip), which is no body"
+        if _one_sided(cells, cell, topology)
+        else "; put the nodes there where no cell is pulled through another, or mesh that part anew"
+    )
+    raise MeshError(
+        f"{first_of(points, cells, bad, what, number)}, over cell {over} of the file{advice}"
+    )
+
+
+def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.bool_]:
+    """Which pairs of neighbours list the nodes of their facet in the same order, (pairs,)."""
+    return np.concatenate(
+        [
+            ~_opposite(cells, cell, topology.pairs[i : i + BATCH],
+                       topology.pair_facets[i : i + BATCH])
+            for i in range(0, max(len(topology.pairs), 1), BATCH)
+        ]
+    )  # fmt: skip
+
+
+def _opposite(
+    cells: NDArray[np.int64], cell: str, pairs: NDArray[np.int64], facets: NDArray[np.int8]
+) -> NDArray[np.bool_]:
+    """Whether one of two cells lists the nodes of a facet in the reverse cycle of the other."""
+    table = np.array(FACETS[cell])
+    a, b = (np.take_along_axis(cells[pairs[:, k]], table[facets[:, k]], axis=1) for k in range(2))
+    size = table.shape[1]
+    if size == 2:
+        return np.asarray(a[:, 0] == b[:, 1])
+    start = np.argmax(b == a[:, :1], axis=1)
+    opposite = np.ones(len(a), bool)
+    rows = np.arange(len(a))
+    for k in range(1, size):
+        opposite &= b[rows, (start - k) % size] == a[:, k]
+    return opposite
+
+
+def _suspects(
+    pairs: NDArray[np.int64], topology: Topology, turned: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of two cells on the same side the one to blame, and the other, (pairs,) each.
+
+    It has the larger share of its inner facets in such pairs; where shares are equal, it is the one
+    whose orientation in the file is the rarer.
+    """
+    count = len(turned)
+    share = np.bincount(pairs.ravel(), minlength=count) / np.maximum(
+        np.bincount(topology.pairs.ravel(), minlength=count), 1
+    )
+    rare = turned if 2 * turned.sum() <= count else ~turned
+    blame = share + 1e-3 * rare
+    second = blame[pairs[:, 1]] > blame[pairs[:, 0]]
+    rows = np.arange(len(pairs))
+    return pairs[rows, second.astype(int)], pairs[rows, 1 - second]
+
+
+def _one_sided(cells: NDArray[np.int64], cell: str, topology: Topology) -> bool:
+    """Whether no choice of orientations makes all neighbours list their facets oppositely.
+
+    Each cell has two orientations; a facet links those of its two cells that fit. Where both
+    orientations of a cell are linked, there is no choice (the orientation cover is connected).
+    """
+    same = _same_side(cells, cell, topology)
+    a, b = topology.pairs.T
+    n = len(cells)
+    first = np.concatenate([a, a + n])
+    second = np.concatenate([np.where(same, b + n, b), np.where(same, b, b + n)])
+    graph = sparse.coo_matrix((np.ones(2 * len(a)), (first, second)), shape=(2 * n, 2 * n))
+    label = connected_components(graph, directed=False)[1]
+    return bool((label[:n] == label[n:]).any())

@@ -1,0 +1,238 @@
+"""Whether the cells of a body overlap: each place is covered at most once.
+
+Let every cell have positive volume, and let neighbours lie on opposite sides of the facets they
+share (`meshes.orientation`). Let N(x) be the number of cells that contain x. Across an inner facet
+one cell ends where the other one begins, so N changes only across facets of the surface, by one for
+each: it falls along the outward normal. Far away N = 0. So N is the winding number w of the surface
+(the degree of the map from the cells glued along their facets to space; Milnor, Topology from the
+Differentiable Viewpoint, 1965, section 5, and Floater, One-to-one piecewise linear mappings over
+triangulations, Math. Comp. 72, 2003, for the plane), whatever happens inside the body:
+
+    N(x) = w(x) = Σ over the facets a ray from x upwards meets of sign(n · up).
+
+The cells overlap if and only if N >= 2 somewhere. The places where it is are bounded by facets of
+the surface, and on the inner side of one of these N >= 2. Along the inner side of a facet that no
+other facet cuts N is constant, as it is on each part of the surface that does not cross itself.
+So these two tests together decide:
+
+1. *No two facets of the surface cross* (`meshes.crossing`; between the four sides of a proper
+   crossing N takes the values k, k + 1, k + 1 and k + 2, so a crossing is an overlap). This finds a
+   spiral that runs into itself.
+2. *N = 1 just inside every facet*: at its middle, and beside every node of the surface, which finds
+   overlaps also where crossings are degenerate (edges through edges, facets in one plane), and
+   cells within others where no facets cross: a sheet that winds twice about nodes inside, with one
+   boundary around the other, has N = 2 within the inner one. Where w >= 2, a cell besides its own
+   has to be found in which the point lies before it counts.
+
+What touches does not overlap: both tests begin at a depth of `TOUCH` of the size of a facet (the
+least of its heights and of the height of its cell over it; the test 2 at that share of the way to
+the centre of the cell). So slits of any width, closed ones, and walls of any thickness pass.
+
+What is missed: overlaps not as deep as that, and, where facets are curved (or quadrilaterals that
+are not plane), overlaps thinner than the distance of the surface from the simplices that stand for
+it, which `meshes.chords` bounds (5 % of the size of the facet unless it is very strongly curved)
+and which only test 2 sees, at its points. Cells are taken for unfolded where their Jacobian is
+positive at the points at which `meshes.repair` looks at it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.chords import chords, local_facets, reference_vertices
+from meshes.crossing import (
+    Boxes,
+    Surface,
+    meeting,
+    segment_crossings,
+    triangle_crossings,
+    winding,
+)
+from meshes.quadratic import CENTRED, VERTICES
+from meshes.subdomains import vtk_places, vtk_shapes
+from meshes.unstructured import FACETS, MeshError, Topology, first_of
+
+TOUCH = 1e-3
+"""Depth over the size of a facet below which parts merely touch."""
+
+WITHIN = 1e-9
+"""Distance in reference coordinates at which a point still lies in a cell."""
+
+ROOM = 0.25
+"""How far a cell with curved edges may reach beyond the box of its nodes, over its size."""
+
+LOOKED_AT = 1000
+"""Points in question for which other cells are searched at once."""
+
+ADVICE = (
+    "; a body fills each place once: mend the shape there, or give what overlaps as bodies of "
+    "their own (cells chosen by `group`), which may overlap"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """What the tests know of a mesh; see `refuse_overlaps`."""
+
+    points: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    cell: str
+    topology: Topology
+    middles: NDArray[np.float64] | None
+    number: NDArray[np.int64]
+
+    @property
+    def degree(self) -> int:
+        """Of the edges."""
+        return 1 if self.middles is None else 2
+
+    def nodes(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Places of the nodes of cells in VTK order, (rows, nodes, d)."""
+        corners = self.points[self.cells[rows]]
+        if self.middles is None:
+            return corners
+        return np.concatenate([corners, self.middles[rows]], axis=1)
+
+
+def refuse_overlaps(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    cell: str,
+    topology: Topology,
+    middles: NDArray[np.float64] | None,
+    number: NDArray[np.int64],
+) -> None:
+    """Refuse a body that covers a place twice.
+
+    Parameters
+    ----------
+    points : (nodes, d)
+    cells : (cells, vertices)
+        Of positive volume, neighbours on opposite sides of their facets.
+    middles : (cells, further nodes, d)
+        The nodes of second order where edges are curved.
+    number : (cells,)
+        Of each cell in the file, from 0.
+
+    Raises
+    ------
+    MeshError
+        With how many cells overlap others, numbers of the first two, and what to do.
+    """
+    body = _Body(points, cells, cell, topology, middles, number)
+    parts = chords(points, cells, cell, topology, middles)
+    surface = Surface(
+        parts.places,
+        parts.simplices,
+        TOUCH * parts.size[parts.facet],
+        parts.deviation[parts.facet],
+    )
+    find = segment_crossings if points.shape[1] == 2 else triangle_crossings
+    pairs = topology.facet_cells[parts.facet[find(surface)]]
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    if len(pairs):
+        facets = "edges" if points.shape[1] == 2 else "faces"
+        raise MeshError(
+            _told(body, pairs, f"s whose {facets} on the surface of the body cross those of others"
+                               ": the body overlaps itself", "crossed by") + ADVICE
+        )  # fmt: skip
+    pairs = _covered(body, surface)
+    if len(pairs):
+        raise MeshError(_told(body, pairs, "s that lie in other cells", "in") + ADVICE)
+
+
+def _told(body: _Body, pairs: NDArray[np.int64], what: str, relation: str) -> str:
+    """The cells of pairs (pairs, 2) counted, and the first pair named."""
+    pairs = pairs[np.lexsort(np.sort(body.number[pairs], axis=1).T[::-1])]
+    a, b = pairs[0][np.argsort(body.number[pairs[0]])]
+    bad = np.zeros(len(body.cells), bool)
+    bad[pairs] = True
+    others = bad.copy()
+    others[a] = False
+    start = np.zeros(len(bad), bool)
+    start[a] = True
+    told = first_of(body.points, body.cells, start, body.cell + what, body.number)
+    told = told.replace("has 1 ", f"has {int(bad.sum())} ", 1)
+    return f"{told}, {relation} cell {body.number[b] + 1} of the file"
+
+
+def _covered(body: _Body, surface: Surface) -> NDArray[np.int64]:
+    """Pairs of cells: one on the surface, and one that contains a point of it just inside."""
+    x, own = _just_inside(body)
+    rows = np.flatnonzero(winding(x, surface) > 1)
+    for start in range(0, len(rows), LOOKED_AT):
+        part = rows[start : start + LOOKED_AT]
+        point, other = _containing(body, x[part])
+        pairs = np.stack([own[part[point]], other], axis=1)
+        pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+        if len(pairs):
+            return pairs
+    return np.zeros((0, 2), np.int64)
+
+
+def _just_inside(body: _Body) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points just inside the middles of facets, one beside each node; and their cells."""
+    facets, owner = body.topology.facets, body.topology.facet_cells
+    corners = facets.shape[1]
+    local = local_facets(body.cells, body.cell, body.topology)
+    vertices = reference_vertices(body.cell)
+    inside = TOUCH * vertices.mean(axis=0)
+    first = np.unique(facets, return_index=True)[1]  # the first facet that has a node
+    points, cells = [], []
+    for f, table in enumerate(FACETS[body.cell]):
+        corner = vertices[list(table)]
+        groups = [(np.flatnonzero(local == f), corner.mean(axis=0))]
+        has = first[local[first // corners] == f]
+        groups += [(has[has % corners == k] // corners, corner[k]) for k in range(corners)]
+        for rows, place in groups:
+            at = (1.0 - TOUCH) * place + inside
+            shapes = vtk_shapes(body.cell, body.degree, at[None])[0][0]
+            points.append(np.einsum("k,cki->ci", shapes, body.nodes(owner[rows])))
+            cells.append(owner[rows])
+    return np.concatenate(points), np.concatenate(cells)
+
+
+def _containing(body: _Body, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of points x (points, d) and the cells they lie in, a pair each."""
+    nodes = body.nodes(np.arange(len(body.cells)))
+    lower, upper = nodes.min(axis=1), nodes.max(axis=1)
+    if body.middles is not None:
+        room = ROOM * (upper - lower).max(axis=1, keepdims=True)
+        lower, upper = lower - room, upper + room
+    points, cells = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for i, c in meeting(Boxes(x, x), Boxes(lower, upper)):
+        within = _lies_in(body, nodes[c], x[i])
+        points.append(i[within])
+        cells.append(c[within])
+    return np.concatenate(points), np.concatenate(cells)
+
+
+def _lies_in(body: _Body, nodes: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether points (pairs, d) lie in cells with nodes (pairs, nodes, d)."""
+    if len(x) == 0:
+        return np.zeros(0, bool)
+    try:
+        places = vtk_places(body.cell, body.degree, nodes, x)
+    except np.linalg.LinAlgError:  # a step of Newton's method met a singular Jacobian
+        if len(x) == 1:
+            return np.zeros(1, bool)
+        half = len(x) // 2
+        return np.concatenate(
+            [_lies_in(body, nodes[:half], x[:half]), _lies_in(body, nodes[half:], x[half:])]
+        )
+    inside = np.isfinite(places).all(axis=1) & (places >= -WITHIN).all(axis=1)
+    if body.cell in CENTRED:
+        inside &= (places <= 1.0 + WITHIN).all(axis=1)
+    else:
+        inside &= places.sum(axis=1) <= 1.0 + WITHIN
+    exact = body.cell not in CENTRED and body.middles is None
+    if inside.any() and not exact:  # did Newton's method arrive?
+        rows = np.flatnonzero(inside)
+        shapes = vtk_shapes(body.cell, body.degree, places[rows])[0]
+        away = np.linalg.norm(np.einsum("nk,nki->ni", shapes, nodes[rows]) - x[rows], axis=1)
+        size = np.ptp(nodes[rows][:, : VERTICES[body.cell]], axis=1).max(axis=1)
+        inside[rows] = away <= WITHIN * size
+    return inside
