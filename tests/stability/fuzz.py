@@ -149,7 +149,8 @@ def _compared(solved: Any, known: Known, u: np.ndarray | None, tolerance: float)
     # the energy told is above the least one by at most the duality gap, which the certificate
     # holds below the tolerance; so it does the error of each body
     allowed = max(ENERGY, 1.01 * tolerance)
-    if not abs(energy - known.energy) <= allowed * max(abs(known.energy), known.floor):
+    allowed = allowed * max(abs(known.energy), known.floor) + known.blur
+    if not abs(energy - known.energy) <= allowed:
         return "certified wrongly", f"energy {energy!r}, reference {known.energy!r}"
     error, body = known.worst(u)
     detail = f"squared error of body {body} is {error:.1e} of its strains"

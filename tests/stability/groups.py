@@ -8,7 +8,7 @@ suffer from a stiff neighbour, nor the strains of a body from how far it is move
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,8 @@ class Solved:
         What squared errors in energy norm are relative to; 0 where nothing strains the body.
     force : float
         Sum of the magnitudes of loads, or of reactions and contact forces.
+    blur : float
+        What rounding makes of coordinates, and so of gaps.
     """
 
     dofs: np.ndarray
@@ -70,10 +72,13 @@ class Solved:
     strain: float
     scale: float
     force: float
+    blur: float
 
     def error(self, u: np.ndarray) -> float:
         """Squared energy norm of a difference from displacements (dofs,) over the scale."""
-        square = strain_of(self.stiffness, self.motions, u[self.dofs] - self.u)
+        error = strain_of(self.stiffness, self.motions, u[self.dofs] - self.u) ** 0.5
+        blurred = float(self.stiffness.diagonal().sum()) ** 0.5 * self.blur
+        square = max(0.0, error - blurred) ** 2
         if self.scale > 0.0:
             return square / self.scale
         return float(square > 1e4 * self.rounding)
@@ -108,6 +113,11 @@ class Known:
     energy: float
     floor: float
     bodies: tuple[Solved, ...]
+
+    @property
+    def blur(self) -> float:
+        """Energy that rounding of coordinates may make: the works of forces on gaps."""
+        return sum(body.force * body.blur for body in self.bodies)
 
     def worst(self, u: np.ndarray) -> tuple[float, int]:
         """Largest error of a body in displacements (dofs,), and the body."""
@@ -208,7 +218,12 @@ def _body(
     K, load = system.stiffness[dofs][:, dofs], system.load[dofs]
     reactions = float(np.abs(K @ v - load).sum())
     force = max(float(np.abs(load).sum()), reactions)
-    return Solved(dofs, K, R, moved + v, load, strain_of(K, R, v), 0.0, force)
+    blur = (
+        2.0
+        * EPSILON
+        * float(np.abs(system.points[dofs[:: system.dimension] // system.dimension]).max())
+    )
+    return Solved(dofs, K, R, moved + v, load, strain_of(K, R, v), 0.0, force, blur)
 
 
 def _scaled(bodies: list[Solved]) -> list[Solved]:
@@ -222,7 +237,7 @@ def _scaled(bodies: list[Solved]) -> list[Solved]:
         scale = min(b.strain * share**2, strain) if b.strain > 0.0 else strain
         if strain <= max(STILL * alone, 1e4 * sum(other.rounding for other in bodies)):
             scale = alone
-        result.append(Solved(b.dofs, b.stiffness, b.motions, b.u, b.load, b.strain, scale, b.force))
+        result.append(replace(b, scale=scale))
     return result
 
 
