@@ -48,8 +48,10 @@ PATIENCE = 60.0
 ENERGY = 1e-6
 """Relative difference of energies that a certified answer may leave; the tolerance is 1e-8."""
 
-ACCURATE = 1e-6
-"""Squared relative error of each body in energy norm that a certified answer may leave."""
+ACCURATE = 2.0
+"""Squared relative error of each body in energy norm, over the tolerance, that a certified answer
+may leave: the displacements may be as far on one side of the least energy as the bound on the
+other."""
 
 OPTIMAL = 1e-6
 """Relative residual of the optimality conditions that shows an answer to be right."""
@@ -58,6 +60,9 @@ MARK = "<!-- python -m tests.stability.fuzz 500 --document docs/stability.md -->
 """Line of the document below which the counts stand."""
 
 GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided")
+
+QUIET = ("agrees", "escapes", "contradicts")
+"""Verdicts that are not told scene by scene."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,8 @@ def judge(seed: int) -> Verdict:
         message = str(error)
     except (ConfigurationError, ContactError) as error:
         kind = "refused" if isinstance(error, ConfigurationError) else "gives up"
+        if kind_of(seed) is overlapping_cells and "mesh.file is" not in str(error):
+            kind = "refused for another reason"
         return Verdict(seed, kind, str(error)[:300], time.process_time() - began)
     except OutOfTime:
         return Verdict(seed, "hangs", f"{subdomains}", time.process_time() - began)
@@ -154,7 +161,7 @@ def _compared(solved: Any, known: Known, u: np.ndarray | None, tolerance: float)
         return "certified wrongly", f"energy {energy!r}, reference {known.energy!r}"
     error, body = known.worst(u)
     detail = f"squared error of body {body} is {error:.1e} of its strains"
-    return ("agrees" if error <= max(ACCURATE, 1.1 * tolerance) else "certified wrongly"), detail
+    return ("agrees" if error <= ACCURATE * tolerance else "certified wrongly"), detail
 
 
 def reference_contradicts(scene: Any) -> bool:
@@ -293,7 +300,8 @@ def main() -> int:
     for seed in range(arguments.first, arguments.first + arguments.scenes):
         verdict = judge(seed)
         verdicts.append(verdict)
-        if verdict.kind in ("agrees", "escapes", "contradicts") and verdict.seconds < 10.0:
+        quiet = (*QUIET, "refused") if kind_of(seed) is overlapping_cells else QUIET
+        if verdict.kind in quiet and verdict.seconds < 10.0:
             continue
         print(
             f"scene {seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tests import extended, reference
+from tests.stability.polish import polish
 
 REFERENCE = 1e-7
 """Relative residual of the optimality conditions that the reference may leave here."""
@@ -192,7 +193,9 @@ def _solve_group(
     programme = K[~held][:, ~held], (load - K @ v)[~held], B[:, ~held], gap - B @ v
     extent = float(np.ptp(system.points[np.isin(system.body, group)], axis=0).max())
     try:
-        v[~held] = reference.minimise(*programme, extent, tolerance=REFERENCE)[0]
+        found, multiplier = reference.minimise(*programme, extent, tolerance=REFERENCE)[:2]
+        polished = polish(*programme, multiplier)
+        v[~held] = found if polished is None else polished
     except reference.ReferenceError:
         if near is None or (~held).sum() > EXTENDED:
             raise
