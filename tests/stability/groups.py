@@ -93,7 +93,8 @@ class Solved:
     def has_digits(self, tolerance: float) -> bool:
         """Whether displacements in double precision can show the strains to a tolerance."""
         largest = float(np.abs(self.u).max(initial=0.0))
-        forces = EPSILON * largest * float(np.linalg.norm(self.stiffness.diagonal()))
+        sums = np.asarray(abs(self.stiffness).sum(axis=1)).ravel()
+        forces = EPSILON * largest * float(np.linalg.norm(sums))  # of products K u
         enough = forces <= FORCE_DIGITS * self.force
         return enough and 10.0 * self.rounding <= tolerance * self.scale
 
