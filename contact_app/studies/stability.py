@@ -323,14 +323,32 @@ TAIL = """
 and far from the origin, one on another, boxes and distorted cells from mesh files; degree 1 and 2,
 mean dilatation; units; materials to a contrast of 1e6; conditions, loads, obstacles; tolerances,
 `auto` too; partitions) and holds each answer against the undecomposed reference, each refusal
-against a linear programme: none may hang, crash or be certified wrongly. What it found is guarded
+against a linear programme. Every fourth scene is of a kind that was once answered wrongly, slowly
+or not at all (`tests/stability/defect_scenes.py`): a weak body beside a strong one, a stiff block
+between walls on a soft one, a strip or plate lifted off a floor, a load on the face that touches, a
+body moved far and squeezed a little, several contacts at a node, a slender cantilever in many
+subdomains at tolerances to 1e-12, and mesh files whose cells overlap.
+
+Each answer is compared in its energy and, in each body, in its strains: the squared energy norm of
+the error over a(u, u) may be twice the tolerance. The reference solves each group of bodies that
+can touch for itself and corrects the answer in extended precision (`tests/stability/polish.py`).
+Faults are a crash, a scene that hangs, an answer certified wrongly, a scene given up that the
+reference solves and whose strains displacements in double precision can show, an equilibrium denied
+or invented, and overlapping cells accepted.
+
+What it found is guarded
 now: nodes squeezed between two obstacles, bodies of both degrees side by side, stiff bodies on soft
 ones whose forces are the last digits of their displacements, active sets that keep a body up to
-rounding only.
+rounding only, and cells a hundred times longer than wide cut into subdomains: forces between these
+cancel to the last digit, and conjugate gradients end at rounding errors, far from an answer. What
+ends so is solved once more with every body whole, as far as memory allows (on ranks, in one
+subdomain each), then for its displacements by Newton's method, and the certificate warns that it
+was (`contact_app/fallback.py`).
 
 agrees: certified, and right; contradicts, escapes: refused, and there is no equilibrium; refused:
-input that is told to be wrong; degraded: not certified, and said so; undecided: certified, where
-the reference itself does not converge.
+input that is told to be wrong; degraded: not certified, and said so, where strains are rounding
+errors or the reference has no answer; undecided: certified, where the reference itself does not
+converge, nor in extended precision (`tests/extended.py`).
 
 <!-- python -m tests.stability.fuzz 500 --document docs/stability.md -->
 """
