@@ -46,6 +46,9 @@ NEW_DOLFINX = hasattr(fem, "functionspace")
 KKT_TOLERANCE = 1e-10
 """Largest relative residual of the optimality conditions that a reference may leave."""
 
+STILL = 1e-3
+"""Displacements over those that loads make at their nodes alone, below which these count."""
+
 
 class ReferenceError(RuntimeError):
     """The reference found no solution it can vouch for."""
@@ -576,13 +579,16 @@ def optimality(
     """Largest relative residual of the optimality conditions of the quadratic programme.
 
     Forces are relative to the largest nodal force (a load, an internal or a contact force),
-    lengths to the largest displacement or gap that is met, works to their product.
+    lengths to the largest displacement or gap that is met, works to their product. Where loads act
+    on what obstacles hold, nothing moves: lengths are at least a thousandth of what the loads
+    would do to their nodes alone.
     """
     internal, reaction = K @ u, B.T @ multiplier
     force = max(np.abs(v).max(initial=0.0) for v in (load, internal, reaction))
     slack = gap - B @ u
     closed = np.abs(gap[multiplier > 0]).max(initial=0.0)
-    length = max(np.abs(u).max(initial=0.0), closed)
+    alone = np.abs(load / K.diagonal()).max(initial=0.0)
+    length = max(np.abs(u).max(initial=0.0), closed, STILL * alone)
     if force == 0.0 and length == 0.0:
         return float(np.any(slack < 0))
     force, length = max(force, 1e-300), max(length, 1e-300)

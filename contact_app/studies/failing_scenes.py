@@ -7,9 +7,17 @@ the scene is known, the growth of the work from the twin to the case is part of 
 from __future__ import annotations
 
 import copy
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
+
+import meshio
+import numpy as np
+
+from meshes import BoxShape
 
 Config = dict[str, Any]
 
@@ -240,6 +248,84 @@ def contrast(ratio: float) -> Config:
     )
 
 
+def weak_beside_strong(ratio: float) -> Config:
+    """A cantilever bent down onto a plane, and a block that is pulled and has no part in it.
+
+    Loads and gap of the cantilever are proportional to a ratio; those of the block are not.
+    """
+    return _scene(
+        [
+            _body("strong", [0.0, 0.0], [1.0, 1.0], [8, 8]),
+            _body("weak", [3.0, 0.0], [7.0, 1.0], [24, 6]),
+        ],
+        [
+            {"on": "strong.y-", "displacement": [0.0, 0.0]},
+            {"on": "strong.y+", "traction": [0.0, 10.0]},
+            {"on": "weak.x-", "displacement": [0.0, 0.0]},
+            {"on": "weak.y+", "traction": [0.0, -10.0 * ratio]},
+        ],
+        [_plane("weak.y-", [0.0, -0.1 * ratio], [0.0, 1.0])],
+    )
+
+
+def between_walls(contrast: float) -> Config:
+    """A block between frictionless walls, pressed onto a softer, broader one."""
+    return _scene(
+        [
+            _body("rubber", [-1.0, -1.0], [3.0, 0.0], [12, 4], young=1.0, poisson=0.4),
+            _body("steel", [0.0, 0.0], [2.0, 2.0], [10, 10], young=contrast),
+        ],
+        [
+            {"on": "rubber.y-", "displacement": [0.0, 0.0]},
+            {"on": "steel.y+", "traction": [0.0, -0.01]},
+        ],
+        [
+            _plane("steel.x-", [0.0, 0.0], [1.0, 0.0]),
+            _plane("steel.x+", [2.0, 0.0], [-1.0, 0.0]),
+            {"on": "steel.y-", "against": "rubber.y+"},
+        ],
+    )
+
+
+def overlapping_cells() -> Config:
+    """The wall from a mesh file in which one node was pulled through its neighbours."""
+    made = wall()
+    material = made["bodies"][0]["material"]
+    made["bodies"] = [
+        {
+            "name": "block",
+            "mesh": {"file": str(_tangled())},
+            "material": material,
+            "boundaries": {
+                "foot": {"where": "y < 1e-9"},
+                "top": {"where": "y > 1 - 1e-9"},
+                "right": {"where": "x > 1 - 1e-9"},
+            },
+        }
+    ]
+    names = {"y-": "foot", "y+": "top", "x+": "right"}
+    for item in (*made["conditions"], *made["contacts"]):
+        item["on"] = f"block.{names[item['on'].removeprefix('block.')]}"
+    return made
+
+
+@cache
+def _tangled() -> Path:
+    """A mesh file of the unit square with one node far from its place, kept while Python runs."""
+    shape = BoxShape((0.0, 0.0), (1.0, 1.0), (8, 8), "triangle").cell_mesh()
+    points = np.pad(shape.points, ((0, 0), (0, 1)))
+    place = np.abs(points - [0.5, 0.5, 0.0]).max(axis=1).argmin()
+    points[place] = [0.8, 0.6, 0.0]
+    path = Path(_directory().name) / "tangled.vtu"
+    meshio.Mesh(points, [("triangle", shape.cells)]).write(path)
+    return path
+
+
+@cache
+def _directory() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="failing-scenes-")
+
+
 def units(length: float, force: float) -> Config:
     """The wall in other units."""
     made = wall()
@@ -367,6 +453,26 @@ CASES = (
         "stiffness contrast 1e6", "the softer side's accuracy drowns in the stiffer one's scale",
         "kernels and certificates are relative to each body",
         lambda: contrast(1e6), subdomains=8, mild=lambda: contrast(1.0),
+    ),
+    Case(
+        "weak body beside a strong one",
+        "relative to loads and energy of the whole scene any answer of the weak body is right",
+        "certificates are relative to each body",
+        lambda: weak_beside_strong(1e-8), subdomains=(4, 2), mild=lambda: weak_beside_strong(1.0),
+    ),
+    Case(
+        "soft beside stiff: steel between walls on rubber",
+        "the rubber has all the energy: any stress of the steel is right",
+        "the same; what carries a load is measured by its own strains",
+        lambda: between_walls(2e5), subdomains=(2, 2), mild=lambda: between_walls(1.0),
+    ),
+    Case(
+        "overlapping cells",
+        "cells that are inside out are turned, to make all volumes positive; the body then fills "
+        "some places twice and the answer is that of another body",
+        "cells on the same side of a facet, and facets on the surface that cross, are found when "
+        "the file is read",
+        overlapping_cells, expected=REFUSED,
     ),
     Case(
         "slender body 1:100",

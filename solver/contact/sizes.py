@@ -166,8 +166,9 @@ def energy_scales(
 
     Where nothing but rounding errors strains a group, a(u, u) tells nothing. If forces act on it
     all the same, far above those rounding makes, as loads on the face that an obstacle holds, it is
-    measured by what the loads would do without constraints. If none act, it is merely moved and
-    has no error: zero. Else its strains are digits that are not there, and it fails by them.
+    measured by what the loads would do without constraints. If none act, contact forces that
+    rounding makes apart, it is merely moved and has no error: zero. Else its strains are digits
+    that are not there, and it fails by them.
 
     Parameters
     ----------
@@ -182,9 +183,10 @@ def energy_scales(
     still = whole <= STRAINLESS * bodies.sum_by_group(roundings)[groups]
     if still.any():
         free = bodies.sum_by_group(problem.free_strains)[groups]
-        loaded, acting, noise = (
-            bodies.sum_by_group(v)[groups] for v in (load, forces[0] + forces[2], rounded)
+        loaded, given, pressed, noise = (
+            bodies.sum_by_group(v)[groups] for v in (load, forces[0], forces[2], rounded)
         )
+        acting = np.where(pressed > noise, given + pressed, given)
         strong = (loaded > FORCED * noise) & (free > 0.0)
         resting = np.where(strong, free, np.where(acting > 0.0, whole, 0.0))
         whole = np.where(still, resting, whole)

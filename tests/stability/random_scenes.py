@@ -20,8 +20,7 @@ import numpy as np
 
 from tests import meshfiles
 from tests.scenes import CELLS_2D, CELLS_3D, Config
-
-Subdomains = int | list[int] | None
+from tests.stability.defect_scenes import Subdomains, defect_scene, kind_of
 
 CONTRAST = 1e6
 """Largest quotient of two bodies' Young's moduli."""
@@ -34,8 +33,8 @@ SLIVER = 100.0
 
 
 def random_scene(seed: int) -> tuple[Config, Subdomains]:
-    """A configuration, and into what to split it."""
-    return _Draw(seed).scene()
+    """A configuration, and into what to split it; every fourth is of `defect_scenes`."""
+    return _Draw(seed).scene() if kind_of(seed) is None else defect_scene(seed)
 
 
 class _Draw:

@@ -19,6 +19,7 @@ from contact_app.studies.stability import (
     run_qp_case,
 )
 from tests import reference, scenes
+from tests.stability import groups
 
 SLOW = ("slender body 1:100", "load at the edge of the support")
 
@@ -47,6 +48,20 @@ def check(case: Case) -> None:
 @pytest.mark.parametrize("case", cases(slow=False), ids=lambda case: case.name)
 def test_ours_holds_or_refuses(case: Case) -> None:
     check(case)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [c for c in CASES if c.expected == HOLDS and len(c.make()["bodies"]) > 1],
+    ids=lambda case: case.name,
+)
+def test_each_of_several_bodies_is_right(case: Case) -> None:
+    """A weak body's stresses are nothing in the energy of all."""
+    scene = scenes.build(case.make(), 1)
+    known = groups.solve(reference.assemble(scene), groups.groups_of(scene))
+    for method, outcome in run_case(case, (OURS, WHOLE)).items():
+        for ours, body in zip(outcome.strains, known.bodies, strict=True):
+            assert math.isclose(ours, body.strain, rel_tol=1e-3), method
 
 
 @pytest.mark.slow
@@ -113,6 +128,24 @@ def test_a_wrong_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(stability, "_solve", lies)
     assert run_case(case, [OURS])[OURS].verdict == "WRONG"
+
+
+def test_a_wrong_answer_of_one_body_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    from contact_app.studies import stability
+
+    case = next(c for c in CASES if c.name.startswith("weak body"))
+    honest = stability._solve
+
+    def lies(method, made, subdomains):
+        outcome = honest(method, made, subdomains)
+        strong, weak = outcome.strains
+        return replace(outcome, strains=(strong, weak if subdomains == 1 else 1.01 * weak))
+
+    monkeypatch.setattr(stability, "_solve", lies)
+    outcome = run_case(case, [OURS])[OURS]
+    assert (outcome.verdict, "body" in outcome.detail) == ("WRONG", True)
 
 
 def test_an_invented_equilibrium_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
