@@ -34,13 +34,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.calibration import Calibration, conforms
+from contact_app.accuracy.agreement import Verdict
+from contact_app.accuracy.judge import Judge
 from contact_app.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
@@ -64,6 +66,9 @@ SLOWEST, FASTEST = 0.4, {1: 1.0, 2: 1.5}
 
 GRADED = {1: 1.0, 2: 2.0}
 """The fastest on graded cells."""
+
+CONFIRMING = 1.5
+"""What the next mesh takes off an error that is below the target but not believed yet."""
 
 PATIENT = 1.5
 """Largest step between graded meshes of degree 2: their grid lines follow the error."""
@@ -119,7 +124,8 @@ class Level:
     hessian_multiplications, seconds
         The price: products, and wall-clock time from the scene to its summary.
     calibration
-        What the energies of the levels so far took off the estimate: `discretisation` over it.
+        What the energies of the levels so far made of the estimate: `discretisation` over it, below
+        1 where they lowered it, above 1 where they raised it.
     warm
         Whether it began with the answer of the last.
     guaranteed
@@ -152,11 +158,12 @@ class Level:
         return {key: value for key, value in asdict(self).items() if value is not None}
 
     def __str__(self) -> str:
-        lowered = ""
-        if self.calibration < 1.0:
-            lowered = f" (estimate {100 * self.estimate:.2g} %, lowered)"
+        corrected = ""
+        if self.calibration != 1.0:
+            how = "lowered" if self.calibration < 1.0 else "raised"
+            corrected = f" (estimate {100 * self.estimate:.2g} %, {how})"
         return (
-            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %{lowered}, "
+            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %{corrected}, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
             f"{', begun with the last' if self.warm else ''}"
         )
@@ -195,37 +202,44 @@ def solve_to_accuracy(
     enough = scene.accuracy if scene.guaranteed else target
     factors, levels, last = [1.0], [], 1.0
     even, step, promise = 1.0, 1.0, PROMISE
-    calibration = Calibration() if conforms(scene) else None
+    judge = Judge(scene)
     grids: Grids | None = None
     start: LastLevel | None = None
     current = scene
     while True:
         degree = min(body.degree for body in current.bodies)
         solved = solve(current, start=start)
-        share = 1.0
-        if calibration is not None:
-            kind = f"{'equal' if grids is None else 'graded'} cells of degree {degree}"
-            energy, accuracy = solved.solution.measures.energy, solved.accuracy
-            square = accuracy.discretisation**2 * accuracy.square
-            share = calibration.share(kind, energy, square)
-            solved = replace(solved, accuracy=accuracy.calibrated(share))
+        solved, share, verdict = judge.hear(solved, grids is not None)
         levels.append(_level(solved, math.sqrt(share)))
         tell(f"level {len(levels)}: {levels[-1]}")
         if solved.solution.reason is Reason.STOPPED:
             return Refined(solved, tuple(levels), "the run was interrupted")
-        if levels[-1].error <= enough:
+        below = levels[-1].error <= enough
+        if below and solved.solution.converged and not scene.guaranteed and not verdict.agreed:
+            coarser = judge.confirm(partial(solve, start=None), whole)
+            if coarser is not None:
+                checked, verdict = coarser
+                levels.insert(0, _level(checked, 1.0))
+                tell(f"a mesh of half the cells to confirm it: {levels[0]}")
+                solved, levels[-1] = _raised(solved, levels[-1], verdict.raised)
+                below = levels[-1].error <= enough
+        if below and (verdict.agreed or scene.guaranteed):
             return Refined(solved, tuple(levels))
+        doubt = unconfirmed(levels[-1].error, verdict) if below else ""
         if not solved.solution.converged:
             return Refined(solved, tuple(levels), "the solver did not reach its tolerance")
-        if len(levels) == MOST_LEVELS:
-            return Refined(solved, tuple(levels), f"{MOST_LEVELS} levels were not enough")
-        errors = [level.error for level in levels[-len(factors) :]] if factors else []
+        if len(levels) >= MOST_LEVELS:
+            return Refined(solved, tuple(levels), doubt or f"{MOST_LEVELS} levels were not enough")
+        if doubt:
+            tell(f"one more level: {verdict.doubt}")
+        aim = levels[-1].error / CONFIRMING if doubt else target
+        errors = comparable(levels[-len(factors) :]) if factors else []
         if files:
-            factor, following = last, locally_refined(current, solved, target / levels[-1].error)
+            factor, following = last, locally_refined(current, solved, aim / levels[-1].error)
         elif degree == 1 and _free_degree(scene):
             scene = quadratic(scene)
             tell("cells of degree 2 from here on")
-            factor = last if whole or not _even(current) else 0.5 * last
+            factor = last if whole or doubt or not _even(current) else 0.5 * last
             factors, following = [], refined(scene, factor)
         else:
             lines = equal_lines(current) if grids is None else grids
@@ -235,7 +249,7 @@ def solve_to_accuracy(
                 tell("the error is in few places: cells are graded from here on")
                 grids, last = lines, _layers_for_one(lines, equal_lines(scene))
             if grids is None:
-                factor = next_factor(factors, errors, target, whole, degree)
+                factor = next_factor(factors, errors, aim, whole, degree)
                 following = refined(scene, factor)
             else:
                 if even < 1.0:
@@ -244,7 +258,7 @@ def solve_to_accuracy(
                 even = evenness(squares)
                 if even > SURE and levels[-1].dofs > LARGE * scene.dimension:
                     even = 1.0
-                step = graded_step(levels[-1].error, even**promise, target, degree)
+                step = graded_step(levels[-1].error, even**promise, aim, degree)
                 factor, grids = regraded(scene, squares, grids, last * step)
                 step = factor / last
                 following = on_lines(scene, grids, solved.model.comm.size)
@@ -256,11 +270,30 @@ def solve_to_accuracy(
                 f"the next mesh has {dofs:,} degrees of freedom, which need about "
                 f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available"
             )
-            return Refined(solved, tuple(levels), missed)
+            return Refined(solved, tuple(levels), f"{doubt}; {missed}" if doubt else missed)
         factors.append(factor)
         last = factor
         current, start = following, LastLevel.of(solved)
         del solved  # its factors make room for the next
+
+
+def unconfirmed(error: float, verdict: Verdict) -> str:
+    """Why a level whose estimate is below the target is not enough."""
+    return f"its error is estimated at {100 * error:.2g} %, but {verdict.doubt}"
+
+
+def comparable(levels: Sequence[Level]) -> list[float]:
+    """Errors of levels, all raised as the last one is: what two of them tell is a rate."""
+    last = max(levels[-1].calibration, 1.0)
+    return [level.error / max(level.calibration, 1.0) * last for level in levels]
+
+
+def _raised(solved: SolvedScene, level: Level, share: float) -> tuple[SolvedScene, Level]:
+    """A level whose squared estimate is raised by a coarser mesh."""
+    if share <= 1.0:
+        return solved, level
+    solved = replace(solved, accuracy=solved.accuracy.calibrated(share))
+    return solved, _level(solved, math.sqrt(share))
 
 
 def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float:

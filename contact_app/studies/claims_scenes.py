@@ -185,9 +185,7 @@ class _Draw:
         count = int(self.choice((0, 1, 2), [0.25, 0.5, 0.25]))
         sides = [free[i] for i in self.random.permutation(len(free))][:count]
         for face in sides:
-            contacts.append(
-                {"on": self.side(face, 0.15), "obstacle": self.obstacle(face)}
-            )
+            contacts.append({"on": self.side(face, 0.15), "obstacle": self.obstacle(face)})
 
     def obstacle(self, face: str) -> Config:
         """One that the side touches, nearly touches or overlaps by a little."""

@@ -127,9 +127,7 @@ def _simplex_shapes(place: Array, degree: int) -> list[tuple[Array, Array]]:
         slope[k + 1, rows, order[:, k]] += 1.0
     if degree == 1:
         return [(vertex[k], slope[k]) for k in range(d + 1)]
-    result = [
-        (2 * vertex[k], (4.0 * weight[:, k, None] - 1.0) * slope[k]) for k in range(d + 1)
-    ]
+    result = [(2 * vertex[k], (4.0 * weight[:, k, None] - 1.0) * slope[k]) for k in range(d + 1)]
     for k in range(d + 1):
         for m in range(k):
             along = weight[:, k, None] * slope[m] + weight[:, m, None] * slope[k]

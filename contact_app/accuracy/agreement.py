@@ -1,0 +1,185 @@
+"""When an estimate may be believed: two successive meshes of a run have to agree on it.
+
+Where answers on all meshes are admissible in the continuum, the energies J(u_h) come down to that
+of the true answer u, and ‖u - u_h‖² = 2 (J(u_h) - J(u)) (an upper bound where the active set still
+changes). J(u) is not known, but two meshes l (coarse) and m (fine) need none:
+
+    ‖u - u_l‖² - ‖u - u_m‖² = 2 (J(u_l) - J(u_m)).
+
+In particular twice the fall of the energy is a lower bound of the squared error of the coarse
+mesh. Beside it stands what the estimates say of the same, η_l² - η_m². Where the quotient
+
+    q = 2 |J(u_l) - J(u_m)| / (η_l² - η_m²)
+
+is at most about one, the estimates account for what the refinement took off, and the finer one is
+believed. Where it is larger, the coarse estimate was too small by that factor, and the finer one is
+raised by as much: an estimate that is a fixed part of the error, as with nearly incompressible
+cells, in bending and on graded cells, is so corrected. From `DISAGREE` on it is not believed at
+all: on such meshes estimates do not yet follow the error (locking, a few cells across, contact at a
+single node), and one more mesh has to tell.
+
+Levels are compared whose squared errors are `APART`: the difference of two that are nearly equal
+tells next to nothing. First-order and second-order cells lock differently, so that a quotient of
+the two kinds raises nothing: there the coarse estimate has to be right as it is. On round
+obstacles, with mean dilatation and between bodies energies may lie below the true one and rise; the
+amount of the change is compared all the same, for it is of the order of the squared error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+APART = 2.25
+"""Squared error of the coarser of two levels over that of the finer from which on they are
+compared."""
+
+DISAGREE = 4.0
+"""Quotient from which on estimates do not follow the error: they would be half of it or less."""
+
+OTHER_KIND = 1.3
+"""Largest quotient of levels of different degree that agree."""
+
+CLEAR = 0.125
+"""Share of the target below which a first mesh is believed alone, if it has cells enough."""
+
+CELLS = 4
+"""Cells along every edge that are enough for that."""
+
+EXACT = 1e-5
+"""Relative error that is round-off: such a mesh needs no other."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one mesh says of its error.
+
+    Attributes
+    ----------
+    degree
+        Of the displacement.
+    energy
+        J(u_h).
+    square
+        η², the square of the estimated error in the same units.
+    """
+
+    degree: int
+    energy: float
+    square: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an estimate is believed.
+
+    Attributes
+    ----------
+    raised
+        Factor on η², 1 or more.
+    doubt
+        Why the estimate is not believed yet; empty where it is.
+    """
+
+    raised: float
+    doubt: str = ""
+
+    @property
+    def agreed(self) -> bool:
+        """Whether a target that the raised estimate meets counts as met."""
+        return not self.doubt
+
+
+@dataclass
+class Agreement:
+    """Collects the levels of a run and says what the estimate of the last is worth."""
+
+    _levels: list[Measured] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        """Levels so far."""
+        return len(self._levels)
+
+    def add(self, level: Measured) -> Verdict:
+        """What the levels before say of the next one's estimate.
+
+        Examples
+        --------
+        >>> run = Agreement()  # errors of 4, 2 and 1; squares that are half of what they should be
+        >>> run.add(Measured(2, 8.0, 8.0)).doubt
+        'no other mesh confirms its estimate'
+        >>> run.add(Measured(2, 2.0, 2.0)), run.add(Measured(2, 0.5, 0.5))
+        (Verdict(raised=2.0, doubt=''), Verdict(raised=2.0, doubt=''))
+        >>> run.add(Measured(2, 0.0, 0.4)).doubt  # nearly the same estimate, much less energy
+        ''
+        """
+        before = self._levels[::-1]
+        self._levels.append(level)
+        return compared(level, before)
+
+    def add_coarser(self, coarse: Measured) -> Verdict:
+        """Put a coarser mesh before the first level; what it says of that level's estimate."""
+        self._levels.insert(0, coarse)
+        return compared(self._levels[-1], [coarse])
+
+
+def compared(level: Measured, before: list[Measured]) -> Verdict:
+    """What other levels, the last first, say of the estimate of a level."""
+    if not before:
+        return Verdict(1.0, "no other mesh confirms its estimate")
+    same = [other for other in before if other.degree == level.degree]
+    for other in same:
+        if apart(other, level):
+            q = quotient(other, level)
+            if q > DISAGREE:
+                return Verdict(1.0, _disagreement(other, level))
+            return Verdict(max(q, 1.0))
+    if same:
+        return Verdict(1.0, "the meshes so far differ too little to confirm its estimate")
+    if not apart(before[0], level):
+        return Verdict(1.0, "the meshes so far differ too little to confirm its estimate")
+    if quotient(before[0], level) > OTHER_KIND:
+        return Verdict(1.0, _disagreement(before[0], level))
+    return Verdict(1.0)
+
+
+def apart(coarse: Measured, fine: Measured) -> bool:
+    """Whether the squared errors of two levels differ enough for a comparison.
+
+    By their estimates, or by the energy between them where the coarse one's is too small.
+    """
+    fall = 2.0 * abs(coarse.energy - fine.energy)
+    return max(coarse.square, fall + fine.square) >= APART * fine.square
+
+
+def quotient(coarse: Measured, fine: Measured) -> float:
+    """q of two levels; infinite where the energy changes though the estimate does not fall."""
+    fall = 2.0 * abs(coarse.energy - fine.energy)
+    difference = coarse.square - fine.square
+    if difference <= 0.0:
+        return float("inf") if fall > 0.0 else 1.0
+    return fall / difference
+
+
+def _disagreement(coarse: Measured, fine: Measured) -> str:
+    """Why two levels do not agree."""
+    change = (2.0 * abs(coarse.energy - fine.energy)) ** 0.5
+    estimated = max(coarse.square - fine.square, 0.0) ** 0.5
+    more = f"{change / estimated:.2g} times what" if estimated > 0.0 else "while"
+    ending = "their estimates account for" if estimated > 0.0 else "their estimates do not fall"
+    return (
+        "the last two meshes do not agree on it: between them the energy norm of the error "
+        f"changes by {more} {ending}"
+    )
+
+
+def alone(estimate: float, target: float, fewest: int) -> bool:
+    """Whether a first mesh needs no other: exact to round-off, or far better than asked for.
+
+    Parameters
+    ----------
+    estimate, target
+        Relative errors.
+    fewest
+        Cells along the edge with the fewest.
+    """
+    return estimate <= EXACT or (fewest >= CELLS and estimate <= CLEAR * target)
