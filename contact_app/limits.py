@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.accuracy.trust import few_cells
 from contact_app.certificate import EQUILIBRIUM_FLOOR
 from contact_app.contact_limits import FEWEST_FACETS, entered_beside, facets_across
 from contact_app.error_estimate import STRAINLESS
@@ -121,7 +122,9 @@ def model_warnings(
                 "displacements come out too small; use degree: 2 or several times as many cells "
                 "across"
             )
-    error = solution.accuracy.discretisation if solution.accuracy else np.nan
+    estimate = solution.accuracy.discretisation if solution.accuracy else None
+    warnings += few_cells(scene, estimate)
+    error = np.nan if estimate is None else estimate
     simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
     if error > LARGE_ERROR and simplices:
         warnings.append(

@@ -34,15 +34,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.accuracy.agreement import Verdict
-from contact_app.accuracy.judge import Judge
+from contact_app.accuracy.agreement import Measured, Verdict
+from contact_app.accuracy.judge import Judge, measured
+from contact_app.errors import ContactError
 from contact_app.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
@@ -209,19 +209,22 @@ def solve_to_accuracy(
     while True:
         degree = min(body.degree for body in current.bodies)
         solved = solve(current, start=start)
-        solved, share, verdict = judge.hear(solved, grids is not None)
+        share, verdict = judge.hear(
+            _measured(solved), solved.accuracy.discretisation, grids is not None
+        )
+        solved = replace(solved, accuracy=solved.accuracy.calibrated(share))
         levels.append(_level(solved, math.sqrt(share)))
         tell(f"level {len(levels)}: {levels[-1]}")
         if solved.solution.reason is Reason.STOPPED:
             return Refined(solved, tuple(levels), "the run was interrupted")
         below = levels[-1].error <= enough
         if below and solved.solution.converged and not scene.guaranteed and not verdict.agreed:
-            coarser = judge.confirm(partial(solve, start=None), whole)
-            if coarser is not None:
-                checked, verdict = coarser
-                levels.insert(0, _level(checked, 1.0))
-                tell(f"a mesh of half the cells to confirm it: {levels[0]}")
-                solved, levels[-1] = _raised(solved, levels[-1], verdict.raised)
+            checked = _solved_coarser(judge.coarser(whole), solve)
+            if checked is not None:
+                verdict = judge.compare_with(_measured(checked))
+                solved = replace(solved, accuracy=solved.accuracy.calibrated(verdict.raised))
+                levels = [_level(checked, 1.0), _level(solved, math.sqrt(verdict.raised))]
+                tell(f"a mesh of half the cells was solved to confirm it: {levels[0]}")
                 below = levels[-1].error <= enough
         if below and (verdict.agreed or scene.guaranteed):
             return Refined(solved, tuple(levels))
@@ -288,12 +291,20 @@ def comparable(levels: Sequence[Level]) -> list[float]:
     return [level.error / max(level.calibration, 1.0) * last for level in levels]
 
 
-def _raised(solved: SolvedScene, level: Level, share: float) -> tuple[SolvedScene, Level]:
-    """A level whose squared estimate is raised by a coarser mesh."""
-    if share <= 1.0:
-        return solved, level
-    solved = replace(solved, accuracy=solved.accuracy.calibrated(share))
-    return solved, _level(solved, math.sqrt(share))
+def _measured(solved: SolvedScene) -> Measured:
+    """What an answer says of its error, before any correction."""
+    return measured(solved.accuracy, solved.solution.measures.energy, solved.model.scene)
+
+
+def _solved_coarser(scene: Scene | None, solve: Solve) -> SolvedScene | None:
+    """The answer on a coarser mesh; None where it has none."""
+    if scene is None:
+        return None
+    try:
+        solved = solve(scene, start=None)
+    except ContactError:  # a boundary without a facet, say
+        return None
+    return solved if solved.solution.converged else None
 
 
 def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float:

@@ -7,17 +7,12 @@ Energies of the meshes of a run say both by how much estimates exceed the error
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from contact_app.accuracy.agreement import Agreement, Measured, Verdict, alone
 from contact_app.calibration import Calibration, conforms
-from contact_app.errors import ContactError
 from contact_app.scene import Box, Decomposition, Scene
-
-if TYPE_CHECKING:
-    from contact_app.run import SolvedScene
+from contact_app.solution import Accuracy
 
 FEWEST = 4
 """Cells along every edge of a first mesh from which on a mesh of half as many can confirm it."""
@@ -37,75 +32,58 @@ class Judge:
         self._calibration = Calibration() if conforms(scene) else None
         self._agreement = Agreement()
 
-    def hear(self, solved: SolvedScene, graded: bool) -> tuple[SolvedScene, float, Verdict]:
-        """The next level with its estimate corrected, the factor on η², and whether to believe it.
+    def hear(self, level: Measured, estimate: float, graded: bool) -> tuple[float, Verdict]:
+        """What the next level is worth: the factor on η², and whether it is believed.
 
         Parameters
         ----------
+        estimate
+            Relative error of the mesh, before any correction.
         graded
             Whether grid lines were laid by the error.
         """
-        measured = measure(solved)
-        verdict = self._agreement.add(measured)
+        verdict = self._agreement.add(level)
         share = 1.0
         if self._calibration is not None:
-            kind = f"{'graded' if graded else 'equal'} cells of degree {measured.degree}"
-            share = self._calibration.share(kind, measured.energy, measured.square)
-        share = verdict.raised if verdict.raised > 1.0 else share
-        accuracy, target = solved.accuracy, self._scene.accuracy or 0.0
-        first = len(self._agreement) == 1
-        if first and alone(accuracy.discretisation, target, _fewest(self._scene)):
+            kind = f"{'graded' if graded else 'equal'} cells of degree {level.degree}"
+            share = self._calibration.share(kind, level.energy, level.square)
+        target, first = self._scene.accuracy or 0.0, len(self._agreement) == 1
+        if first and alone(estimate, target, _fewest(self._scene)):
             verdict = Verdict(1.0)
-        return replace(solved, accuracy=accuracy.calibrated(share)), share, verdict
+        return (verdict.raised if verdict.raised > 1.0 else share), verdict
 
-    def confirm(
-        self, solve: Callable[[Scene], SolvedScene], whole: bool
-    ) -> tuple[SolvedScene, Verdict] | None:
-        """Solve the first mesh with half its cells along every edge, to confirm its estimate.
+    def coarser(self, whole: bool) -> Scene | None:
+        """The first mesh with half its cells along every edge, which can confirm its estimate.
 
-        That is a fraction of the price of a finer mesh.
+        That takes a fraction of the price of a finer mesh. None where the first mesh is not the
+        only one, has too few cells, or cannot be halved.
 
         Parameters
         ----------
         whole
-            Whether boundaries need the grid lines of the start to be multiples of the coarse ones.
-
-        Returns
-        -------
-        The answer of the coarse mesh and the verdict on the first; None where there is no such
-        mesh.
+            Whether boundaries need the grid lines of the start to be those of the coarse mesh.
         """
-        coarse = halved_cells(self._scene, whole)
-        if coarse is None or len(self._agreement) != 1:
+        bodies = []
+        for body in self._scene.bodies:
+            if not isinstance(body.mesh, Box) or min(body.mesh.cells) < FEWEST:
+                return None
+            if whole and any(n % 2 for n in body.mesh.cells):
+                return None
+            cells = tuple(n // 2 for n in body.mesh.cells)
+            bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
+        if len(self._agreement) != 1:
             return None
-        try:
-            solved = solve(coarse)
-        except ContactError:  # a boundary has no facet there, a partition no cells
-            return None
-        if not solved.solution.converged:
-            return None
-        return solved, self._agreement.add_coarser(measure(solved))
+        return replace(self._scene, bodies=tuple(bodies), decomposition=Decomposition())
+
+    def compare_with(self, coarse: Measured) -> Verdict:
+        """What a coarser mesh than the first says of the first."""
+        return self._agreement.add_coarser(coarse)
 
 
-def measure(solved: SolvedScene) -> Measured:
-    """What an answer says of its error, before any correction."""
-    accuracy = solved.accuracy
-    degree = min(body.degree for body in solved.model.scene.bodies)
-    square = accuracy.discretisation**2 * accuracy.square
-    return Measured(degree, solved.solution.measures.energy, square)
-
-
-def halved_cells(scene: Scene, whole: bool) -> Scene | None:
-    """The scene with half as many cells along every edge; None where they are too few, or odd."""
-    bodies = []
-    for body in scene.bodies:
-        if not isinstance(body.mesh, Box) or min(body.mesh.cells) < FEWEST:
-            return None
-        if whole and any(n % 2 for n in body.mesh.cells):
-            return None
-        cells = tuple(n // 2 for n in body.mesh.cells)
-        bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
-    return replace(scene, bodies=tuple(bodies), decomposition=Decomposition())
+def measured(accuracy: Accuracy, energy: float, scene: Scene) -> Measured:
+    """What an answer to a scene says of its error, before any correction."""
+    degree = min(body.degree for body in scene.bodies)
+    return Measured(degree, energy, accuracy.discretisation**2 * accuracy.square)
 
 
 def _fewest(scene: Scene) -> int:

@@ -2,9 +2,9 @@
 
 The reference has quadrilaterals or hexahedra of degree 2 between grid lines that are finer than the
 start by `FINER` at least, and halve again and again towards the sides of the box and towards places
-where a load, a support or a contact begins, where stresses may be singular. Where its
-estimated error is above 2 %, its lines are laid anew by that error, more of them, up to four times.
-What it then lacks to the exact answer, η_f², is added to the square of each error.
+where a load, a support or a contact begins, where stresses may be singular. Where its estimated
+error is above 2 %, its lines are laid anew by that error, more of them, up to three times. What it
+then lacks to the exact answer, η_f², is added to the square of each error.
 
 The error of an answer u_h is the larger of two: its distance ‖u_f - u_h‖ in energy norm, summed by
 quadrature on the cells of both meshes together (`grid_fields`), and beside flat obstacles also
@@ -50,10 +50,10 @@ TOLERANCE = 1e-8
 EXACT = 0.02
 """Estimated relative error of a reference from which on it is good enough."""
 
-ROUNDS, MORE = 4, 1.5
+ROUNDS, MORE = 3, 1.5
 """How often the lines of a reference are laid anew where it is not, and how many more they are."""
 
-LARGEST = {2: 200_000, 3: 100_000}
+LARGEST = {2: 100_000, 3: 80_000}
 """Unknowns of a reference."""
 
 
