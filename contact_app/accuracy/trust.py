@@ -15,7 +15,7 @@ FEWEST = 4
 """Cells along an edge, times the degree, below which estimates are not trusted: on the plane random
 scenes of docs/accuracy.md with fewer the error is up to 6 times the estimate."""
 
-SMALL = 0.05
+SMALL = 0.1
 """Estimated relative error below which the estimate on a few cells is trusted: stresses are nearly
 those that the cells have."""
 
