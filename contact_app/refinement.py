@@ -41,7 +41,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.agreement import Measured, Verdict
-from contact_app.accuracy.judge import Judge, measured
+from contact_app.accuracy.judge import Judge, coarser, measured
 from contact_app.errors import ContactError
 from contact_app.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
@@ -171,7 +171,10 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The finest answer and the levels that led to it; `missed` says why it is not enough."""
+    """The finest answer and the levels that led to it; `missed` says why it is not enough.
+
+    Coarser meshes that were solved only to confirm an estimate come first.
+    """
 
     solved: SolvedScene
     levels: tuple[Level, ...]
@@ -201,8 +204,9 @@ def solve_to_accuracy(
     target = MARGIN * scene.accuracy
     enough = scene.accuracy if scene.guaranteed else target
     factors, levels, last = [1.0], [], 1.0
-    even, step, promise = 1.0, 1.0, PROMISE
+    even, step, promise, doubts = 1.0, 1.0, PROMISE, 0
     judge = Judge(scene)
+    checks: list[Level] = []
     grids: Grids | None = None
     start: LastLevel | None = None
     current = scene
@@ -212,27 +216,35 @@ def solve_to_accuracy(
         share, verdict = judge.hear(
             _measured(solved), solved.accuracy.discretisation, grids is not None
         )
-        solved = replace(solved, accuracy=solved.accuracy.calibrated(share))
+        uncorrected = solved.accuracy
+        solved = replace(solved, accuracy=uncorrected.calibrated(share))
         levels.append(_level(solved, math.sqrt(share)))
         tell(f"level {len(levels)}: {levels[-1]}")
         if solved.solution.reason is Reason.STOPPED:
-            return Refined(solved, tuple(levels), "the run was interrupted")
+            return Refined(solved, (*checks, *levels), "the run was interrupted")
         below = levels[-1].error <= enough
         if below and solved.solution.converged and not scene.guaranteed and not verdict.agreed:
-            checked = _solved_coarser(judge.coarser(whole), solve)
+            checked = _solved_coarser(coarser(current, whole), solve)
             if checked is not None:
                 verdict = judge.compare_with(_measured(checked))
-                solved = replace(solved, accuracy=solved.accuracy.calibrated(verdict.raised))
-                levels = [_level(checked, 1.0), _level(solved, math.sqrt(verdict.raised))]
-                tell(f"a mesh of half the cells was solved to confirm it: {levels[0]}")
+                checks.append(_level(checked, 1.0))
+                tell(f"a mesh of half the cells was solved to confirm it: {checks[-1]}")
+                if verdict.raised > 1.0:
+                    solved = replace(solved, accuracy=uncorrected.calibrated(verdict.raised))
+                    levels[-1] = _level(solved, math.sqrt(verdict.raised))
                 below = levels[-1].error <= enough
         if below and (verdict.agreed or scene.guaranteed):
-            return Refined(solved, tuple(levels))
+            return Refined(solved, (*checks, *levels))
         doubt = unconfirmed(levels[-1].error, verdict) if below else ""
         if not solved.solution.converged:
-            return Refined(solved, tuple(levels), "the solver did not reach its tolerance")
+            return Refined(solved, (*checks, *levels), "the solver did not reach its tolerance")
         if len(levels) >= MOST_LEVELS:
-            return Refined(solved, tuple(levels), doubt or f"{MOST_LEVELS} levels were not enough")
+            return Refined(
+                solved, (*checks, *levels), doubt or f"{MOST_LEVELS} levels were not enough"
+            )
+        doubts = doubts + 1 if doubt else 0
+        if doubts > 1 and levels[-1].dofs > LARGE * scene.dimension:
+            return Refined(solved, (*checks, *levels), doubt)
         if doubt:
             tell(f"one more level: {verdict.doubt}")
         aim = levels[-1].error / CONFIRMING if doubt else target
@@ -273,7 +285,7 @@ def solve_to_accuracy(
                 f"the next mesh has {dofs:,} degrees of freedom, which need about "
                 f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available"
             )
-            return Refined(solved, tuple(levels), f"{doubt}; {missed}" if doubt else missed)
+            return Refined(solved, (*checks, *levels), f"{doubt}; {missed}" if doubt else missed)
         factors.append(factor)
         last = factor
         current, start = following, LastLevel.of(solved)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from contact_app.accuracy.agreement import Agreement, Measured, Verdict, alone
+from contact_app.accuracy.agreement import EITHER_WAY, FALLING, Agreement, Measured, Verdict, alone
 from contact_app.calibration import Calibration, conforms
 from contact_app.scene import Box, Decomposition, Scene
 from contact_app.solution import Accuracy
 
-FEWEST = 4
-"""Cells along every edge of a first mesh from which on a mesh of half as many can confirm it."""
+FEWEST = 8
+"""Cells along every edge of a mesh from which on a mesh of half as many can confirm it."""
 
 
 class Judge:
@@ -30,7 +30,8 @@ class Judge:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._calibration = Calibration() if conforms(scene) else None
-        self._agreement = Agreement()
+        falling = self._calibration is not None
+        self._agreement = Agreement(FALLING if falling else EITHER_WAY)
 
     def hear(self, level: Measured, estimate: float, graded: bool) -> tuple[float, Verdict]:
         """What the next level is worth: the factor on η², and whether it is believed.
@@ -52,32 +53,31 @@ class Judge:
             verdict = Verdict(1.0)
         return (verdict.raised if verdict.raised > 1.0 else share), verdict
 
-    def coarser(self, whole: bool) -> Scene | None:
-        """The first mesh with half its cells along every edge, which can confirm its estimate.
-
-        That takes a fraction of the price of a finer mesh. None where the first mesh is not the
-        only one, has too few cells, or cannot be halved.
-
-        Parameters
-        ----------
-        whole
-            Whether boundaries need the grid lines of the start to be those of the coarse mesh.
-        """
-        bodies = []
-        for body in self._scene.bodies:
-            if not isinstance(body.mesh, Box) or min(body.mesh.cells) < FEWEST:
-                return None
-            if whole and any(n % 2 for n in body.mesh.cells):
-                return None
-            cells = tuple(n // 2 for n in body.mesh.cells)
-            bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
-        if len(self._agreement) != 1:
-            return None
-        return replace(self._scene, bodies=tuple(bodies), decomposition=Decomposition())
-
     def compare_with(self, coarse: Measured) -> Verdict:
-        """What a coarser mesh than the first says of the first."""
+        """What a coarser mesh than the last says of the estimate of the last."""
         return self._agreement.add_coarser(coarse)
+
+
+def coarser(scene: Scene, whole: bool) -> Scene | None:
+    """The scene with half the cells along every edge, whose answer can confirm an estimate.
+
+    That takes a fraction of the price of a finer mesh. None where a body is no box of equal cells,
+    has too few of them, or cannot be halved.
+
+    Parameters
+    ----------
+    whole
+        Whether boundaries need the grid lines of the scene to be those of the coarse mesh.
+    """
+    bodies = []
+    for body in scene.bodies:
+        if not isinstance(body.mesh, Box) or min(body.mesh.cells) < FEWEST:
+            return None
+        if whole and any(n % 2 for n in body.mesh.cells):
+            return None
+        cells = tuple(n // 2 for n in body.mesh.cells)
+        bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
+    return replace(scene, bodies=tuple(bodies), decomposition=Decomposition())
 
 
 def measured(accuracy: Accuracy, energy: float, scene: Scene) -> Measured:

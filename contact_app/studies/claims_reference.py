@@ -3,8 +3,8 @@
 The reference has quadrilaterals or hexahedra of degree 2 between grid lines that are finer than the
 start by `FINER` at least, and halve again and again towards the sides of the box and towards places
 where a load, a support or a contact begins, where stresses may be singular. Where its estimated
-error is above 2 %, its lines are laid anew by that error, more of them, up to three times. What it
-then lacks to the exact answer, η_f², is added to the square of each error.
+error is above 2 %, its lines are laid anew by that error, more of them, up to three times (twice in
+space). What it then lacks to the exact answer, η_f², is added to the square of each error.
 
 The error of an answer u_h is the larger of two: its distance ‖u_f - u_h‖ in energy norm, summed by
 quadrature on the cells of both meshes together (`grid_fields`), and beside flat obstacles also
@@ -50,10 +50,10 @@ TOLERANCE = 1e-8
 EXACT = 0.02
 """Estimated relative error of a reference from which on it is good enough."""
 
-ROUNDS, MORE = 3, 1.5
+ROUNDS, MORE = {2: 3, 3: 2}, 1.5
 """How often the lines of a reference are laid anew where it is not, and how many more they are."""
 
-LARGEST = {2: 100_000, 3: 80_000}
+LARGEST = {2: 100_000, 3: 60_000}
 """Unknowns of a reference."""
 
 
@@ -168,7 +168,7 @@ def truth(claim: ClaimScene, scene: Scene, cache: Path) -> Truth:
             kept: Truth = pickle.load(file)  # written by this study
         return kept
     solved = _solved(scene, reference_lines(claim, scene.dimension))
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS[scene.dimension]):
         if solved.accuracy.discretisation < EXACT:
             break
         solved = _solved(scene, _finer_lines(claim, solved))

@@ -9,6 +9,8 @@ import pytest
 from contact_app.accuracy.agreement import (
     CELLS,
     CLEAR,
+    EITHER_WAY,
+    FALLING,
     OTHER_KIND,
     Agreement,
     Measured,
@@ -92,6 +94,13 @@ def test_a_change_of_the_energy_counts_in_either_direction() -> None:
     up = verdict(Measured(2, -0.3, 0.1), Measured(2, 0.0, 0.02))
     assert down.raised == up.raised
     assert down.agreed == up.agreed
+
+
+def test_less_is_believed_where_energies_may_rise() -> None:
+    levels = [level(0.6, 0.6), level(0.2, 0.6)]
+    for limits, agreed in ((FALLING, True), (EITHER_WAY, False)):
+        run = Agreement(limits)
+        assert [run.add(one) for one in levels][-1].agreed is agreed
 
 
 def test_a_coarser_mesh_confirms_the_first() -> None:
