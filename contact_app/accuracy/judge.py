@@ -11,11 +11,15 @@ from dataclasses import replace
 
 from contact_app.accuracy.agreement import EITHER_WAY, FALLING, Agreement, Measured, Verdict, alone
 from contact_app.calibration import Calibration, conforms
-from contact_app.scene import Box, Decomposition, Scene
+from contact_app.scene import CELLS_PER_CUBE, Box, Decomposition, Scene
 from contact_app.solution import Accuracy
 
 FEWEST = 8
 """Cells along every edge of a mesh from which on a mesh of half as many can confirm it."""
+
+ACROSS = 5
+"""Cells across a body from a file, times the degree, were it a square or a cube, from which on the
+estimate of the file's own mesh is believed."""
 
 
 class Judge:
@@ -49,7 +53,8 @@ class Judge:
             kind = f"{'graded' if graded else 'equal'} cells of degree {level.degree}"
             share = self._calibration.share(kind, level.energy, level.square)
         target, first = self._scene.accuracy or 0.0, len(self._agreement) == 1
-        if first and alone(estimate, target, _fewest(self._scene)):
+        enough = alone(estimate, target, _fewest(self._scene)) or _fine_files(self._scene)
+        if first and enough:
             verdict = Verdict(1.0)
         return (verdict.raised if verdict.raised > 1.0 else share), verdict
 
@@ -84,6 +89,20 @@ def measured(accuracy: Accuracy, energy: float, scene: Scene) -> Measured:
     """What an answer to a scene says of its error, before any correction."""
     degree = min(body.degree for body in scene.bodies)
     return Measured(degree, energy, accuracy.discretisation**2 * accuracy.square)
+
+
+def _fine_files(scene: Scene) -> bool:
+    """Whether a scene has meshes from files, all of them of cells enough to be believed alone.
+
+    A finer mesh of a round body is the same polygon, in which new nodes lie off the curve: beside
+    an obstacle that fits it, such a mesh is worse than the one of the file, and confirms nothing.
+    """
+    files = [body for body in scene.bodies if not isinstance(body.mesh, Box)]
+    d = scene.dimension
+    return bool(files) and all(
+        body.mesh.total_cells * body.degree**d >= CELLS_PER_CUBE.get(body.mesh.cell, 1) * ACROSS**d
+        for body in files
+    )
 
 
 def _fewest(scene: Scene) -> int:

@@ -196,3 +196,12 @@ def test_random_claims_hold(dimension: int, tmp_path: Path) -> None:
         known = truth(scene, scene_of(scene, None), tmp_path)
         claim = run_claim(scene, 0.3, known, [])
         assert not claim.met or claim.ratio <= 1.25
+
+
+def test_a_mesh_from_a_file_of_enough_cells_is_believed_alone() -> None:
+    """Refined, the polygons of a round body leave the bore they fit into."""
+    configs = Path(__file__).parents[3] / "configs"
+    scene = build_scene(load(configs / "press_fit.yaml", ["accuracy=0.001"]))
+    found = solve_to_accuracy(scene, solve_scene)
+    assert not found.missed
+    assert len(found.levels) == 1
