@@ -160,7 +160,7 @@ def square_distance(
     place, weight = np.polynomial.legendre.leggauss(points)
     axes = []
     for a, b in zip(one.lines, other.lines, strict=True):
-        line = _distinct(np.concatenate([a, b]), COORDINATE * np.ptp(a))
+        line = _distinct(np.concatenate([a, b]), COORDINATE * float(np.ptp(a)))
         half = 0.5 * np.diff(line)
         middle = line[:-1] + half
         axes.append(
