@@ -223,7 +223,8 @@ def solve_to_accuracy(
         if solved.solution.reason is Reason.STOPPED:
             return Refined(solved, (*checks, *levels), "the run was interrupted")
         below = levels[-1].error <= enough
-        if below and solved.solution.converged and not scene.guaranteed and not verdict.agreed:
+        sure = scene.guaranteed or verdict.confirms(levels[-1].error, enough)
+        if below and solved.solution.converged and not sure:
             checked = _solved_coarser(coarser(current, whole), solve)
             if checked is not None:
                 verdict = judge.compare_with(_measured(checked))
@@ -233,7 +234,7 @@ def solve_to_accuracy(
                     solved = replace(solved, accuracy=uncorrected.calibrated(verdict.raised))
                     levels[-1] = _level(solved, math.sqrt(verdict.raised))
                 below = levels[-1].error <= enough
-        if below and (verdict.agreed or scene.guaranteed):
+        if below and (scene.guaranteed or verdict.confirms(levels[-1].error, enough)):
             return Refined(solved, (*checks, *levels))
         doubt = unconfirmed(levels[-1].error, verdict) if below else ""
         if not solved.solution.converged:

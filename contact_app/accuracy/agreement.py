@@ -9,7 +9,7 @@ changes). J(u) is not known, but two meshes l (coarse) and m (fine) need none:
 In particular twice the fall of the energy is a lower bound of the squared error of the coarse
 mesh. Beside it stands what the estimates say of the same, η_l² - η_m². Where the quotient
 
-    q = 2 |J(u_l) - J(u_m)| / (η_l² - η_m²)
+    q = 2 (J(u_l) - J(u_m)) / (η_l² - η_m²)
 
 is at most about one, the estimates account for what the refinement took off, and the finer one is
 believed. Where it is larger, the coarse estimate was too small by that factor, and the finer one is
@@ -22,12 +22,13 @@ Levels are compared whose squared errors are `Limits.apart`: the difference of t
 equal tells next to nothing. First-order and second-order cells lock differently, so that a quotient
 of the two kinds raises nothing: there the coarse estimate has to be right as it is. On round
 obstacles, with mean dilatation and between bodies energies may lie below the true one and rise; the
-amount of the change is compared all the same, for it is of the order of the squared error, with
-narrower limits.
+change is compared all the same, for it is of the order of the squared error, with narrower limits,
+and a rise counts for more than a fall (`quotient`).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 
@@ -57,6 +58,9 @@ quotient of 2.6 beside 2 by 2 cells."""
 
 OTHER_KIND = 1.3
 """Largest quotient of levels of different degree that agree."""
+
+DOUBLE = 2.0
+"""Factor on the quotient of two levels that disagree: what is possible at most."""
 
 CLEAR = 0.125
 """Share of the target below which a first mesh is believed alone, if it has cells enough."""
@@ -97,15 +101,24 @@ class Verdict:
         Factor on η², 1 or more.
     doubt
         Why the estimate is not believed yet; empty where it is.
+    suspected
+        Factor on η² that a doubt leaves possible; a target that even such an estimate meets is met.
     """
 
     raised: float
     doubt: str = ""
+    suspected: float = math.inf
 
     @property
     def agreed(self) -> bool:
         """Whether a target that the raised estimate meets counts as met."""
         return not self.doubt
+
+    def confirms(self, error: float, target: float) -> bool:
+        """Whether a target counts as met by an error, raised as it is."""
+        if self.doubt:
+            return error * math.sqrt(self.suspected) <= target
+        return error <= target
 
 
 @dataclass
@@ -157,8 +170,8 @@ def compared(level: Measured, before: list[Measured], limits: Limits = FALLING) 
         if apart(other, level, limits):
             q = quotient(other, level)
             if q > limits.disagree:
-                return Verdict(1.0, _disagreement(other, level))
-            return Verdict(max(q, 1.0))
+                return Verdict(1.0, _disagreement(other, level), DOUBLE * raised(other, level))
+            return Verdict(raised(other, level))
     if same:
         return Verdict(1.0, "the meshes so far differ too little to confirm its estimate")
     if not apart(before[0], level, limits):
@@ -178,12 +191,22 @@ def apart(coarse: Measured, fine: Measured, limits: Limits) -> bool:
 
 
 def quotient(coarse: Measured, fine: Measured) -> float:
-    """q of two levels; infinite where the energy changes though the estimate does not fall."""
-    fall = 2.0 * abs(coarse.energy - fine.energy)
+    """|q| of two levels; infinite where the energy changes though the estimate does not fall."""
+    change = 2.0 * abs(coarse.energy - fine.energy)
     difference = coarse.square - fine.square
     if difference <= 0.0:
-        return float("inf") if fall > 0.0 else 1.0
-    return fall / difference
+        return float("inf") if change > 0.0 else 1.0
+    return change / difference
+
+
+def raised(coarse: Measured, fine: Measured) -> float:
+    """By what the squared estimate of the finer level is raised, 1 or more.
+
+    Where the energy rises, an obstacle was crossed between nodes: the rise is what is less crossed,
+    beyond the fall of the energy that the estimates account for, and counts on top of that.
+    """
+    rises = coarse.energy < fine.energy
+    return max(quotient(coarse, fine) + (1.0 if rises else 0.0), 1.0)
 
 
 def _disagreement(coarse: Measured, fine: Measured) -> str:

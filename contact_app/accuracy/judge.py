@@ -52,11 +52,16 @@ class Judge:
         if self._calibration is not None:
             kind = f"{'graded' if graded else 'equal'} cells of degree {level.degree}"
             share = self._calibration.share(kind, level.energy, level.square)
-        target, first = self._scene.accuracy or 0.0, len(self._agreement) == 1
-        enough = alone(estimate, target, _fewest(self._scene)) or _fine_files(self._scene)
-        if first and enough:
+        first = len(self._agreement) == 1
+        if first and (self._stands_alone(estimate) or _fine_files(self._scene)):
             verdict = Verdict(1.0)
         return (verdict.raised if verdict.raised > 1.0 else share), verdict
+
+    def _stands_alone(self, estimate: float) -> bool:
+        """Whether the first mesh needs no other; a round obstacle may pass between its nodes."""
+        target = self._scene.accuracy or 0.0
+        falling = self._calibration is not None
+        return falling and alone(estimate, target, _fewest(self._scene))
 
     def compare_with(self, coarse: Measured) -> Verdict:
         """What a coarser mesh than the last says of the estimate of the last."""

@@ -88,12 +88,21 @@ def test_cells_of_another_degree_confirm_but_do_not_raise(effectivity: float, ag
     assert OTHER_KIND * 0.9**2 > 1.0 > OTHER_KIND * 0.6**2
 
 
-def test_a_change_of_the_energy_counts_in_either_direction() -> None:
-    """Beside round obstacles energies may rise towards the true one."""
-    down = verdict(Measured(2, 0.3, 0.1), Measured(2, 0.0, 0.02))
-    up = verdict(Measured(2, -0.3, 0.1), Measured(2, 0.0, 0.02))
-    assert down.raised == up.raised
-    assert down.agreed == up.agreed
+def test_a_rise_of_the_energy_counts_for_more_than_a_fall() -> None:
+    """Beside round obstacles energies may rise towards the true one: less is crossed."""
+    down = verdict(Measured(2, 0.06, 0.1), Measured(2, 0.0, 0.02))
+    up = verdict(Measured(2, -0.06, 0.1), Measured(2, 0.0, 0.02))
+    assert down.raised == pytest.approx(1.5)
+    assert up.raised == pytest.approx(2.5)
+
+
+def test_a_doubt_does_not_matter_far_below_the_target() -> None:
+    """Errors of 1 and 0.3, of which the estimates see a fifth: 0.06, for certain below 0.5."""
+    found = verdict(level(1.0, 0.2), level(0.3, 0.2))
+    assert not found.agreed
+    assert found.confirms(0.06, 0.5)
+    assert not found.confirms(0.06, 0.3)
+    assert not verdict(level(0.3, 0.2)).confirms(1e-9, 1.0), "nothing is known of one mesh"
 
 
 def test_less_is_believed_where_energies_may_rise() -> None:

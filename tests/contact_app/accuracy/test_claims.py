@@ -188,6 +188,27 @@ def test_a_random_claim_holds(dimension: int, seed: int, target: float, tmp_path
     assert claim.ratio <= 1.05
 
 
+def test_an_obstacle_between_the_nodes_of_a_start_is_found() -> None:
+    """The stress of the start is uniform, its estimate zero; the body swells into a disc."""
+    text = """
+dimension: 2
+bodies:
+- name: b
+  material: {poisson: 0.342, young: 1000}
+  mesh: {box: {lower: [0, 0], upper: [1.444, 0.671], cells: [5, 1]}}
+conditions:
+- {on: b.x+, displacement: [0, null]}
+- {on: b.y-, displacement: [null, 0]}
+- {on: b.x-, pressure: 0.55}
+contacts:
+- {on: b.y+, obstacle: {sphere: {center: [0.722, 4.0136645], radius: 3.343}}}
+"""
+    assert solve_scene(built(text)).accuracy.total < 1e-6
+    found = solve_to_accuracy(built(text, 0.15), solve_scene)
+    assert not found.missed
+    assert found.solved.summary["solution"]["active_contacts"] > 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_random_claims_hold(dimension: int, tmp_path: Path) -> None:
