@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.accuracy.trust import few_cells
 from contact_app.alike import said_once
 from contact_app.certificate import EQUILIBRIUM_FLOOR
 from contact_app.contact_limits import FEWEST_FACETS, entered_beside, facets_across
@@ -128,6 +129,7 @@ def model_warnings(
             )
     warnings += _moved_far(model, solution)
     error = solution.accuracy.discretisation if solution.accuracy else np.nan
+    warnings += few_cells(scene, error)
     simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
     if error > LARGE_ERROR and simplices:
         warnings.append(

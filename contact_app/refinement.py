@@ -40,7 +40,9 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.calibration import Calibration, conforms
+from contact_app.accuracy.agreement import Measured, Verdict
+from contact_app.accuracy.judge import Judge, coarser, measured
+from contact_app.errors import ContactError
 from contact_app.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
 from contact_app.memory import available_bytes, needed_bytes
@@ -64,6 +66,9 @@ SLOWEST, FASTEST = 0.4, {1: 1.0, 2: 1.5}
 
 GRADED = {1: 1.0, 2: 2.0}
 """The fastest on graded cells."""
+
+CONFIRMING = 1.5
+"""What the next mesh takes off an error that is below the target but not believed yet."""
 
 PATIENT = 1.5
 """Largest step between graded meshes of degree 2: their grid lines follow the error."""
@@ -119,7 +124,8 @@ class Level:
     hessian_multiplications, seconds
         The price: products, and wall-clock time from the scene to its summary.
     calibration
-        What the energies of the levels so far took off the estimate: `discretisation` over it.
+        What the energies of the levels so far made of the estimate: `discretisation` over it, below
+        1 where they lowered it, above 1 where they raised it.
     warm
         Whether it began with the answer of the last.
     guaranteed
@@ -152,11 +158,12 @@ class Level:
         return {key: value for key, value in asdict(self).items() if value is not None}
 
     def __str__(self) -> str:
-        lowered = ""
-        if self.calibration < 1.0:
-            lowered = f" (estimate {100 * self.estimate:.2g} %, lowered)"
+        corrected = ""
+        if self.calibration != 1.0:
+            how = "lowered" if self.calibration < 1.0 else "raised"
+            corrected = f" (estimate {100 * self.estimate:.2g} %, {how})"
         return (
-            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %{lowered}, "
+            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %{corrected}, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
             f"{', begun with the last' if self.warm else ''}"
         )
@@ -164,7 +171,10 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The finest answer and the levels that led to it; `missed` says why it is not enough."""
+    """The finest answer and the levels that led to it; `missed` says why it is not enough.
+
+    Coarser meshes that were solved only to confirm an estimate come first.
+    """
 
     solved: SolvedScene
     levels: tuple[Level, ...]
@@ -194,38 +204,58 @@ def solve_to_accuracy(
     target = MARGIN * scene.accuracy
     enough = scene.accuracy if scene.guaranteed else target
     factors, levels, last = [1.0], [], 1.0
-    even, step, promise = 1.0, 1.0, PROMISE
-    calibration = Calibration() if conforms(scene) else None
+    even, step, promise, doubts = 1.0, 1.0, PROMISE, 0
+    judge = Judge(scene)
+    checks: list[Level] = []
     grids: Grids | None = None
     start: LastLevel | None = None
     current = scene
     while True:
         degree = min(body.degree for body in current.bodies)
         solved = solve(current, start=start)
-        share = 1.0
-        if calibration is not None:
-            kind = f"{'equal' if grids is None else 'graded'} cells of degree {degree}"
-            energy, accuracy = solved.solution.measures.energy, solved.accuracy
-            square = accuracy.discretisation**2 * accuracy.square
-            share = calibration.share(kind, energy, square)
-            solved = replace(solved, accuracy=accuracy.calibrated(share))
+        share, verdict = judge.hear(
+            _measured(solved), solved.accuracy.discretisation, grids is not None
+        )
+        uncorrected = solved.accuracy
+        solved = replace(solved, accuracy=uncorrected.calibrated(share))
         levels.append(_level(solved, math.sqrt(share)))
         tell(f"level {len(levels)}: {levels[-1]}")
         if solved.solution.reason is Reason.STOPPED:
-            return Refined(solved, tuple(levels), "the run was interrupted")
-        if levels[-1].error <= enough:
-            return Refined(solved, tuple(levels))
+            return Refined(solved, (*checks, *levels), "the run was interrupted")
+        below = levels[-1].error <= enough
+        sure = scene.guaranteed or verdict.confirms(levels[-1].error, enough)
+        if below and solved.solution.converged and not sure:
+            checked = _solved_coarser(coarser(current, whole), solve)
+            if checked is not None:
+                verdict = judge.compare_with(_measured(checked))
+                checks.append(_level(checked, 1.0))
+                tell(f"a mesh of half the cells was solved to confirm it: {checks[-1]}")
+                if verdict.raised > 1.0:
+                    solved = replace(solved, accuracy=uncorrected.calibrated(verdict.raised))
+                    levels[-1] = _level(solved, math.sqrt(verdict.raised))
+                below = levels[-1].error <= enough
+        if below and (scene.guaranteed or verdict.confirms(levels[-1].error, enough)):
+            return Refined(solved, (*checks, *levels))
+        doubt = unconfirmed(levels[-1].error, verdict) if below else ""
         if not solved.solution.converged:
-            return Refined(solved, tuple(levels), "the solver did not reach its tolerance")
-        if len(levels) == MOST_LEVELS:
-            return Refined(solved, tuple(levels), f"{MOST_LEVELS} levels were not enough")
-        errors = [level.error for level in levels[-len(factors) :]] if factors else []
+            return Refined(solved, (*checks, *levels), "the solver did not reach its tolerance")
+        if len(levels) >= MOST_LEVELS:
+            return Refined(
+                solved, (*checks, *levels), doubt or f"{MOST_LEVELS} levels were not enough"
+            )
+        doubts = doubts + 1 if doubt else 0
+        if doubts > 1 and levels[-1].dofs > LARGE * scene.dimension:
+            return Refined(solved, (*checks, *levels), doubt)
+        if doubt:
+            tell(f"one more level: {verdict.doubt}")
+        aim = levels[-1].error / CONFIRMING if doubt else target
+        errors = comparable(levels[-len(factors) :]) if factors else []
         if files:
-            factor, following = last, locally_refined(current, solved, target / levels[-1].error)
+            factor, following = last, locally_refined(current, solved, aim / levels[-1].error)
         elif degree == 1 and _free_degree(scene):
             scene = quadratic(scene)
             tell("cells of degree 2 from here on")
-            factor = last if whole or not _even(current) else 0.5 * last
+            factor = last if whole or doubt or not _even(current) else 0.5 * last
             factors, following = [], refined(scene, factor)
         else:
             lines = equal_lines(current) if grids is None else grids
@@ -235,7 +265,7 @@ def solve_to_accuracy(
                 tell("the error is in few places: cells are graded from here on")
                 grids, last = lines, _layers_for_one(lines, equal_lines(scene))
             if grids is None:
-                factor = next_factor(factors, errors, target, whole, degree)
+                factor = next_factor(factors, errors, aim, whole, degree)
                 following = refined(scene, factor)
             else:
                 if even < 1.0:
@@ -244,7 +274,7 @@ def solve_to_accuracy(
                 even = evenness(squares)
                 if even > SURE and levels[-1].dofs > LARGE * scene.dimension:
                     even = 1.0
-                step = graded_step(levels[-1].error, even**promise, target, degree)
+                step = graded_step(levels[-1].error, even**promise, aim, degree)
                 factor, grids = regraded(scene, squares, grids, last * step)
                 step = factor / last
                 following = on_lines(scene, grids, solved.model.comm.size)
@@ -256,11 +286,38 @@ def solve_to_accuracy(
                 f"the next mesh has {dofs:,} degrees of freedom, which need about "
                 f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available"
             )
-            return Refined(solved, tuple(levels), missed)
+            return Refined(solved, (*checks, *levels), f"{doubt}; {missed}" if doubt else missed)
         factors.append(factor)
         last = factor
         current, start = following, LastLevel.of(solved)
         del solved  # its factors make room for the next
+
+
+def unconfirmed(error: float, verdict: Verdict) -> str:
+    """Why a level whose estimate is below the target is not enough."""
+    return f"its error is estimated at {100 * error:.2g} %, but {verdict.doubt}"
+
+
+def comparable(levels: Sequence[Level]) -> list[float]:
+    """Errors of levels, all raised as the last one is: what two of them tell is a rate."""
+    last = max(levels[-1].calibration, 1.0)
+    return [level.error / max(level.calibration, 1.0) * last for level in levels]
+
+
+def _measured(solved: SolvedScene) -> Measured:
+    """What an answer says of its error, before any correction."""
+    return measured(solved.accuracy, solved.solution.measures.energy, solved.model.scene)
+
+
+def _solved_coarser(scene: Scene | None, solve: Solve) -> SolvedScene | None:
+    """The answer on a coarser mesh; None where it has none."""
+    if scene is None:
+        return None
+    try:
+        solved = solve(scene, start=None)
+    except ContactError:  # a boundary without a facet, say
+        return None
+    return solved if solved.solution.converged else None
 
 
 def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float:

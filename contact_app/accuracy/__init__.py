@@ -1,0 +1,1 @@
+"""Accuracy of an answer: when an estimate of its error may be believed."""

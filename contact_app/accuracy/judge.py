@@ -1,0 +1,115 @@
+"""What a run to an accuracy holds against its target: the estimate, corrected by energies.
+
+Energies of the meshes of a run say both by how much estimates exceed the error
+(`contact_app.calibration`: lowered) and by how much they fall short of it
+(`contact_app.accuracy.agreement`: raised, or not believed at all).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from contact_app.accuracy.agreement import EITHER_WAY, FALLING, Agreement, Measured, Verdict, alone
+from contact_app.calibration import Calibration, conforms
+from contact_app.scene import CELLS_PER_CUBE, Box, Decomposition, Scene
+from contact_app.solution import Accuracy
+
+FEWEST = 8
+"""Cells along every edge of a mesh from which on a mesh of half as many can confirm it."""
+
+ACROSS = 5
+"""Cells across a body from a file, times the degree, were it a square or a cube, from which on the
+estimate of the file's own mesh is believed."""
+
+
+class Judge:
+    """Corrects the estimates of a run's levels and says which of them are believed.
+
+    Parameters
+    ----------
+    scene
+        As the file has it.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._calibration = Calibration() if conforms(scene) else None
+        falling = self._calibration is not None
+        self._agreement = Agreement(FALLING if falling else EITHER_WAY)
+
+    def hear(self, level: Measured, estimate: float, graded: bool) -> tuple[float, Verdict]:
+        """What the next level is worth: the factor on η², and whether it is believed.
+
+        Parameters
+        ----------
+        estimate
+            Relative error of the mesh, before any correction.
+        graded
+            Whether grid lines were laid by the error.
+        """
+        verdict = self._agreement.add(level)
+        share = 1.0
+        if self._calibration is not None:
+            kind = f"{'graded' if graded else 'equal'} cells of degree {level.degree}"
+            share = self._calibration.share(kind, level.energy, level.square)
+        first = len(self._agreement) == 1
+        if first and (self._stands_alone(estimate) or _fine_files(self._scene)):
+            verdict = Verdict(1.0)
+        return (verdict.raised if verdict.raised > 1.0 else share), verdict
+
+    def _stands_alone(self, estimate: float) -> bool:
+        """Whether the first mesh needs no other; a round obstacle may pass between its nodes."""
+        target = self._scene.accuracy or 0.0
+        falling = self._calibration is not None
+        return falling and alone(estimate, target, _fewest(self._scene))
+
+    def compare_with(self, coarse: Measured) -> Verdict:
+        """What a coarser mesh than the last says of the estimate of the last."""
+        return self._agreement.add_coarser(coarse)
+
+
+def coarser(scene: Scene, whole: bool) -> Scene | None:
+    """The scene with half the cells along every edge, whose answer can confirm an estimate.
+
+    That takes a fraction of the price of a finer mesh. None where a body is no box of equal cells,
+    has too few of them, or cannot be halved.
+
+    Parameters
+    ----------
+    whole
+        Whether boundaries need the grid lines of the scene to be those of the coarse mesh.
+    """
+    bodies = []
+    for body in scene.bodies:
+        if not isinstance(body.mesh, Box) or min(body.mesh.cells) < FEWEST:
+            return None
+        if whole and any(n % 2 for n in body.mesh.cells):
+            return None
+        cells = tuple(n // 2 for n in body.mesh.cells)
+        bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
+    return replace(scene, bodies=tuple(bodies), decomposition=Decomposition())
+
+
+def measured(accuracy: Accuracy, energy: float, scene: Scene) -> Measured:
+    """What an answer to a scene says of its error, before any correction."""
+    degree = min(body.degree for body in scene.bodies)
+    return Measured(degree, energy, accuracy.discretisation**2 * accuracy.square)
+
+
+def _fine_files(scene: Scene) -> bool:
+    """Whether a scene has meshes from files, all of them of cells enough to be believed alone.
+
+    A finer mesh of a round body is the same polygon, in which new nodes lie off the curve: beside
+    an obstacle that fits it, such a mesh is worse than the one of the file, and confirms nothing.
+    """
+    files = [body for body in scene.bodies if not isinstance(body.mesh, Box)]
+    d = scene.dimension
+    return bool(files) and all(
+        body.mesh.total_cells * body.degree**d >= CELLS_PER_CUBE.get(body.mesh.cell, 1) * ACROSS**d
+        for body in files
+    )
+
+
+def _fewest(scene: Scene) -> int:
+    """Cells along the edge of a box that has the fewest; 0 where a body comes from a file."""
+    return min(min(body.mesh.cells) if isinstance(body.mesh, Box) else 0 for body in scene.bodies)

@@ -1,0 +1,242 @@
+"""Whether claims of accuracy hold: random scenes solved to targets, their errors measured.
+
+``python -m contact_app.studies.claims plane 200`` draws that many random scenes
+(`claims_scenes`), solves each to an accuracy of 0.3, 0.15 and 0.08, measures the error of every
+answer against a fine mesh (`claims_reference`), and prints a row a scene and target and a summary:
+of the runs that claim to have met their target (exit code 0), how many exceed it, and by what.
+``spatial 60`` does so in space. ``--first`` is the first seed, ``--targets`` the accuracies,
+``--limit`` the seconds after which a run is given up, ``--cache`` the directory of references.
+
+Scenes without equilibrium, with contradictory conditions, or whose reference does not converge are
+left out and counted. ``--levels FILE`` also writes every level of every run with its measured
+error, one line of JSON each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app import configuration
+from contact_app.errors import ContactError
+from contact_app.refinement import Refined, solve_to_accuracy
+from contact_app.run import SolvedScene, solve_scene
+from contact_app.scene import Scene, build_scene
+from contact_app.studies.claims_reference import Truth, truth
+from contact_app.studies.claims_scenes import ClaimScene, claim_scene
+from contact_app.warm_start import LastLevel
+from solver import QPError
+
+TARGETS = (0.3, 0.15, 0.08)
+LIMIT = {2: 60.0, 3: 240.0}
+"""Seconds after which a run or a reference is given up, by dimension."""
+
+SLIGHT, GROSS = 1.05, 1.25
+"""Measured error over the target: what one claim in twenty may exceed, and what none may."""
+
+
+class OutOfTimeError(Exception):
+    """A run took longer than its limit."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A run to a target.
+
+    Attributes
+    ----------
+    claimed, measured
+        Relative errors in energy norm: what the run says and what it is.
+    missed
+        Why the target was not met as the run says; empty where it claims to have met it.
+    """
+
+    seed: int
+    target: float
+    claimed: float
+    measured: float
+    missed: str
+    levels: int
+    dofs: int
+    all_dofs: int
+    seconds: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the run ends with exit code 0."""
+        return not self.missed
+
+    @property
+    def ratio(self) -> float:
+        """Measured error over target."""
+        return self.measured / self.target
+
+    def row(self, words: str) -> str:
+        """Of the table."""
+        said = "met" if self.met else self.missed
+        return (
+            f"| {self.seed} | {words} | {100 * self.target:g} % | {100 * self.claimed:.2f} % | "
+            f"{100 * self.measured:.2f} % | {self.ratio:.2f} | {said} | {self.levels} | "
+            f"{self.dofs:,} | {self.seconds:.1f} |"
+        )
+
+
+HEADER = (
+    "| seed | scene | asked for | claimed | measured | measured / asked | exit | levels | unknowns "
+    "| seconds |\n|---|---|---|---|---|---|---|---|---|---|"
+)
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise `OutOfTimeError` after that long."""
+
+    def end(number: int, frame: object) -> None:
+        raise OutOfTimeError(f"not done after {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def scene_of(claim: ClaimScene, target: float | None) -> Scene:
+    """The scene as `contact-app run` reads it."""
+    made = dict(claim.config)
+    if target is not None:
+        made["accuracy"] = target
+    return build_scene(configuration.Configuration.model_validate(made))
+
+
+def run_claim(claim: ClaimScene, target: float, known: Truth, log: list[Any]) -> Claim:
+    """Solve to a target and measure; every level's numbers are appended to `log`."""
+
+    def solve(scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
+        solved = solve_scene(scene, MPI.COMM_SELF, start=start)
+        log.append(_level(claim, target, known, solved))
+        return solved
+
+    began = time.perf_counter()
+    found: Refined = solve_to_accuracy(scene_of(claim, target), solve)
+    seconds = time.perf_counter() - began - sum(level["measuring"] for level in log)
+    last = found.levels[-1]
+    return Claim(
+        claim.seed, target, last.error, known.relative_error(found.solved), found.missed,
+        len(found.levels), last.dofs, sum(level.dofs for level in found.levels), seconds,
+    )  # fmt: skip
+
+
+def _level(claim: ClaimScene, target: float, known: Truth, solved: SolvedScene) -> dict[str, Any]:
+    began = time.perf_counter()
+    (body,) = solved.model.scene.bodies
+    error = known.relative_error(solved)
+    return {
+        "seed": claim.seed, "target": target, "cell": claim.box["cell"], "degree": body.degree,
+        "graded": type(body.mesh).__name__, "cells": solved.summary["mesh"]["cells"],
+        "dofs": solved.model.dofs, "energy": solved.summary["solution"]["energy"],
+        "square": solved.accuracy.square, "estimate": solved.accuracy.discretisation,
+        "algebraic": solved.accuracy.algebraic, "error": error, "reference": known.energy,
+        "missing": known.missing, "measuring": time.perf_counter() - began,
+        "poisson": body.materials[0].poisson,
+    }  # fmt: skip
+
+
+def study(
+    dimension: int, seeds: range, options: argparse.Namespace, claims: list[Claim]
+) -> Iterator[str]:
+    """Run the scenes of seeds; yields rows and fills `claims`."""
+    cache = Path(options.cache)
+    limit = options.limit or LIMIT[dimension]
+    for seed in seeds:
+        claim = claim_scene(seed, dimension)
+        try:
+            with limited(4 * limit):
+                known = truth(claim, scene_of(claim, None), cache)
+        except (ContactError, QPError, OutOfTimeError, RuntimeError) as error:
+            yield f"left out: {seed}: {claim.words}: {str(error).splitlines()[0][:150]}"
+            continue
+        for target in options.targets:
+            levels: list[Any] = []
+            try:
+                with limited(limit):
+                    found = run_claim(claim, target, known, levels)
+            except (ContactError, QPError, OutOfTimeError) as error:
+                yield f"no answer: {seed}: {claim.words}: {target:g}: {str(error)[:150]}"
+                continue
+            finally:
+                _write(options.levels, levels)
+            claims.append(found)
+            yield found.row(claim.words)
+
+
+def _write(path: str, levels: list[Any]) -> None:
+    if path:
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.writelines(json.dumps(level) + "\n" for level in levels)
+
+
+def summary(claims: list[Claim]) -> Iterator[str]:
+    """What the claims were worth."""
+    met = [claim for claim in claims if claim.met]
+    yield (
+        f"{len({c.seed for c in claims})} scenes, {len(claims)} runs, of which {len(met)} claim to "
+        f"have met their target; {sum(c.seconds for c in claims):.0f} s"
+    )
+    if not met:
+        return
+    ratios = np.array([claim.ratio for claim in met])
+    for bound in (1.0, SLIGHT, GROSS):
+        yield (
+            f"measured error over {bound:g} times the target: {int((ratios > bound).sum())} of "
+            f"{len(met)} ({100 * float((ratios > bound).mean()):.1f} %)"
+        )
+    worst = met[int(ratios.argmax())]
+    yield (
+        f"largest: {worst.ratio:.3f} times (seed {worst.seed}, target {worst.target:g}); "
+        f"median {float(np.median(ratios)):.2f}"
+    )
+    reasons: dict[str, int] = {}
+    for claim in claims:
+        if not claim.met:
+            reason = claim.missed.split(":")[0][:60]
+            reasons[reason] = reasons.get(reason, 0) + 1
+    yield from (f"not met, {number}: {reason}" for reason, number in reasons.items())
+
+
+def main() -> None:
+    """Print the table and the summary."""
+    parser = argparse.ArgumentParser(description="Whether claims of accuracy hold.")
+    parser.add_argument("space", choices=("plane", "spatial"))
+    parser.add_argument("number", type=int, help="how many scenes")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--targets", type=float, nargs="+", default=list(TARGETS))
+    parser.add_argument("--limit", type=float, default=None, help="seconds of a run")
+    parser.add_argument("--cache", default="claims", help="directory of references")
+    parser.add_argument("--levels", default="", help="file of every level's numbers")
+    options = parser.parse_args()
+    dimension = 2 if options.space == "plane" else 3
+    claims: list[Claim] = []
+    print(HEADER)
+    seeds = range(options.first, options.first + options.number)
+    for line in study(dimension, seeds, options, claims):
+        print(line, flush=True)
+    print()
+    for line in summary(claims):
+        print(line)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,183 @@
+"""What the error of an answer to a random scene is: against one fine mesh of degree 2 a scene.
+
+The reference has quadrilaterals or hexahedra of degree 2 between grid lines that are finer than the
+start by `FINER` at least, and halve again and again towards the sides of the box and towards places
+where a load, a support or a contact begins, where stresses may be singular. Where its estimated
+error is above 2 %, its lines are laid anew by that error, more of them, up to three times (twice in
+space). What it then lacks to the exact answer, η_f², is added to the square of each error.
+
+The error of an answer u_h is the larger of two: its distance ‖u_f - u_h‖ in energy norm, summed by
+quadrature on the cells of both meshes together (`grid_fields`), and beside flat obstacles also
+that of energies, 2 (J(u_h) - J(u_f)); both with η_f² and relative to ‖u_h‖, as docs/accuracy.md
+defines the relative error.
+"""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.grading import graded, layer_errors
+from contact_app.obstacles import Plane
+from contact_app.run import SolvedScene, solve_scene
+from contact_app.scene import Decomposition, Scene
+from contact_app.studies.claims_scenes import ClaimScene
+from contact_app.studies.grid_fields import GridField, square_distance
+from meshes.graded import graded_box
+
+Array = NDArray[np.float64]
+
+FINER = {2: 8, 3: 4}
+"""Equal cells of the reference for one of the start along an edge, by dimension; cells beside the
+ends of edges are `2 ** HALVINGS` times finer still."""
+
+HALVINGS = {2: 6, 3: 2}
+
+THINNEST = {2: 16, 3: 6}
+"""Least number of equal cells of the reference across the shortest edge."""
+
+LONGEST = 4.0
+"""Largest ratio of the edges of the equal cells of the reference."""
+
+TOLERANCE = 1e-8
+"""Of the solve of the reference."""
+
+EXACT = 0.02
+"""Estimated relative error of a reference from which on it is good enough."""
+
+ROUNDS, MORE = {2: 3, 3: 2}, 1.5
+"""How often the lines of a reference are laid anew where it is not, and how many more they are."""
+
+LARGEST = {2: 100_000, 3: 60_000}
+"""Unknowns of a reference."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The answer on the fine mesh.
+
+    Attributes
+    ----------
+    energy
+        J(u_f).
+    square
+        a(u_f, u_f).
+    missing
+        η_f², the estimated square of what the fine mesh lacks.
+    dofs, seconds
+        Its size and price.
+    """
+
+    field: GridField
+    energy: float
+    square: float
+    missing: float
+    dofs: int
+    seconds: float
+
+    def relative_error(self, solved: SolvedScene) -> float:
+        """Of an answer to the same scene on any mesh."""
+        scene = solved.model.scene
+        (body,) = scene.bodies
+        material = body.materials[0]
+        square = solved.accuracy.square
+        found = square_distance(self.field, GridField.of(solved), material, scene.plane == "stress")
+        if all(isinstance(contact.obstacle, Plane) for contact in scene.contacts):
+            energy = float(solved.summary["solution"]["energy"])
+            found = max(found, 2.0 * (energy - self.energy))
+        return float(np.sqrt((found + self.missing) / square))
+
+
+def reference_lines(claim: ClaimScene, dimension: int) -> list[Array]:
+    """Grid lines of the reference along each axis."""
+    size, cells = np.array(claim.box["upper"]), claim.box["cells"]
+    counts = [FINER[dimension] * n for n in cells]
+    thin = int(np.argmin(size))
+    counts[thin] = max(counts[thin], THINNEST[dimension])
+    step = LONGEST * size.min() / THINNEST[dimension]
+    counts = [max(n, int(np.ceil(x / step))) for n, x in zip(counts, size, strict=True)]
+    result = []
+    for axis, n in enumerate(counts):
+        line = np.linspace(0.0, size[axis], n + 1)
+        wanted = np.array([0.0, *claim.breaks[axis], size[axis]])
+        line = np.concatenate([line, wanted])
+        h = size[axis] / n
+        for x in wanted:
+            for k in range(1, HALVINGS[dimension] + 1):
+                line = np.concatenate([line, [x - h * 0.5**k, x + h * 0.5**k]])
+        line = np.unique(np.clip(line, 0.0, size[axis]))
+        apart = np.diff(line) > 0.3 * h * 0.5 ** HALVINGS[dimension]
+        result.append(_with(line[np.concatenate([[True], apart])], wanted, size[axis]))
+    return result
+
+
+def _finer_lines(claim: ClaimScene, solved: SolvedScene) -> list[Array]:
+    """Half as many lines again, laid by the error of the last reference (`contact_app.grading`)."""
+    lines = list(GridField.of(solved).lines)
+    (squares,) = layer_errors(solved, [lines])
+    limit = LARGEST[len(lines)] / solved.model.dofs
+    more = min(MORE, max(limit, 1.0) ** (1.0 / len(lines)))
+    fixed = [
+        np.unique([line[0], *breaks, line[-1]])
+        for line, breaks in zip(lines, claim.breaks, strict=True)
+    ]
+    return [
+        graded(line, part, round(more * (len(line) - 1)), still, degree=2)
+        for line, part, still in zip(lines, squares, fixed, strict=True)
+    ]
+
+
+def _solved(scene: Scene, lines: list[Array]) -> SolvedScene:
+    """The scene with cells of degree 2 between lines.
+
+    Raises
+    ------
+    RuntimeError
+        The solver did not reach its tolerance.
+    """
+    (body,) = scene.bodies
+    cell = "hexahedron" if scene.dimension == 3 else "quadrilateral"
+    fine = replace(
+        scene, accuracy=None, bodies=(replace(body, mesh=graded_box(cell, lines), degree=2),),
+        decomposition=Decomposition(1), solver=replace(scene.solver, tolerance=TOLERANCE),
+    )  # fmt: skip
+    solved = solve_scene(fine, MPI.COMM_SELF)
+    if not solved.solution.converged:
+        raise RuntimeError("the reference did not converge")
+    return solved
+
+
+def _with(line: Array, wanted: Array, size: float) -> Array:
+    """The lines, the nearest to each wanted coordinate moved to it."""
+    for x in wanted:
+        line[np.argmin(np.abs(line - x))] = x
+    line[-1] = size
+    return np.unique(line)
+
+
+def truth(claim: ClaimScene, scene: Scene, cache: Path) -> Truth:
+    """The answer on the fine mesh, solved once and kept in a directory."""
+    path = cache / f"reference-{scene.dimension}d-{claim.seed}.pickle"
+    if path.is_file():
+        with path.open("rb") as file:
+            kept: Truth = pickle.load(file)  # written by this study
+        return kept
+    solved = _solved(scene, reference_lines(claim, scene.dimension))
+    for _ in range(ROUNDS[scene.dimension]):
+        if solved.accuracy.discretisation < EXACT:
+            break
+        solved = _solved(scene, _finer_lines(claim, solved))
+    found = Truth(
+        GridField.of(solved), float(solved.summary["solution"]["energy"]), solved.accuracy.square,
+        solved.accuracy.discretisation**2 * solved.accuracy.square, solved.model.dofs,
+        float(solved.summary["timings"]["total"]),
+    )  # fmt: skip
+    cache.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        pickle.dump(found, file)
+    return found
