@@ -94,7 +94,7 @@ def test_zero_where_nothing_is_strained() -> None:
     cell = "hexahedron"
     moved = {"on": "block.z-", "displacement": [0.1, 0.2, 0.3]}
     solved = solve(scenes.config(cell, [scenes.block(cell, 3)], [moved], []), [2, 1, 1])
-    assert solved.accuracy.as_dict() == {"discretisation": 0.0, "algebraic": 0.0, "total": 0.0}
+    assert set(solved.accuracy.as_dict().values()) == {0.0}
 
 
 @pytest.mark.parametrize("cell", CELLS)
