@@ -14,12 +14,16 @@ from solver.tfeti.bodies import largest
 from solver.tfeti.constraints import RowKind
 from solver.tfeti.dual import DualProblem, interface_slices
 
-ROUNDED = 1.0
-"""Rounding errors of a displacement, in units of ε diag(K) max|u|, that its residual may show."""
+ROUNDED = 4.0
+"""Rounding errors of displacements, in units of ε max|u|, that forces may show."""
 
 STRAINLESS = 1e4
 """a(u, u) over what rounding makes of it, below which strains are rounding errors: a hundredth of
 them, squared."""
+
+UNSTRAINED = 1e-20
+"""a(u, u) over what loads make at their unknowns alone, below which strains are rounding errors of
+forces that cancel: these have ten digits."""
 
 FORCED = 1e3
 """Forces on a group over those that rounding makes, beyond which they are no rounding errors."""
@@ -98,15 +102,17 @@ def round_off(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What rounding errors of the displacements do, (bodies,): ‖K δu‖ and δuᵀ K δu (collective).
 
-    The second counts those of the displacements without constraint forces, too, of which the
+    The first is by the sums of the magnitudes of K's rows: loads of held unknowns are products with
+    K, too (N. J. Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., sec. 3.5). The
+    second counts those of the displacements without constraint forces, too, of which the
     answer is a difference.
     """
-    unit = ROUNDED * float(np.finfo(np.float64).eps)
+    unit = float(np.finfo(np.float64).eps)
     parts = []
     for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
         stiff = cls.stiffness.diagonal()[cls.free]
         size = np.maximum(u.max(axis=0), -u.min(axis=0))
-        squares = float(np.sum(stiff**2)) * (unit * size) ** 2
+        squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * (ROUNDED * unit * size) ** 2
         size = np.maximum(size, problem.free_lengths[body])
         parts.append(np.stack([squares, float(stiff.sum()) * (unit * size) ** 2]))
     sums = np.array([problem.bodies.sum_members([part[k] for part in parts]) for k in range(2)])
@@ -152,6 +158,18 @@ def forces_on_bodies(
     return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
 
 
+def strains_at_unknowns(problem: DualProblem) -> NDArray[np.float64]:
+    """a(u, u) of what loads do at each free unknown alone, Σ f_i² / K_ii (collective).
+
+    Of each body, (bodies,).
+    """
+    sums = []
+    for cls, force in zip(problem.classes, problem.forces, strict=True):
+        flexible = 1.0 / cls.stiffness.diagonal()[cls.free]
+        sums.append(np.einsum("im,im,i->m", force[cls.free], force[cls.free], flexible))
+    return np.asarray(problem.comm.allreduce(problem.bodies.sum_members(sums)))
+
+
 def energy_scales(
     problem: DualProblem,
     strains: NDArray[np.float64],
@@ -164,11 +182,11 @@ def energy_scales(
     Its strains, a(u, u). A body that carries next to nothing is measured as if it carried `IDLE` of
     what its group does, and none by more than its group.
 
-    Where nothing but rounding errors strains a group, a(u, u) tells nothing. If forces act on it
-    all the same, far above those rounding makes, as loads on the face that an obstacle holds, it is
-    measured by what the loads would do without constraints. If none act, contact forces that
-    rounding makes apart, it is merely moved and has no error: zero. Else its strains are digits
-    that are not there, and it fails by them.
+    Where nothing but rounding errors, of displacements or of forces, strains a group, a(u, u) tells
+    nothing. If forces act on it all the same, far above those rounding makes, as loads on the face
+    that an obstacle holds, it is measured by what the loads would do without constraints. If none
+    act, contact forces that rounding makes apart, it is merely moved and has no error: zero. Else
+    its strains are digits that are not there, and it fails by them.
 
     Parameters
     ----------
@@ -180,7 +198,8 @@ def energy_scales(
     bodies, groups = problem.bodies, problem.bodies.groups
     load = forces.max(axis=0)
     whole = bodies.sum_by_group(strains)[groups]
-    still = whole <= STRAINLESS * bodies.sum_by_group(roundings)[groups]
+    floor = STRAINLESS * roundings + UNSTRAINED * strains_at_unknowns(problem)
+    still = whole <= bodies.sum_by_group(floor)[groups]
     if still.any():
         free = bodies.sum_by_group(problem.free_strains)[groups]
         loaded, given, pressed, noise = (
@@ -192,5 +211,5 @@ def energy_scales(
         whole = np.where(still, resting, whole)
     carried = bodies.by_group(load)[groups]
     share = np.divide(IDLE * carried, load, out=np.full(len(load), np.inf), where=load > 0.0)
-    own = np.where(strains > STRAINLESS * roundings, strains, np.inf)
+    own = np.where(strains > floor, strains, np.inf)
     return np.asarray(np.minimum(own * np.maximum(1.0, share) ** 2, whole))

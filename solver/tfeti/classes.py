@@ -81,6 +81,11 @@ class SubdomainClass:
         return self.stiffness[self.interface][:, self.interface].tocsr()
 
     @cached_property
+    def row_sums(self) -> NDArray[np.float64]:
+        """Σ_j |K_ij| of each unknown, (n,)."""
+        return np.asarray(abs(self.stiffness).sum(axis=1)).ravel()
+
+    @cached_property
     def preconditioning(self) -> Block | sparse.csr_matrix:
         """What stands for K on the interface in a preconditioner, dense where that is faster.
 

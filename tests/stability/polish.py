@@ -77,7 +77,8 @@ def _saddle_point(
     for _ in range(REFINEMENTS):
         residual = right - exact @ x
         scale = max(np.abs(load).max(initial=0.0), np.abs(x[n:]).max(initial=0.0))
-        solved = np.abs(residual[:n]).max() <= SOLVED * scale
+        digits = 10.0 * float(np.finfo(Extended).eps) * np.abs(x[:n]).max()
+        solved = np.abs(residual[:n]).max() <= SOLVED * scale + digits
         length = max(np.abs(x[:n]).max(), np.abs(gap).max(initial=0.0))
         if solved and np.abs(residual[n:]).max(initial=0.0) <= SOLVED * length:
             return x[:n], x[n:]

@@ -5,7 +5,8 @@ unit, one on another with meshes that do not match, of distorted cells from a me
 and 2, mean dilatation, materials to a contrast of 1e6 (in one body, too) and nearly
 incompressible, conditions that hold a body, hold it in part or not at all, loads, obstacles that
 are near, touched, overlapped, tilted or curved, tolerances (`auto`, too), expansions, and
-partitions. Many of these scenes have no equilibrium; that is part of the question.
+partitions. Many of these scenes have no equilibrium; that is part of the question. Every fourth
+seed has a scene of `defect_scenes` instead.
 """
 
 from __future__ import annotations
