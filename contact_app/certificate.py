@@ -141,6 +141,8 @@ class Measures:
         Largest |u| over all nodes of each body, in units of length.
     loads : (bodies,)
         Largest of the sums of magnitudes of loads, reactions and contact forces of each body.
+    pressed : (bodies,)
+        Sum of the contact forces on each body.
     strains : (bodies,)
         a(u, u) of each body, twice its strain energy.
     roundings : (bodies,)
@@ -158,6 +160,7 @@ class Measures:
 
     displacements: NDArray[np.float64]
     loads: NDArray[np.float64]
+    pressed: NDArray[np.float64]
     strains: NDArray[np.float64]
     roundings: NDArray[np.float64]
     gaps: NDArray[np.float64]
@@ -221,6 +224,7 @@ def certify(
     measures = Measures(
         displacements=moved,
         loads=forces.max(axis=0),
+        pressed=forces[2],
         strains=state.strains,
         roundings=roundings,
         scales=energy_scales(problem, state.strains, roundings, forces, rounded),

@@ -164,12 +164,12 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
     """
     measures = solution.measures
     groups, count = measures.groups, len(measures.gaps)
-    square, norm, rounding, scale = (
+    square, norm, rounding, told = (
         np.bincount(groups, values, count)
-        for values in (*squares, measures.roundings, measures.scales)
+        for values in (*squares, measures.roundings, measures.scales + measures.pressed)
     )
     whole, strained = float(norm.sum()), norm > STRAINLESS * rounding
-    if (~strained & (scale > 0.0)).any():
+    if (~strained & (told > 0.0)).any():  # forces, but no strains to be relative to
         return Accuracy(np.nan, np.nan, np.nan, whole, np.nan)
     if not strained.any():
         return Accuracy(0.0, 0.0, 0.0, 0.0, 0.0)

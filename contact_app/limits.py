@@ -183,11 +183,11 @@ def _yielding(model: Model, cells: CellFields) -> list[str]:
 
 
 def _moved_far(model: Model, solution: Solution) -> list[str]:
-    """Bodies whose strains are small beside what rounding their displacements makes of them."""
+    """Bodies whose strains or contact forces are small beside rounding errors."""
     measures, said = solution.measures, []
-    for body, moved, scale, rounding in zip(
+    for body, moved, scale, rounding, force in zip(
         model.scene.bodies, measures.displacements, measures.scales, measures.roundings,
-        strict=True,
+        measures.pressed, strict=True,
     ):  # fmt: skip
         share = float(np.sqrt(rounding / scale)) if scale > 0.0 else 0.0
         if share > ROUNDED_STRAINS:
@@ -195,6 +195,11 @@ def _moved_far(model: Model, solution: Solution) -> list[str]:
                 f"{body.name} moves by {moved:.3g} and is hardly strained: rounding errors of its "
                 f"displacements come to {100.0 * share:.2g} % of its strains; let its conditions "
                 "and obstacles move it less"
+            )
+        elif scale == 0.0 and force > 0.0:
+            said.append(
+                f"{body.name} is moved by {moved:.3g} and not strained beyond rounding errors: its "
+                f"contact forces, {force:.2g} in all, are no more than these make"
             )
     return said
 

@@ -169,11 +169,19 @@ def test_a_body_moved_far_and_squeezed_a_little(subdomains: Any) -> None:
 
 
 def test_digits_that_are_not_there_are_not_certified() -> None:
-    summary = solve(moved(1e-13)).summary
+    summary = solve(moved(3e-13)).summary
     certificate = summary["certificate"]
     assert not certificate["passed"]
     assert certificate["duality_gap"] > 1e-3
     assert any("rounding errors of its displacements" in w for w in certificate["warnings"])
+    assert summary["accuracy"]["total"] is None
+
+
+def test_contact_forces_that_rounding_makes_are_told() -> None:
+    """Squeezed by a few last digits of its motion: its forces may be rounding errors."""
+    summary = solve(moved(1e-14)).summary
+    told = summary["certificate"]["warnings"]
+    assert any("its contact forces" in w and "rounding errors" in w for w in told)
     assert summary["accuracy"]["total"] is None
 
 
