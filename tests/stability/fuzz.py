@@ -1,4 +1,4 @@
-"""Random scenes against the undecomposed reference: ``python -m tests.stability.fuzz 500``.
+"""Random scenes against the undecomposed reference: ``python -m tests.stability.fuzz 1000``.
 
 Every scene must end, within its time, in one of these ways:
 
@@ -56,7 +56,7 @@ other."""
 OPTIMAL = 1e-6
 """Relative residual of the optimality conditions that shows an answer to be right."""
 
-MARK = "<!-- python -m tests.stability.fuzz 500 --document docs/stability.md -->"
+MARK = "<!-- python -m tests.stability.fuzz 1000 --document docs/stability.md -->"
 """Line of the document below which the counts stand."""
 
 GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided")
@@ -292,7 +292,7 @@ def _seeds(verdicts: Sequence[Verdict], kind: str) -> str:
 def main() -> int:
     """Judge scenes, tell faults as they come, count at the end; exit code 1 if there was one."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("scenes", type=int, nargs="?", default=500)
+    parser.add_argument("scenes", type=int, nargs="?", default=1000)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--document", type=Path, help="docs/stability.md, to write the counts into")
     arguments = parser.parse_args()
