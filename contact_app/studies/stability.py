@@ -319,7 +319,7 @@ variables and gradient: where gradients are large against the box it stops at th
 TAIL = """
 ## Random scenes
 
-`python -m tests.stability.fuzz 500` makes 500 random scenes (bodies, also slender ones, slivers
+`python -m tests.stability.fuzz 1000` makes 1000 random scenes (bodies, also slender ones, slivers
 and far from the origin, one on another, boxes and distorted cells from mesh files; degree 1 and 2,
 mean dilatation; units; materials to a contrast of 1e6; conditions, loads, obstacles; tolerances,
 `auto` too; partitions) and holds each answer against the undecomposed reference, each refusal
@@ -336,21 +336,22 @@ Faults are a crash, a scene that hangs, an answer certified wrongly, a scene giv
 reference solves and whose strains displacements in double precision can show, an equilibrium denied
 or invented, and overlapping cells accepted.
 
-What it found is guarded
-now: nodes squeezed between two obstacles, bodies of both degrees side by side, stiff bodies on soft
+What it found is guarded now: nodes squeezed between two obstacles, bodies of both degrees side by side, stiff bodies on soft
 ones whose forces are the last digits of their displacements, active sets that keep a body up to
 rounding only, and cells a hundred times longer than wide cut into subdomains: forces between these
 cancel to the last digit, and conjugate gradients end at rounding errors, far from an answer. What
 ends so is solved once more with every body whole, as far as memory allows (on ranks, in one
-subdomain each), then for its displacements by Newton's method, and the certificate warns that it
-was (`contact_app/fallback.py`).
+subdomain each). Where that fails too, the displacements themselves are solved for, by augmented
+Lagrangians and Newton's method with a sparse factor a step (`solver/primal/newton.py`): slower, but
+it needs no digits of a dual operator. An exception of the solver leads there as well, and the
+certificate warns of what happened (`contact_app/fallback.py`).
 
 agrees: certified, and right; contradicts, escapes: refused, and there is no equilibrium; refused:
 input that is told to be wrong; degraded: not certified, and said so, where strains are rounding
 errors or the reference has no answer; undecided: certified, where the reference itself does not
 converge, nor in extended precision (`tests/extended.py`).
 
-<!-- python -m tests.stability.fuzz 500 --document docs/stability.md -->
+<!-- python -m tests.stability.fuzz 1000 --document docs/stability.md -->
 """
 
 
