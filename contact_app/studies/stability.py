@@ -336,15 +336,15 @@ Faults are a crash, a scene that hangs, an answer certified wrongly, a scene giv
 reference solves and whose strains displacements in double precision can show, an equilibrium denied
 or invented, and overlapping cells accepted.
 
-What it found is guarded now: nodes squeezed between two obstacles, bodies of both degrees side by side, stiff bodies on soft
-ones whose forces are the last digits of their displacements, active sets that keep a body up to
-rounding only, and cells a hundred times longer than wide cut into subdomains: forces between these
-cancel to the last digit, and conjugate gradients end at rounding errors, far from an answer. What
-ends so is solved once more with every body whole, as far as memory allows (on ranks, in one
-subdomain each). Where that fails too, the displacements themselves are solved for, by augmented
-Lagrangians and Newton's method with a sparse factor a step (`solver/primal/newton.py`): slower, but
-it needs no digits of a dual operator. An exception of the solver leads there as well, and the
-certificate warns of what happened (`contact_app/fallback.py`).
+What it found is guarded now: nodes squeezed between two obstacles, bodies of both degrees side by
+side, stiff bodies on soft ones whose forces are the last digits of their displacements, active sets
+that keep a body up to rounding only, and cells a hundred times longer than wide cut into
+subdomains: forces between these cancel to the last digit, and conjugate gradients end at rounding
+errors, far from an answer. What ends so is solved once more with every body whole, as far as memory
+allows (on ranks, in one subdomain each). Where that fails too, the displacements themselves are
+solved for, by augmented Lagrangians and Newton's method with a sparse factor a step
+(`solver/primal/newton.py`): slower, but it needs no digits of a dual operator. An exception of the
+solver leads there as well, and the certificate warns of what happened (`contact_app/fallback.py`).
 
 agrees: certified, and right; contradicts, escapes: refused, and there is no equilibrium; refused:
 input that is told to be wrong; degraded: not certified, and said so, where strains are rounding
