@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError
-from contact_app.facets import moments
+from contact_app.facets import moments, shapes_at_points
 from contact_app.fields import NodeFields
 from contact_app.model import Model, boundary_nodes, facets_of, surface_facets
 from contact_app.solution import Solution
@@ -24,6 +24,10 @@ from contact_app.solution import Solution
 ENTERED = 1e-2
 """Depth of nodes beside a contact boundary in an obstacle, over the largest displacement, from
 which they are told of."""
+
+BETWEEN = 0.1
+"""Depth of a round obstacle between nodes, over the largest displacement, from which on it is told.
+Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the radius of contact."""
 
 FACETS_ACROSS = {2: 8.0 / np.pi, 3: 6.0}
 """Facets across a contact times the variation of its pressure within them."""
@@ -59,6 +63,51 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
         count += len(entered)
         depth = max(depth, float(entered.max(initial=0.0)))
     return int(comm.allreduce(count)), float(comm.allreduce(depth, op=MPI.MAX))
+
+
+def entered_between(model: Model, solution: Solution, number: int) -> float:
+    """How deep a round obstacle enters its contact boundary between nodes, where none was before.
+
+    Contact is watched at nodes. An obstacle whose contact is narrower than a facet slips through
+    between them, and no node tells. In units of length (collective).
+    """
+    scene, comm, d = model.scene, model.comm, model.scene.dimension
+    contact, depth = scene.contacts[number], 0.0
+    if contact.obstacle.curvature_radius is None:
+        return depth
+    chosen = facets_of(scene, model.partition, contact.body, contact.boundary)
+    for s, rows, (cls, column) in zip(model.partition.subdomains, chosen, model.place, strict=True):
+        if len(rows) == 0:
+            continue
+        facets = s.reference.facets[rows]
+        u = solution.displacements[cls][:, column].reshape(-1, d)
+        shapes = shapes_at_points(d, facets.shape[1])
+        points, moved = (
+            np.einsum("qk,fki->fqi", shapes, values[facets]).reshape(-1, values.shape[1])
+            for values in (s.points(), u)
+        )
+        try:
+            gap, normal = contact.obstacle.gap_and_normal(points)
+        except ConfigurationError:  # a point in the middle of a round obstacle has no normal
+            continue
+        left = gap + np.einsum("ij,ij->i", normal[:, :d], moved)
+        depth = max(depth, float(-left[gap >= 0.0].min(initial=0.0)))
+    return float(comm.allreduce(depth, op=MPI.MAX))
+
+
+def slipped_through(model: Model, solution: Solution) -> list[str]:
+    """Sentences on contacts whose obstacle passes between the nodes (collective)."""
+    scene, said = model.scene, []
+    for number, contact in enumerate(scene.contacts):
+        depth = entered_between(model, solution, number)
+        moved = float(solution.measures.displacements[contact.body])
+        if depth > BETWEEN * moved:
+            said.append(
+                f"{contact.source}: between the nodes of {scene.bodies[contact.body].name} the "
+                f"obstacle enters by up to {depth:.2g}, {100.0 * depth / moved:.2g} % of the "
+                "largest displacement: contact is narrower than a facet; use smaller cells there"
+            )
+    return said
 
 
 def facets_across(model: Model, nodes: NodeFields) -> list[float]:

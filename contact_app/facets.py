@@ -38,6 +38,11 @@ def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDAr
     return weights, values[0], values[1], versions.lagrange_slopes(name, order, points)
 
 
+def shapes_at_points(dimension: int, nodes: int) -> NDArray[np.float64]:
+    """Values of the shape functions at the points of the quadrature, (points, nodes)."""
+    return _tables(dimension, nodes)[2]
+
+
 @cache
 def hats_at_nodes(dimension: int, nodes: int) -> NDArray[np.float64]:
     """Values of the hat functions at the nodes of a facet, (vertices, nodes)."""

@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 from contact_app.accuracy.trust import few_cells
 from contact_app.alike import said_once
 from contact_app.certificate import EQUILIBRIUM_FLOOR
-from contact_app.contact_limits import FEWEST_FACETS, entered_beside, facets_across
+from contact_app.contact_limits import (
+    FEWEST_FACETS,
+    entered_beside,
+    facets_across,
+    slipped_through,
+)
 from contact_app.fields import CellFields, NodeFields
 from contact_app.model import Model
 from contact_app.polygons import sagittas
@@ -94,6 +99,7 @@ def model_warnings(
                 f"beside {contact.boundary} enter the obstacle, by up to {depth:.3g}: contact "
                 "leaves the boundary it is given on; give it a larger one"
             )
+    warnings += slipped_through(model, solution)
     for item, across in zip(scene.touching, facets_across(model, nodes), strict=True):
         if across < FEWEST_FACETS:
             warnings.append(

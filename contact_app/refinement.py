@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.agreement import Measured, Verdict
 from contact_app.accuracy.judge import Judge, coarser, measured
+from contact_app.contact_limits import slipped_through
 from contact_app.errors import ContactError
 from contact_app.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.local_refinement import locally_refined
@@ -216,6 +217,9 @@ def solve_to_accuracy(
         share, verdict = judge.hear(
             _measured(solved), solved.accuracy.discretisation, grids is not None
         )
+        unseen = slipped_through(solved.model, solved.solution)
+        if unseen:  # what no mesh so coarse shows no two can agree on
+            verdict = Verdict(1.0, unseen[0])
         uncorrected = solved.accuracy
         solved = replace(solved, accuracy=uncorrected.calibrated(share))
         levels.append(_level(solved, math.sqrt(share)))
@@ -224,7 +228,7 @@ def solve_to_accuracy(
             return Refined(solved, (*checks, *levels), "the run was interrupted")
         below = levels[-1].error <= enough
         sure = scene.guaranteed or verdict.confirms(levels[-1].error, enough)
-        if below and solved.solution.converged and not sure:
+        if below and solved.solution.converged and not sure and not unseen:
             checked = _solved_coarser(coarser(current, whole), solve)
             if checked is not None:
                 verdict = judge.compare_with(_measured(checked))
