@@ -224,7 +224,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--targets", type=float, nargs="+", default=list(TARGETS))
     parser.add_argument("--limit", type=float, default=None, help="seconds of a run")
-    parser.add_argument("--cache", default="claims", help="directory of references")
+    parser.add_argument("--cache", default="results/claims", help="directory of references")
     parser.add_argument("--levels", default="", help="file of every level's numbers")
     options = parser.parse_args()
     dimension = 2 if options.space == "plane" else 3
