@@ -16,10 +16,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +32,7 @@ from contact_app.run import SolvedScene, solve_scene
 from contact_app.scene import Scene, build_scene
 from contact_app.studies.claims_reference import Truth, truth
 from contact_app.studies.claims_scenes import ClaimScene, claim_scene
+from contact_app.studies.time_limit import OutOfTime, time_limit
 from contact_app.warm_start import LastLevel
 from solver import QPError
 
@@ -43,10 +42,6 @@ LIMIT = {2: 60.0, 3: 240.0}
 
 SLIGHT, GROSS = 1.05, 1.25
 """Measured error over the target: what one claim in twenty may exceed, and what none may."""
-
-
-class OutOfTimeError(Exception):
-    """A run took longer than its limit."""
 
 
 @dataclass(frozen=True)
@@ -95,22 +90,6 @@ HEADER = (
     "| seed | scene | asked for | claimed | measured | measured / asked | exit | levels | unknowns "
     "| seconds |\n|---|---|---|---|---|---|---|---|---|---|"
 )
-
-
-@contextmanager
-def limited(seconds: float) -> Iterator[None]:
-    """Raise `OutOfTimeError` after that long."""
-
-    def end(number: int, frame: object) -> None:
-        raise OutOfTimeError(f"not done after {seconds:g} s")
-
-    before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def scene_of(claim: ClaimScene, target: float | None) -> Scene:
@@ -163,23 +142,27 @@ def study(
     for seed in seeds:
         claim = claim_scene(seed, dimension)
         try:
-            with limited(4 * limit):
+            with time_limit(4 * limit):
                 known = truth(claim, scene_of(claim, None), cache)
-        except (ContactError, QPError, OutOfTimeError, RuntimeError) as error:
-            yield f"left out: {seed}: {claim.words}: {str(error).splitlines()[0][:150]}"
+        except (ContactError, QPError, OutOfTime, RuntimeError) as error:
+            yield f"left out: {seed}: {claim.words}: {_said(error)}"
             continue
         for target in options.targets:
             levels: list[Any] = []
             try:
-                with limited(limit):
+                with time_limit(limit):
                     found = run_claim(claim, target, known, levels)
-            except (ContactError, QPError, OutOfTimeError) as error:
-                yield f"no answer: {seed}: {claim.words}: {target:g}: {str(error)[:150]}"
+            except (ContactError, QPError, OutOfTime) as error:
+                yield f"no answer: {seed}: {claim.words}: {target:g}: {_said(error)}"
                 continue
             finally:
                 _write(options.levels, levels)
             claims.append(found)
             yield found.row(claim.words)
+
+
+def _said(error: Exception) -> str:
+    return (str(error) or "the time was up").splitlines()[0][:150]
 
 
 def _write(path: str, levels: list[Any]) -> None:
