@@ -44,9 +44,13 @@ class History:
             path.parent.mkdir(parents=True, exist_ok=True)
             go_on = go_on and path.is_file()
             self._file = path.open("a" if go_on else "w", encoding="utf-8")
-            if not go_on:
-                self._file.write(",".join(COLUMNS) + "\n")
-            self._file.flush()
+            try:
+                if not go_on:
+                    self._file.write(",".join(COLUMNS) + "\n")
+                self._file.flush()
+            except OSError:  # else Python's collector would meet the full disk once more
+                self.close()
+                raise
 
     def __enter__(self) -> History:
         return self
