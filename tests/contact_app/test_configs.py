@@ -18,12 +18,12 @@ CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 
 def coarser(config: Path) -> list[str]:
-    """Overrides that halve the cells of each box, to no fewer than three."""
+    """Overrides that halve the cells of each box, to no fewer than four."""
     words = []
     for i, body in enumerate(load(config).bodies):
         if body.mesh.box is None:
             continue
-        cells = [max(min(n, 3), n // 2) for n in body.mesh.box.cells]
+        cells = [max(min(n, 4), n // 2) for n in body.mesh.box.cells]
         words += ["--set", f"bodies.{i}.mesh.box.cells={cells}"]
     return words
 
@@ -42,8 +42,12 @@ def test_there_are_several() -> None:
 def test_runs_and_is_certified(config: Path, tmp_path: Path) -> None:
     summary = run(config, tmp_path)
     assert summary["certificate"]["passed"]
-    warnings = summary["certificate"]["warnings"]  # a coarser mesh has a coarser pressure
-    assert [w for w in warnings if "varies within single facets" not in w] == []
+    warnings = summary["certificate"]["warnings"]
+    coarse = (
+        "varies within single facets",
+        "contact is narrower than a facet",
+    )  # of half the cells
+    assert [w for w in warnings if not any(words in w for words in coarse)] == []
     assert summary["solution"]["active_contacts"] > 0
     assert (tmp_path / "solution.xdmf").exists()
 
