@@ -16,10 +16,10 @@ from typing import Annotated
 
 import typer
 
-from contact_app.caches import usable_caches
 from contact_app.errors import ConfigurationError, CouldNotRunError
-from contact_app.exits import Exit, end
-from contact_app.streams import safe_streams
+from contact_app.machine.caches import usable_caches
+from contact_app.machine.exits import Exit, end
+from contact_app.machine.streams import safe_streams
 
 app = typer.Typer(
     name="contact-app",
@@ -62,13 +62,13 @@ def run(
     Results of an earlier run in the directory are removed first. Ctrl-C or SIGTERM ends the solve:
     what it has reached is written, with a checkpoint for --resume.
     """
-    from contact_app.configuration import load
-    from contact_app.scene import build_scene
+    from contact_app.scene.configuration import load
+    from contact_app.scene.scene import build_scene
 
     scene = build_scene(load(config, overrides or ()))
     directory = output or Path("results") / config.stem
     _refuse_unwritable(directory)
-    from contact_app.run import run as run_scene
+    from contact_app.run.run import run as run_scene
 
     raise typer.Exit(run_scene(scene, directory, resume=resume))
 
@@ -76,11 +76,11 @@ def run(
 @app.command()
 def check(config: Config, overrides: Overrides = None) -> None:
     """Validate a scene and say what will be modelled, what is left out, and what it costs."""
-    from contact_app.configuration import load
-    from contact_app.scene import build_scene
+    from contact_app.scene.configuration import load
+    from contact_app.scene.scene import build_scene
 
     scene = build_scene(load(config, overrides or ()))
-    from contact_app.check import report
+    from contact_app.run.check import report
 
     report(scene)
 
@@ -104,7 +104,7 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a result: the deformed bodies, and the pressure over the contact surface."""
-    from contact_app.picture import plot as draw
+    from contact_app.results.plot.picture import plot as draw
 
     if camera is not None and not any(camera):
         raise ConfigurationError("--camera is 0 0 0: it needs a direction")
@@ -124,13 +124,13 @@ def plot(
 @app.command()
 def schema() -> None:
     """Print the JSON schema of the configuration, for editors."""
-    from contact_app.configuration import Configuration
+    from contact_app.scene.configuration import Configuration
 
     typer.echo(json.dumps(Configuration.model_json_schema(by_alias=True), indent=2))
 
 
-if importlib.util.find_spec("contact_app.commands_studies"):
-    from contact_app.commands_studies import register
+if importlib.util.find_spec("contact_app.studies.commands"):
+    from contact_app.studies.commands import register
 
     register(app)
 

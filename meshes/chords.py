@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from meshes import versions
+from meshes import dolfinx_compat as versions
 from meshes.quadratic import (
     CENTRED,
     STRAIGHT,

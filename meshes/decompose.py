@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from meshes.box import BoxShape, split_regularly
 from meshes.box_cells import BoxCells
 from meshes.cells import Cells
-from meshes.deal import dealt
 from meshes.graph import (
     Piece,
     Rows,
@@ -30,6 +29,7 @@ from meshes.graph import (
     through_facets,
     without_crumbs,
 )
+from meshes.load_balance import dealt
 from meshes.subdomains import Partition, Subdomain, owned_range
 from meshes.unstructured import CellMesh
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from meshes import versions
+from meshes import dolfinx_compat as versions
 from meshes.cells import Cells
 from meshes.quadratic import STRAIGHT, VERTICES, bulges
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order

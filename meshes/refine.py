@@ -16,7 +16,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes import versions
+from meshes import dolfinx_compat as versions
 from meshes.quadratic import node_vertices, straight_middles
 from meshes.subdomains import vtk_order
 from meshes.unstructured import FACETS, CellMesh, Topology, matching_rows

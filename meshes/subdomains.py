@@ -17,7 +17,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from meshes import versions
+from meshes import dolfinx_compat as versions
 from meshes.quadratic import VERTICES, node_vertices
 
 VTK_ORDER = {

@@ -1,12 +1,12 @@
 """The numerical core: quadratic programs with bounds and equalities, and Total FETI."""
 
 from solver.errors import IndefiniteError, NotFiniteError, QPError, UnboundedError
-from solver.expansion import Expansion, expansion_by_name, expansion_names
-from solver.mprgp import MPRGP
-from solver.operators import Operator, as_operator
-from solver.qp import BoxQP
-from solver.result import Counts, Monitor, Reason, Result, Step
-from solver.smalbe import SMALBE, Equalities, OuterState
+from solver.qp.box_qp import BoxQP
+from solver.qp.expansion import Expansion, expansion_by_name, expansion_names
+from solver.qp.mprgp import MPRGP
+from solver.qp.operators import Operator, as_operator
+from solver.qp.result import Counts, Monitor, Reason, Result, Step
+from solver.qp.smalbe import SMALBE, Equalities, OuterState
 
 __all__ = [
     "MPRGP",

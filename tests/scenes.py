@@ -474,8 +474,8 @@ def write(made: Config, path: Path) -> Path:
 
 def build(made: Config, subdomains: int | list[int] | None = None) -> Any:
     """The scene of a configuration, split into the given subdomains."""
-    from contact_app.configuration import Configuration
-    from contact_app.scene import build_scene
+    from contact_app.scene.configuration import Configuration
+    from contact_app.scene.scene import build_scene
 
     made = copy.deepcopy(made)
     if subdomains is not None:

@@ -1,7 +1,7 @@
 """What a run to an accuracy holds against its target: the estimate, corrected by energies.
 
 Energies of the meshes of a run say both by how much estimates exceed the error
-(`contact_app.calibration`: lowered) and by how much they fall short of it
+(`contact_app.accuracy.estimate.calibration`: lowered) and by how much they fall short of it
 (`contact_app.accuracy.agreement`: raised, or not believed at all).
 """
 
@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from contact_app.accuracy.agreement import EITHER_WAY, FALLING, Agreement, Measured, Verdict, alone
-from contact_app.calibration import Calibration, conforms
-from contact_app.scene import CELLS_PER_CUBE, Box, Decomposition, Scene
-from contact_app.solution import Accuracy
+from contact_app.accuracy.estimate.calibration import Calibration, conforms
+from contact_app.scene.scene import CELLS_PER_CUBE, Box, Decomposition, Scene
+from solver.contact.solution import Accuracy
 
 FEWEST = 8
 """Cells along every edge of a mesh from which on a mesh of half as many can confirm it."""

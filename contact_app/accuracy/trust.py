@@ -9,7 +9,7 @@ this warning.
 
 from __future__ import annotations
 
-from contact_app.scene import Body, Box, Scene
+from contact_app.scene.scene import Body, Box, Scene
 
 FEWEST = 4
 """Cells along an edge, times the degree, below which estimates are not trusted: on the plane random

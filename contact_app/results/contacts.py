@@ -23,10 +23,10 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.fields import NodeFields
-from contact_app.mirror import Image, Whole, on_planes, whole
-from contact_app.model import Model
-from contact_app.pressure import NodesInContact
+from contact_app.model.model import Model
+from contact_app.results.fields import NodeFields
+from contact_app.results.mirror import Image, Whole, on_planes, whole
+from contact_app.results.pressure import NodesInContact
 
 Array = NDArray[np.float64]
 

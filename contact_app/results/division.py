@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from contact_app.averaged import has_averaged_rows
-from contact_app.candidates import NEARLY_PARALLEL
-from contact_app.model import Model, facets_of
+from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.candidates import NEARLY_PARALLEL
+from contact_app.model.model import Model, facets_of
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
-from contact_app.scene import Scene
-from contact_app.solution import Solution
-from solver.tfeti.constraints import ContactRows, pairs_at_nodes, unit_rows
+from contact_app.scene.scene import Scene
+from solver.contact.solution import Solution
+from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes, unit_rows
 
 Array = NDArray[np.float64]
 

@@ -22,8 +22,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import lsmr
 
-from contact_app.candidates import NEARLY_PARALLEL
-from solver.tfeti.constraints import ContactRows, pairs_at_nodes
+from contact_app.model.candidates import NEARLY_PARALLEL
+from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.facets import hats_at_nodes, moments
-from contact_app.model import Model
+from contact_app.model.facets import hats_at_nodes, moments
+from contact_app.model.model import Model
 from meshes import Subdomain
-from solver.tfeti.exchange import NodeExchange
+from solver.tfeti.constraints.exchange import NodeExchange
 
 Array = NDArray[np.float64]
 

@@ -245,7 +245,7 @@ def read(path: Path) -> list[dict[str, Any]]:
 
 def config() -> Path:
     """The cube's scene."""
-    return Path(__file__).parents[1] / "data" / "paper_cube.yaml"
+    return Path(__file__).with_name("data") / "paper_cube.yaml"
 
 
 def line(row: dict[str, Any]) -> str:

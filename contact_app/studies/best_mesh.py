@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from contact_app.grading import layer_errors
-from contact_app.refinement import equal_lines, on_lines, regraded
-from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import Box, Scene
+from contact_app.accuracy.refine.grading import layer_errors
+from contact_app.accuracy.refine.refinement import equal_lines, on_lines, regraded
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.scene import Box, Scene
 
 REGRADES = 5
 """How often grid lines are laid anew; after five they hardly move."""

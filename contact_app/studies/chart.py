@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from contact_app.configuration import load
 from contact_app.errors import ConfigurationError
-from contact_app.scene import CELLS, Box, Scene, build_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import CELLS, Box, Scene, build_scene
+from contact_app.studies.chart_store import Kept
 from contact_app.studies.frontier import frontier
-from contact_app.studies.kept import Kept
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import QUANTITIES, Fields, ReferenceAnswer, Ruler

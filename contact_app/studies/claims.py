@@ -25,15 +25,15 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from contact_app import configuration
+from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
+from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.errors import ContactError
-from contact_app.refinement import Refined, solve_to_accuracy
-from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import Scene, build_scene
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene import configuration
+from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies.claims_reference import Truth, truth
 from contact_app.studies.claims_scenes import ClaimScene, claim_scene
 from contact_app.studies.time_limit import OutOfTime, time_limit
-from contact_app.warm_start import LastLevel
 from solver import QPError
 
 TARGETS = (0.3, 0.15, 0.08)

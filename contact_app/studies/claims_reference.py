@@ -22,10 +22,10 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.grading import graded, layer_errors
-from contact_app.obstacles import Plane
-from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import Decomposition, Scene
+from contact_app.accuracy.refine.grading import graded, layer_errors
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.obstacles import Plane
+from contact_app.scene.scene import Decomposition, Scene
 from contact_app.studies.claims_scenes import ClaimScene
 from contact_app.studies.grid_fields import GridField, square_distance
 from meshes.graded import graded_box
@@ -117,7 +117,7 @@ def reference_lines(claim: ClaimScene, dimension: int) -> list[Array]:
 
 
 def _finer_lines(claim: ClaimScene, solved: SolvedScene) -> list[Array]:
-    """Half as many lines again, laid by the error of the last reference (`contact_app.grading`)."""
+    """Half as many lines again, laid by the error of the last reference."""
     lines = list(GridField.of(solved).lines)
     (squares,) = layer_errors(solved, [lines])
     limit = LARGEST[len(lines)] / solved.model.dofs

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.model import build_model
+from contact_app.model.model import build_model
 from contact_app.studies.cube import cube_scene
 
 

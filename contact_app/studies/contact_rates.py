@@ -23,10 +23,10 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.configuration import Configuration
-from contact_app.run import solve_scene
-from contact_app.scene import build_scene
-from contact_app.studies.lattice import Lattice, Mesh
+from contact_app.run.run import solve_scene
+from contact_app.scene.configuration import Configuration
+from contact_app.scene.scene import build_scene
+from contact_app.studies.fields_on_boxes import Lattice, Mesh
 
 EDGE, RADIUS = 2.0, 4.0
 DEPTHS = (0.02, 0.03, 0.04, 0.05, 0.065, 0.08)

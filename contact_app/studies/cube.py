@@ -19,20 +19,20 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.configuration import load
-from contact_app.error_estimate import ErrorEstimator, accuracy_of
-from contact_app.fields import cell_fields, node_fields
-from contact_app.model import Model, build_model
-from contact_app.report import write_summary
-from contact_app.run import SolvedScene, summary_of
-from contact_app.scene import Scene, build_scene
-from contact_app.solution import Accuracy, Solution
-from contact_app.solve import certified_answer
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator, accuracy_of
+from contact_app.machine.timings import Timings
+from contact_app.model.model import Model, build_model
+from contact_app.results.fields import cell_fields, node_fields
+from contact_app.results.report import write_summary
+from contact_app.run.run import SolvedScene, summary_of
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
-from contact_app.timings import Timings
 from solver import MPRGP, SMALBE, BoxQP, Counts
-from solver.operators import estimate_norm
-from solver.tfeti.coarse import ProjectorEquality
+from solver.contact.driver import certified_answer
+from solver.contact.solution import Accuracy, Solution
+from solver.qp.operators import estimate_norm
+from solver.tfeti.coarse.coarse_problem import ProjectorEquality
 
 SMALL_CELLS = 40
 #: Relative tolerance of the benchmark.
@@ -41,7 +41,7 @@ RTOL = 1e-6
 
 def cube_scene(cells: int, subdomains: int = 10, surface_only: bool = False) -> Scene:
     """The paper's cube with ``cells``³ elements in ``subdomains``³ subdomains."""
-    resource = files("contact_app").joinpath("data/paper_cube.yaml")
+    resource = files("contact_app.studies").joinpath("data/paper_cube.yaml")
     with as_file(resource) as path:
         configuration = load(
             path,

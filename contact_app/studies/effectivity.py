@@ -32,11 +32,16 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.configuration import load
-from contact_app.refinement import FASTEST, solve_to_accuracy
-from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import BodyMesh, Box, Scene, build_scene
-from contact_app.stress_recovery import StressRecovery, apply, at_cells, stress_operator
+from contact_app.accuracy.estimate.stress_recovery import (
+    StressRecovery,
+    apply,
+    at_cells,
+    stress_operator,
+)
+from contact_app.accuracy.refine.refinement import FASTEST, solve_to_accuracy
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import BodyMesh, Box, Scene, build_scene
 from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
@@ -74,7 +79,7 @@ class Case:
 
     def scene_of(self, cells: int, *overrides: str) -> Scene:
         """The scene with that many cells along every edge."""
-        with as_file(files("contact_app").joinpath(f"data/{self.scene}.yaml")) as path:
+        with as_file(files("contact_app.studies").joinpath(f"data/{self.scene}.yaml")) as path:
             dimension = 3 if self.cell in ("hexahedron", "tetrahedron") else 2
             made = [
                 f"bodies.0.mesh.box.cells={[cells] * dimension}",

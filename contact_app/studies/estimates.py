@@ -15,13 +15,13 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from contact_app.check import estimate
-from contact_app.configuration import load
-from contact_app.model import outline
-from contact_app.scene import build_scene
+from contact_app.model.model import outline
+from contact_app.model.symmetry import halved
+from contact_app.run.check import estimate
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
 from contact_app.studies.bench import config
 from contact_app.studies.processes import RunError, python
-from contact_app.symmetry import halved
 
 CUBES = (20, 40, 60, 80, 100, 120)
 
@@ -48,7 +48,7 @@ def compare(name: str, path: Path, overrides: Sequence[str] = ()) -> Comparison:
         scene = halved(scene).scene
     cost = estimate(scene, outline(scene, MPI.COMM_SELF, needed="estimated"))
     more = [part for override in overrides for part in ("--set", override)]
-    found = python("-m", "contact_app.studies.point", str(path), *more)
+    found = python("-m", "contact_app.studies.single_run", str(path), *more)
     return Comparison(
         name,
         (cost.seconds, found["timings"]["total"]),

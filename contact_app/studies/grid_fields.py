@@ -14,8 +14,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.run import SolvedScene
-from contact_app.scene import Material
+from contact_app.run.run import SolvedScene
+from contact_app.scene.scene import Material
 
 Array = NDArray[np.float64]
 

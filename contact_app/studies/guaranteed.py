@@ -14,8 +14,8 @@ from collections.abc import Iterator
 
 from mpi4py import MPI
 
-from contact_app.guarantee import guarantee
-from contact_app.run import solve_scene
+from contact_app.accuracy.guarantee.guarantee import guarantee
+from contact_app.run.run import solve_scene
 from contact_app.studies.effectivity import TOLERANCE, Case, aitken
 
 CASES = (

@@ -22,9 +22,9 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.configuration import load
-from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import build_scene
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 from mpi4py import MPI
 
-from contact_app.configuration import load
-from contact_app.refinement import solve_to_accuracy
-from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import Scene, build_scene
-from contact_app.warm_start import LastLevel
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
+from contact_app.accuracy.refine.warm_start import LastLevel
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Scene, build_scene
 
 ROOT = Path(__file__).parents[2]
 
@@ -39,7 +39,7 @@ def _cube(name: str, accuracy: float, *changes: str) -> Case:
 
 FIRST, EIGHT = "bodies.0.degree=1", "decomposition.subdomains=8"
 BLOCKS, TETRAHEDRA = "decomposition.subdomains=[2,2,2]", "bodies.0.mesh.box.cell=tetrahedron"
-BALL, HERTZ = "configs/sphere.yaml", "contact_app/data/hertz.yaml"
+BALL, HERTZ = "configs/sphere.yaml", "contact_app/studies/data/hertz.yaml"
 COARSE = "bodies.0.mesh.box.cells=[8,8,4]"
 ROLLER, DISC = "configs/roller_on_block.yaml", "configs/hertz_disc.yaml"
 
@@ -51,13 +51,13 @@ CASES = (
     Case("ball, hexahedra of degree 1", BALL, 0.15, (COARSE, FIRST, "decomposition.subdomains=4")),
     Case("Hertz, 8 parts", HERTZ, 0.01, (EIGHT,)),
     Case("Hertz, degree 1", HERTZ, 0.02, (FIRST, "decomposition.subdomains=[4,4]")),
-    Case("punch, 8 parts", "contact_app/data/flat_punch.yaml", 0.05, (EIGHT,)),
+    Case("punch, 8 parts", "contact_app/studies/data/flat_punch.yaml", 0.05, (EIGHT,)),
     Case("roller on block, 12 parts", ROLLER, 0.02, ("decomposition.subdomains=12",)),
     Case("roller on block, whole", ROLLER, 0.02, ("decomposition.subdomains=2",)),
     Case("disc on plane, 8 parts", DISC, 0.02, (EIGHT,)),
     Case("disc on plane, whole", DISC, 0.02, ("decomposition.subdomains=1",)),
     Case("bushing", "configs/bushing.yaml", 0.1, ()),
-    Case("cantilever", "contact_app/data/cantilever.yaml", 0.05, ()),
+    Case("cantilever", "contact_app/studies/data/cantilever.yaml", 0.05, ()),
 )
 TOLERANCES = ("auto", "1e-6")
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from contact_app.configuration import load
-from contact_app.run import solve_scene
-from contact_app.scene import Scene, build_scene
-from contact_app.symmetry import halved
+from contact_app.model.symmetry import halved
+from contact_app.run.run import solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Scene, build_scene
 
 ROUNDS = 5
 """Solves of each, by turns; the first compiles forms and is not counted."""

@@ -63,7 +63,8 @@ class Comparison:
 
 def paper_rows(benchmark: str) -> list[Row]:
     """The paper's rows: 73 for ``contact``, 73 for each of the three data sets."""
-    text = files("contact_app").joinpath("data/paper_counts.csv").read_text(encoding="utf-8")
+    resource = files("contact_app.studies").joinpath("data/paper_counts.csv")
+    text = resource.read_text(encoding="utf-8")
     rows = (_row(fields) for fields in csv.DictReader(text.splitlines()))
     return [row for row in rows if row.benchmark == benchmark]
 

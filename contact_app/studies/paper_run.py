@@ -18,21 +18,21 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.checkpoint import Attention, Checkpoint, Saver
-from contact_app.history import History
-from contact_app.model import Model, build_model
-from contact_app.progress import Interruption, Progress, together
-from contact_app.report import write_summary
-from contact_app.run import Totals, summarise
-from contact_app.scene import Scene
-from contact_app.solution import Solution
-from contact_app.solve import certified_answer, solve
+from contact_app.machine.timings import Timings
+from contact_app.model.model import Model, build_model
+from contact_app.results.history import History
+from contact_app.results.report import write_summary
+from contact_app.results.surface import surface_fields, write_lattice, write_surface
+from contact_app.run.progress import Interruption, Progress, together
+from contact_app.run.run import Totals, summarise
+from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
-from contact_app.surface import surface_fields, write_lattice, write_surface
-from contact_app.timings import Timings
 from solver import MPRGP, SMALBE, BoxQP, Reason
-from solver.operators import estimate_norm
-from solver.result import Monitor
+from solver.contact.checkpoint import Attention, Checkpoint, Saver
+from solver.contact.driver import certified_answer, solve
+from solver.contact.solution import Solution
+from solver.qp.operators import estimate_norm
+from solver.qp.result import Monitor
 
 PAPER_CELLS = 300
 """Hexahedra along each edge of the paper's cube."""

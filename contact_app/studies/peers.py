@@ -39,10 +39,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from contact_app.environment import peak_rss_gb
-from contact_app.scene import Scene
+from contact_app.machine.environment import peak_rss_gb
+from contact_app.scene.scene import Scene
 from contact_app.studies.reference import Fields
-from contact_app.studies.whole import WholeSystem, assemble
+from contact_app.studies.undecomposed import WholeSystem, assemble
 
 Answer = tuple[PETSc.Vec, int, int, bool]
 """Unknowns, steps of the method, inner iterations (products with the stiffness), convergence."""
@@ -219,8 +219,8 @@ def _save(scene: Scene, system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
 
 def main() -> None:
     """Run one method and print its row."""
-    from contact_app.configuration import load
-    from contact_app.scene import build_scene
+    from contact_app.scene.configuration import load
+    from contact_app.scene.scene import build_scene
 
     parser = argparse.ArgumentParser()
     parser.add_argument("method", choices=METHODS)

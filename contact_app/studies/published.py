@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact_app.svm import Samples
+from contact_app.studies.svm_training import Samples
 
 #: For each set, feature: least and largest value and decimals in the original table. Features that
 #: are not named take the same few values in both.

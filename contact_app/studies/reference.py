@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene import Box, Scene
-from contact_app.studies.cloud import BodyNodes, Cloud
-from contact_app.studies.lattice import Lattice, Mesh
+from contact_app.scene.scene import Box, Scene
+from contact_app.studies.fields_on_boxes import Lattice, Mesh
+from contact_app.studies.fields_on_meshes import BodyNodes, Cloud
 
 Array = NDArray[np.float64]
 LEAST_KNOWN = 0.01

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator
 
 from mpi4py import MPI
 
-from contact_app.model import build_model
+from contact_app.machine.timings import Timings
+from contact_app.model.model import build_model
 from contact_app.studies.cube import RTOL, cube_scene, equality
-from contact_app.timings import Timings
 from solver import MPRGP, SMALBE, BoxQP
-from solver.operators import estimate_norm
+from solver.qp.operators import estimate_norm
 
 STRATEGIES = (
     ("projcg", 1.9), ("projcg-safe", 1.9), ("fixed", 1.9), ("fixed", 1.0), ("gfgf-opt", 1.2),

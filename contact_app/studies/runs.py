@@ -54,7 +54,7 @@ def run_one(
             raise RunError("it did not converge")
         return {**row, "subdomains": 1}
     summary = python(
-        "-m", "contact_app.studies.point", str(scene), *more,
+        "-m", "contact_app.studies.single_run", str(scene), *more,
         "--set", f"solver.tolerance={tolerance}", limit=limit,
         ranks=parallel_ranks() if parallel else 1,
     )  # fmt: skip

@@ -16,8 +16,8 @@ import numpy as np
 
 from contact_app.studies.paper import plotting
 from solver import MPRGP, BoxQP
-from solver.examples import cycling_problem, figure_1
-from solver.iterate import Iterate
+from solver.qp.examples import cycling_problem, figure_1
+from solver.qp.iterate import Iterate
 
 SHOWN = ("fixed", "gfgf-opt", "projcg", "projcg-safe")
 

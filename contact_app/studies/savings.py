@@ -8,9 +8,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from contact_app.configuration import load
-from contact_app.run import SolvedScene, solve_scene
-from contact_app.scene import SolverOptions, build_scene
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import SolverOptions, build_scene
 
 EXACT = SolverOptions().tightest
 """Error of a mesh below which `auto` has nothing to follow."""

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.configuration import load
-from contact_app.model import build_model
-from contact_app.scene import build_scene
+from contact_app.model.model import build_model
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
 from contact_app.studies.bench import config
-from solver.tfeti.bedding import bedded
-from solver.tfeti.constraints import RowKind
+from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.winkler import bedded
 
 REPEATS = 20
 CASES = (

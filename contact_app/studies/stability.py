@@ -29,15 +29,15 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from contact_app.configuration import Configuration
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
-from contact_app.scene import Scene, build_scene
+from contact_app.scene.configuration import Configuration
+from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case, Config
 from contact_app.studies.time_limit import OutOfTime, time_limit
 from solver import MPRGP, BoxQP
-from solver.benchmark import RTOL, Problem, run_tao
 from solver.errors import QPError
+from solver.qp.benchmark import RTOL, Problem, run_tao
 
 ENERGY, PENETRATION = 1e-6, 1e-6
 STRAINS = 1e-3
@@ -176,7 +176,7 @@ def _attempt(method: str, case: Case, made: Config) -> Outcome:
 def _solve(method: str, made: Config, subdomains: Any) -> Outcome:
     scene = _build(made, subdomains)
     if method in (OURS, WHOLE):
-        from contact_app.run import solve_scene
+        from contact_app.run.run import solve_scene
 
         solved = solve_scene(scene)
         summary, strains = solved.summary, solved.solution.measures.strains
@@ -344,7 +344,8 @@ errors, far from an answer. What ends so is solved once more with every body who
 allows (on ranks, in one subdomain each). Where that fails too, the displacements themselves are
 solved for, by augmented Lagrangians and Newton's method with a sparse factor a step
 (`solver/primal/newton.py`): slower, but it needs no digits of a dual operator. An exception of the
-solver leads there as well, and the certificate warns of what happened (`contact_app/fallback.py`).
+solver leads there as well, and the certificate warns of what happened
+(`contact_app/run/fallback.py`).
 
 agrees: certified, and right; contradicts, escapes: refused, and there is no equilibrium; refused:
 input that is told to be wrong; degraded: not certified, and said so, where strains are rounding

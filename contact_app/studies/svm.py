@@ -17,7 +17,7 @@ from statistics import median
 
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
 from contact_app.studies.published import as_published
-from contact_app.svm import DataError, read_libsvm, solve
+from contact_app.studies.svm_training import DataError, read_libsvm, solve
 from solver import MPRGP
 
 FIGURES = {"australian": 4, "diabetes": 5, "ionosphere": 6}

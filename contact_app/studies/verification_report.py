@@ -19,9 +19,10 @@ Contact problems whose answers are known, ours beside them on a row of meshes. M
 are coarse ones drawn in Gmsh, halved until cells have the size of the table; new nodes lie on the
 circle or ball. How each number is measured is told in `contact_app/studies/verification.py`.
 
-What is exact on any mesh is held by tests to round-off (`tests/contact_app/test_exact.py`: bar
-against a wall, patch tests, energy identity, homogeneity, change of units;
-`tests/contact_app/test_two_bodies.py`: patch tests of meshes that do not match, also inclined).
+What is exact on any mesh is held by tests to round-off (`tests/contact_app/model/test_exact.py`:
+bar against a wall, patch tests, energy identity, homogeneity, change of units;
+`tests/contact_app/model/test_two_bodies.py`: patch tests of meshes that do not match, also
+inclined).
 
 The rate is the order p in error ~ h^p with h ~ (degrees of freedom)^(-1/dimension), by least
 squares over the meshes of the table; "settled" where an error does not fall because it is already

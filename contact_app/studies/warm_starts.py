@@ -24,12 +24,12 @@ import numpy as np
 
 from contact_app.studies.published import as_published
 from contact_app.studies.svm import FIGURES
-from contact_app.svm import GramOperator, read_libsvm
+from contact_app.studies.svm_training import GramOperator, read_libsvm
 from solver import MPRGP, BoxQP
-from solver.benchmark import problems
 from solver.errors import QPError
-from solver.examples import permon_string
-from solver.operators import Operator, estimate_norm
+from solver.qp.benchmark import problems
+from solver.qp.examples import permon_string
+from solver.qp.operators import Operator, estimate_norm
 from solver.vectors import Mask, Vector
 
 FACES = 10
@@ -140,7 +140,7 @@ def _largest(qp: BoxQP) -> float:
 
 
 def collection(data: Path | None) -> Iterator[Problem]:
-    """PERMON's string, the problems of ``solver.benchmark``, and the paper's data sets if there."""
+    """PERMON's string, the problems of the benchmark, and the paper's data sets if there."""
     string = permon_string()
     yield Problem("string obstacle of PERMON", string, np.zeros(string.size), 1e-5)
     for made in problems():

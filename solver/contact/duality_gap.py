@@ -1,7 +1,7 @@
 """The duality gap J(û) - D(λ) of an answer, by groups of bodies that can touch each other.
 
 û is an admissible neighbour of the displacements u, λ is in equilibrium with the loads, and the gap
-bounds ½ ‖û - u*‖²_K: the derivation stands in `contact_app.certificate`.
+bounds ½ ‖û - u*‖²_K: the derivation stands in `solver.contact.certificate`.
 """
 
 from __future__ import annotations

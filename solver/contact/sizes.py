@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.tfeti.bodies import largest
-from solver.tfeti.constraints import RowKind
+from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem, interface_slices
 
 ROUNDED = 4.0

@@ -35,10 +35,10 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.result import Counts, Monitor, Reason, Step
+from solver.openmp import one_openmp_thread
+from solver.qp.result import Counts, Monitor, Reason, Step
+from solver.tfeti.constraints.matrix import lent, petsc_rows, scale_rows
 from solver.tfeti.dual import DualProblem, interface_slices
-from solver.tfeti.matrix import lent, petsc_rows, scale_rows
-from solver.tfeti.openmp import one_openmp_thread
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.matrix import ConstraintMatrix
+from solver.tfeti.constraints.matrix import ConstraintMatrix
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import linalg
 
+from solver.tfeti.constraints.hierarchy import RowLevels
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
-from solver.tfeti.thinning import RowLevels
 
 SETS = 60
 """Active sets tried."""

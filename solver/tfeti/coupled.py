@@ -22,8 +22,8 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from solver.tfeti.constraints.matrix import ConstraintMatrix, lent, local_rows, scale_rows
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.matrix import ConstraintMatrix, lent, local_rows, scale_rows
 
 
 class CoupledRows:

@@ -25,10 +25,10 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.tfeti.bodies import Bodies, body_lengths
-from solver.tfeti.classes import SubdomainClass
-from solver.tfeti.coarse import CoarseProblem, ProjectedOperator
-from solver.tfeti.constraints import ContactRows, RowKind
-from solver.tfeti.matrix import ConstraintMatrix, RowWeights, local_rows, petsc_rows
+from solver.tfeti.coarse.coarse_problem import CoarseProblem, ProjectedOperator
+from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, local_rows, petsc_rows
+from solver.tfeti.constraints.rows import ContactRows, RowKind
+from solver.tfeti.subdomain.classes import SubdomainClass
 
 
 class DualOperator:

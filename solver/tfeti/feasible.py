@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.classes import SubdomainClass
 from solver.tfeti.dual import DualProblem, interface_slices
+from solver.tfeti.subdomain.classes import SubdomainClass
 
 ROUNDS = 40
 """Corrections tried; a solver's iterate needs two or three."""

@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.coarse import RangeOperator
+from solver.tfeti.coarse.coarse_problem import RangeOperator
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import FacePreconditioner
 

@@ -172,7 +172,7 @@ def test_what_the_machine_lacks_is_told(
     def fail(*_: object, **__: object) -> int:
         raise fault
 
-    monkeypatch.setattr("contact_app.run.run", fail)
+    monkeypatch.setattr("contact_app.run.run.run", fail)
     assert contact_app("run", cube, "-o", tmp_path / "out") == 4
     err = capsys.readouterr().err
     assert told in err
@@ -183,7 +183,7 @@ def test_ranks_speak_once_of_what_all_found_and_each_of_its_own(
     cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     waits: list[float] = []
-    monkeypatch.setattr("contact_app.exits.time.sleep", waits.append)
+    monkeypatch.setattr("contact_app.machine.exits.time.sleep", waits.append)
     monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
     assert contact_app("run", cube, "--set", "bodis=1") == 2
     assert capsys.readouterr().err == ""
@@ -192,7 +192,7 @@ def test_ranks_speak_once_of_what_all_found_and_each_of_its_own(
     def fail(*_: object, **__: object) -> int:
         raise MemoryError
 
-    monkeypatch.setattr("contact_app.run.run", fail)
+    monkeypatch.setattr("contact_app.run.run.run", fail)
     assert contact_app("run", cube, "-o", tmp_path / "out") == 4
     assert capsys.readouterr().err.startswith("rank 1: the run ended: not enough memory")
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.assembly import Element
+from contact_app.model.assembly import Element
 from meshes import CellMesh, MeshError, Placement, decompose, load_mesh
 from meshes.refine import refined
 from tests import meshfiles

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from meshes import BoxShape, Partition, decompose, graph, versions
+from meshes import BoxShape, Partition, decompose, graph
+from meshes import dolfinx_compat as versions
 from meshes.box_cells import BoxCells
 from meshes.cells import Cells
-from meshes.deal import dealt
+from meshes.load_balance import dealt
 from meshes.unstructured import CellMesh, Topology
 from tests.ranks import python
 

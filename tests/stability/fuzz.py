@@ -83,7 +83,7 @@ class Verdict:
 def judge(seed: int) -> Verdict:
     """Solve a random scene and compare it with the reference."""
     from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
-    from contact_app.run import solve_scene
+    from contact_app.run.run import solve_scene
 
     made, subdomains = random_scene(seed)
     solved, message = None, ""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from contact_app import faces
+from solver.contact import active_set as faces
 from tests.scenes import Config
 from tests.stability import fuzz
 from tests.stability.defect_scenes import EVERY, KINDS, kind_of
@@ -77,7 +77,7 @@ def solvable_seed() -> int:
 
 def test_an_answer_that_is_off_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge itself: a wrong energy with a passing certificate must not get through."""
-    from contact_app import run
+    from contact_app.run import run
 
     seed, honest = solvable_seed(), run.solve_scene
 
@@ -95,7 +95,7 @@ def test_an_answer_that_is_off_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_an_answer_that_is_off_in_one_body_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge itself: what is wrong in a weak body is nothing in the energy of all bodies."""
-    from contact_app import run
+    from contact_app.run import run
 
     seed, honest = EVERY - 1, run.solve_scene
     assert kind_of(seed) is KINDS[0]
@@ -115,7 +115,7 @@ def test_an_answer_that_is_off_in_one_body_is_a_fault(monkeypatch: pytest.Monkey
 
 
 def test_giving_up_what_the_reference_solves_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contact_app import run
+    from contact_app.run import run
 
     seed, honest = solvable_seed(), run.solve_scene
 
@@ -174,8 +174,8 @@ def test_polishing_ends_at_the_last_digit() -> None:
 
 
 def test_denying_an_equilibrium_that_exists_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contact_app import run
     from contact_app.errors import NoEquilibriumError
+    from contact_app.run import run
 
     seed = solvable_seed()
 
@@ -187,7 +187,7 @@ def test_denying_an_equilibrium_that_exists_is_a_fault(monkeypatch: pytest.Monke
 
 
 def test_a_solve_without_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contact_app import run
+    from contact_app.run import run
 
     def forever(*_):
         while True:

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
 from contact_app.accuracy.trust import few_cells
-from contact_app.configuration import load
-from contact_app.refinement import Refined, solve_to_accuracy
-from contact_app.run import solve_scene
-from contact_app.scene import Box, Scene, build_scene
+from contact_app.run.run import solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Box, Scene, build_scene
 from contact_app.studies.claims import run_claim, scene_of
 from contact_app.studies.claims_reference import truth
 from contact_app.studies.claims_scenes import claim_scene
@@ -121,7 +121,7 @@ def test_a_start_of_a_few_cells_is_no_basis_for_a_claim(text: str, target: float
 
 def test_what_is_not_confirmed_is_not_met(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that may not refine says that its estimate is not believed, and why."""
-    monkeypatch.setattr("contact_app.refinement.MOST_LEVELS", 1)
+    monkeypatch.setattr("contact_app.accuracy.refine.refinement.MOST_LEVELS", 1)
     found = solve_to_accuracy(built(STRIP, 0.15), solve_scene)
     assert found.levels[-1].error <= 0.15
     assert "no other mesh confirms its estimate" in found.missed

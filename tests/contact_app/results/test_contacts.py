@@ -11,11 +11,11 @@ import meshio
 import numpy as np
 import pytest
 
-from contact_app.configuration import load
-from contact_app.run import run, solve_scene
-from contact_app.scene import build_scene
-from contact_app.stored import read
-from contact_app.symmetry import halved
+from contact_app.model.symmetry import halved
+from contact_app.results.plot.stored import read
+from contact_app.run.run import run, solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
 from tests import meshfiles, scenes
 from tests.boundary_integrals import WEIGHTS, Where, facets, integral, pressure_of
 from tests.comparison import same_contacts, solve

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from solver.tfeti.generalised_inverse import CholeskyFactor, DenseFactor, GeneralisedInverse
-from solver.tfeti.kernels import (
+from solver.tfeti.subdomain.generalised_inverse import (
+    CholeskyFactor,
+    DenseFactor,
+    GeneralisedInverse,
+)
+from solver.tfeti.subdomain.kernels import (
     MOTIONS,
     check_kernel,
     fixing_nodes,

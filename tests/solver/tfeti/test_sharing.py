@@ -9,11 +9,11 @@ from tests.ranks import python
 SCRIPT = """
 import numpy as np
 from mpi4py import MPI
-from solver.tfeti.generalised_inverse import SymmetricInverse
-from solver.tfeti.kernels import fixing_nodes, orthonormal_kernel
-from solver.tfeti.sharing import made_together
-from solver.tfeti.symmetry import find_symmetry
-from tests.solver.tfeti.test_symmetry import springs
+from solver.tfeti.subdomain.generalised_inverse import SymmetricInverse
+from solver.tfeti.subdomain.kernels import fixing_nodes, orthonormal_kernel
+from solver.tfeti.subdomain.sharing import made_together
+from solver.tfeti.subdomain.reflections import find_symmetry
+from tests.solver.tfeti.test_reflections import springs
 
 points, K = springs((3, 2, 2))
 R, symmetry = orthonormal_kernel(points, 3), find_symmetry(points, 3, K)

@@ -1,0 +1,82 @@
+"""What the energies of a run's meshes say of its estimates.
+
+Where every admissible displacement of a mesh is admissible in the continuum, answers come down to
+the energy of the true one, and their distances from it obey ‖u - u_h‖² = 2 (J(u_h) - J(u)) (an
+upper bound where what touches still changes). J(u) is not known, but two meshes l and m need none,
+
+    ‖u - u_l‖² - ‖u - u_m‖² = 2 (J(u_l) - J(u_m)),
+
+beside which stands η_l² - η_m² of their estimates. Where the estimate is a multiple of the error,
+the same on both, so is its square of the difference, and the quotient of the two sides calibrates
+it. Meshes differ by little in the kinds of cells and of grid lines (`kind`), and by so much in
+error that what is left of a change of that multiple does not decide.
+
+Energies only ever lower an estimate here: no further than any of the quotients says, and less by
+what these are uncertain, since estimates come closer to errors on the finer of two meshes. Nothing
+is lowered where energies do not fall, or by more than any estimate is known to exceed its error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from contact_app.scene.obstacles import Plane
+from contact_app.scene.scene import Box, Scene
+
+APART = 2.25
+"""η² of one mesh over that of the other from which on their energies are compared."""
+
+UNCERTAIN = 1.2
+"""Factor on the quotients: what the multiple changes between two such meshes."""
+
+LEAST = 0.5
+"""Quotients that are believed: estimates are at most 1.4 times the error once meshes see it."""
+
+
+def conforms(scene: Scene) -> bool:
+    """Whether meshes of a scene have energies above the true one: nothing between nodes can cross.
+
+    Boxes have the same shape on all meshes, flat obstacles touch no deeper between nodes than at
+    them; mean dilatation has another energy, and bodies that touch each other do so on the average.
+    """
+    boxes = all(isinstance(body.mesh, Box) for body in scene.bodies)
+    flat = all(isinstance(contact.obstacle, Plane) for contact in scene.contacts)
+    averaged = any(m.mean_dilatation for body in scene.bodies for m in body.materials)
+    return boxes and flat and not scene.pairs and not averaged
+
+
+@dataclass
+class Calibration:
+    """Collects the levels of a run; says what to take of the squares of their estimates."""
+
+    _levels: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    _quotients: dict[str, list[float]] = field(default_factory=dict)
+
+    def share(self, kind: str, energy: float, square: float) -> float:
+        """Of η² of the next level what is the squared error's: 1 where energies do not say.
+
+        Parameters
+        ----------
+        kind
+            Levels of one kind are compared: of the same degree, of equal or of graded cells.
+        energy, square
+            J(u_h) and η², both in units of energy.
+
+        Examples
+        --------
+        >>> levels = Calibration()  # errors of 4, 2, 1 and squares that are 1.6 times as large
+        >>> [round(levels.share("", 0.5 * e**2, 1.6 * e**2), 4) for e in (4.0, 2.0, 1.0)]
+        [1.0, 0.75, 0.75]
+        """
+        before = self._levels.setdefault(kind, [])
+        found = self._quotients.setdefault(kind, [])
+        apart = [(e, s) for e, s in before if s >= APART * square]
+        before.append((energy, square))
+        if apart:
+            other, larger = apart[-1]
+            quotient = 2.0 * (other - energy) / (larger - square)
+            if quotient >= LEAST or quotient <= 0.0:
+                found.append(quotient if quotient > 0.0 else 1.0)
+        if not found:
+            return 1.0
+        return min(UNCERTAIN * max(found), 1.0)

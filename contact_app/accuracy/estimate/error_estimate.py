@@ -1,0 +1,202 @@
+"""How far an answer is from the continuum: of the mesh, of the solver, and of both.
+
+The mesh. A stress σ* recovered from that of the answer is closer to the true one, and estimates
+the error in energy norm,
+
+    η² = Σ_K ∫_K (σ* - σ_h) : C⁻¹ : (σ* - σ_h) dx
+
+(Zienkiewicz & Zhu, *A simple error estimator and adaptive procedure for practical engineering
+analysis*, IJNME 24, 1987). In quadrilaterals and hexahedra σ_h is most accurate at the samples that
+σ* is fitted to, and what misses them there tells how far σ* itself is off: beside singularities,
+where neither is right, both by as much. The distance then counts the error of σ_h and that of σ*,
+and half the square of its part that samples see, Π(σ* - σ_h), is left out:
+
+    η² = Σ_K ∫_K |σ* - σ_h|² - ½ |Π(σ* - σ_h)|² dx   in the norm of C⁻¹.
+
+Where stresses are smooth the misfit is of higher order. It is an estimate, no bound;
+docs/accuracy.md has what it is worth on scenes whose error is known.
+
+The solver. The duality gap bounds the distance from the exact solution u_h on the mesh to the
+admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap. It takes K u = f - Bᵀ λ
+for granted. What is left of that, and what rounding u does, is added to it: an estimate, no bound,
+told beside it as `round_off`.
+
+Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and with them the squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.accuracy.estimate.stress_recovery import StressRecovery, apply, at_cells
+from contact_app.model.model import Model
+from solver.contact.sizes import STRAINLESS
+from solver.contact.solution import Accuracy, Solution
+from solver.tfeti.dual import interface_slices
+
+Array = NDArray[np.float64]
+
+_Distance = tuple[NDArray[np.int64], slice, Array, Array]
+
+MISFIT = 0.5
+"""Share of the squared misfit at samples that is the recovery's own error."""
+
+NEARLY_INCOMPRESSIBLE = 0.48
+"""Poisson's ratio above which nothing of the distance is left out: on quadrilaterals of degree 2 at
+0.49 to 0.4999 that made estimates of 0.5 to 0.7 of the error (docs/accuracy.md)."""
+
+
+class ErrorEstimator:
+    """Estimates the errors of answers to one model; using it is collective."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self._last: tuple[Solution, list[Array]] | None = None
+
+    @cached_property
+    def recovery(self) -> StressRecovery:
+        """What recovers stresses on this model (collective)."""
+        return StressRecovery(self.model)
+
+    def stresses(self, solution: Solution) -> list[Array]:
+        """σ* of an answer at nodes, (nodes, members, components) of each class (collective).
+
+        That of the last answer asked for is kept.
+        """
+        if self._last is None or self._last[0] is not solution:
+            touching = touching_nodes(self.model, solution)
+            self._last = solution, self.recovery(solution.displacements, touching)
+        return self._last[1]
+
+    def accuracy(self, solution: Solution) -> Accuracy:
+        """The errors of an answer."""
+        return accuracy_of(self.squares(solution), solution)
+
+    def squares(self, solution: Solution) -> Array:
+        """η² and a(u_h, u_h) of each body, (2, bodies)."""
+        bodies = self.model.problem.bodies
+        sums = np.zeros((2, bodies.count))
+        displacements = solution.displacements
+        recovered = self.recovery(displacements, touching_nodes(self.model, solution))
+        for number, (u, body) in enumerate(zip(displacements, bodies.members, strict=True)):
+            for _, part, error, stress in self._distances(number, u, recovered[number]):
+                each = (
+                    self._lengths(number, error).sum(axis=1),
+                    np.einsum("mci,mci->m", stress, stress),
+                )
+                for row, values in zip(sums, each, strict=True):
+                    row += np.bincount(body[part], values, bodies.count)
+        return np.asarray(self.model.comm.allreduce(sums))
+
+    def cell_squares(self, solution: Solution) -> list[Array]:
+        """η² by cell, (cells, members) of each class (collective)."""
+        result = []
+        recovered = self.stresses(solution)
+        for number, u in enumerate(solution.displacements):
+            squares = np.empty((len(self.recovery.cells[number].nodes), u.shape[1]))
+            for rows, part, error, _ in self._distances(number, u, recovered[number]):
+                squares[rows, part] = self._lengths(number, error).T
+            result.append(squares)
+        return result
+
+    def _lengths(self, number: int, error: Array) -> Array:
+        """η² of cells from σ* - σ_h at their points, (members, cells)."""
+        squares = np.einsum("mci,mci->mc", error, error)
+        basis = self._sampled[number]
+        if basis is not None:
+            misfit = error @ basis
+            squares -= MISFIT * np.einsum("mci,mci->mc", misfit, misfit)
+        return squares
+
+    @cached_property
+    def _sampled(self) -> list[Array | None]:
+        """Of each class a basis of what samples tell, by component; None where they are no better.
+
+        Those of mean dilatation are not: the part of the volume is the same all over a cell. Nor
+        are those of a nearly incompressible material, whose pressure is in error at the samples by
+        as much as elsewhere.
+        """
+        recovery, result = self.recovery, []
+        for cells, averaged, materials in zip(
+            recovery.cells, recovery.averaged, self.model.materials, strict=True
+        ):
+            stiff = self.model.scene.plane != "stress" and any(
+                material.poisson > NEARLY_INCOMPRESSIBLE for material in materials
+            )
+            basis = None if averaged or stiff else cells.sampled(2 * cells.degree)
+            result.append(None if basis is None else np.kron(basis, np.eye(len(recovery.V))))
+        return result
+
+    def _distances(self, number: int, u: Array, recovered: Array) -> Iterator[_Distance]:
+        """σ* - σ_h and σ_h of a class, whose squares are ∫ e : C⁻¹ : e: batches of cells.
+
+        Yields rows, members, and two arrays (members, cells, points · components).
+        """
+        recovery, cells = self.recovery, self.recovery.cells[number]
+        table = cells.table(2 * cells.degree)
+        field = u.reshape(len(cells.places), cells.dimension, -1).swapaxes(1, 2)
+        for rows, shape, part in cells.batches(u.shape[1], len(table.weights)):
+            D = np.array(recovery.moduli[number][cells.tags[rows[0]]])
+            root = np.linalg.cholesky(np.linalg.inv(D.sum(axis=0)))  # e : C⁻¹ : e = |rootᵀ e|²
+            # node by node the same: from root's components of σ* to those at the points
+            nodal = np.einsum("qv,st->vsqt", table.values, root)
+            nodal = nodal.reshape(table.values.shape[1] * len(root), -1)
+            volume = cells.gradients(shape, table)[1]
+            weight = np.repeat(np.sqrt(table.weights * volume), len(root), axis=1)
+            operator = recovery.stress_at(number, shape, table, root.T @ D @ recovery.V)
+            nodes = cells.nodes[rows]
+            stress = apply(operator, at_cells(field[:, part], nodes)) * weight
+            error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress
+            yield rows, part, error, stress
+
+
+def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
+    """The errors of an answer.
+
+    Parameters
+    ----------
+    squares : (2, bodies)
+        η² and a(u_h, u_h) of each body.
+    """
+    measures = solution.measures
+    groups, count = measures.groups, len(measures.gaps)
+    square, norm, rounding, told = (
+        np.bincount(groups, values, count)
+        for values in (*squares, measures.roundings, measures.scales + measures.pressed)
+    )
+    whole, strained = float(norm.sum()), norm > STRAINLESS * rounding
+    if (~strained & (told > 0.0)).any():  # forces, but no strains to be relative to
+        return Accuracy(np.nan, np.nan, np.nan, whole, np.nan)
+    if not strained.any():
+        return Accuracy(0.0, 0.0, 0.0, 0.0, 0.0)
+    solver = measures.error_squares()
+    totals = np.divide(square + solver, norm, out=np.zeros(count), where=strained)
+    worst = int(np.argmax(totals))
+    errors = np.sqrt(np.array([square, solver, rounding])[:, worst] / norm[worst])
+    some = strained[groups] & (measures.scales > 0.0)
+    bodies = np.sqrt(np.stack([squares[0], solver[groups]])[:, some] / measures.scales[some])
+    return Accuracy(
+        discretisation=float(errors[0]),
+        algebraic=float(errors[1]),
+        total=float(np.sqrt(totals[worst])),
+        square=whole,
+        round_off=float(errors[2]),
+        bodies=tuple((float(mesh), float(error)) for mesh, error in bodies.T),
+    )
+
+
+def touching_nodes(model: Model, solution: Solution) -> list[NDArray[np.bool_]]:
+    """Nodes that an obstacle or another body pushes, (nodes, members) of each class."""
+    problem = model.problem
+    pushing = np.where(problem.inequality, solution.multiplier, 0.0)
+    forces = problem.constraint_forces(pushing)
+    touching = []
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        pushed = np.zeros((cls.unknowns, cls.members), bool)
+        pushed[cls.interface] = forces[part].reshape(cls.members, -1).T != 0.0
+        touching.append(pushed.reshape(-1, problem.dimension, cls.members).any(axis=1))
+    return touching

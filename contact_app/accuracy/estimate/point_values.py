@@ -1,0 +1,157 @@
+"""Values at the nodes of a mesh, known at any point: what one mesh tells the next.
+
+Each point is sent to the ranks that hold a subdomain of its body near it, looked up there, and
+answered from the cell that holds it or lies nearest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.model import Model
+from meshes import Reference
+from meshes import dolfinx_compat as versions
+from meshes.quadratic import VERTICES
+from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
+
+Array = NDArray[np.float64]
+
+AROUND = 0.05
+"""Distance from a subdomain, over its size, up to which it answers for points outside."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """The subdomains of one class.
+
+    Attributes
+    ----------
+    bodies : (members,)
+    translations : (members, 3)
+    values : (nodes, members, width)
+    """
+
+    reference: Reference
+    bodies: NDArray[np.int64]
+    translations: Array
+    values: Array
+
+    @property
+    def boxes(self) -> Array:
+        """What each member answers for: lower and upper corner, (members, 2, 3)."""
+        points = self.reference.points
+        corners = np.stack([points.min(axis=0), points.max(axis=0)])
+        around = AROUND * np.linalg.norm(corners[1] - corners[0])
+        corners = corners + around * np.array([[-1.0], [1.0]])
+        return np.asarray(corners + self.translations[:, None])
+
+
+class PointValues:
+    """Interpolates values at nodes; making and using it are collective.
+
+    Holds meshes and values of a model, nothing else of it.
+
+    Parameters
+    ----------
+    values : one (nodes, members, width) array a class
+    """
+
+    def __init__(self, model: Model, values: Sequence[Array]) -> None:
+        self._comm, self._dimension = model.comm, model.scene.dimension
+        self._width = self._comm.allreduce(
+            max((part.shape[2] for part in values), default=0), op=MPI.MAX
+        )
+        self._pieces = []
+        for number, part in enumerate(values):
+            mine = np.flatnonzero(model.place[:, 0] == number)
+            mine = mine[np.argsort(model.place[mine, 1])]
+            members = [model.partition.subdomains[i] for i in mine]
+            self._pieces.append(
+                _Piece(
+                    members[0].reference,
+                    np.array([s.body for s in members]),
+                    np.array([s.translation for s in members]),
+                    part,
+                )
+            )
+        bodies = len(model.scene.bodies)
+        self._boxes = self._comm.allgather(_around(self._pieces, bodies))
+
+    def at(self, points: Array, bodies: NDArray[np.int64]) -> Array:
+        """Values at points (n, 3) of bodies (n,): (n, width); 0 far from the mesh."""
+        asked = [
+            np.flatnonzero(_inside(boxes[bodies], points)) if len(points) else bodies
+            for boxes in self._boxes
+        ]
+        questions = self._comm.alltoall([(points[rows], bodies[rows]) for rows in asked])
+        answers = self._comm.alltoall([self._known(*question) for question in questions])
+        nearest, result = np.full(len(points), np.inf), np.zeros((len(points), self._width))
+        for rows, (values, distance) in zip(asked, answers, strict=True):
+            better = distance < nearest[rows]
+            result[rows[better]], nearest[rows[better]] = values[better], distance[better]
+        return result
+
+    def _known(self, points: Array, bodies: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Values this rank has at points, and their distance from its mesh."""
+        nearest, result = np.full(len(points), np.inf), np.zeros((len(points), self._width))
+        order = np.argsort(points[:, 0], kind="stable")
+        along = points[order, 0]
+        for piece in self._pieces:
+            asked = []
+            for body, box in zip(piece.bodies, piece.boxes, strict=True):
+                begin = np.searchsorted(along, box[0, 0])
+                near = order[begin : np.searchsorted(along, box[1, 0], side="right")]
+                asked.append(near[(bodies[near] == body) & _inside(box, points[near])])
+            member = np.repeat(np.arange(len(asked)), [len(rows) for rows in asked])
+            row = np.concatenate(asked)
+            if len(row) == 0:
+                continue
+            values, distance = _interpolated(
+                piece, points[row] - piece.translations[member], member, self._dimension
+            )
+            first = np.full(len(points), np.inf)
+            np.minimum.at(first, row, distance)
+            best = (distance <= first[row]) & (distance < nearest[row])
+            result[row[best]] = values[best]
+            nearest = np.minimum(nearest, first)
+        return result, nearest
+
+
+def _around(pieces: Sequence[_Piece], bodies: int) -> Array:
+    """Corners of what a rank answers for in each body, (bodies, 2, 3); nothing has none."""
+    result = np.full((bodies, 2, 3), np.inf) * np.array([[1.0], [-1.0]])
+    for piece in pieces:
+        np.minimum.at(result[:, 0], piece.bodies, piece.boxes[:, 0])
+        np.maximum.at(result[:, 1], piece.bodies, piece.boxes[:, 1])
+    return result
+
+
+def _inside(boxes: Array, points: Array) -> NDArray[np.bool_]:
+    """Which points (n, 3) lie in boxes (…, 2, 3)."""
+    inside = (points >= boxes[..., 0, :]) & (points <= boxes[..., 1, :])
+    return np.asarray(inside.all(axis=-1))
+
+
+def _interpolated(
+    piece: _Piece, points: Array, member: NDArray[np.int64], dimension: int
+) -> tuple[Array, Array]:
+    """Values at points of the reference's frame, and their distance from its mesh."""
+    reference = piece.reference
+    order = 2 if reference.curved else 1
+    cells = reference.cells[versions.cells_at(reference.mesh, points)]
+    simplex = VERTICES[reference.cell] == dimension + 1
+    corners = reference.points[cells[:, : len(vtk_order(reference.cell, order))], :dimension]
+    wanted = points[:, :dimension]
+    place = vtk_places(reference.cell, order, corners, wanted)
+    place = np.clip(place, 0.0, 1.0)
+    if simplex:
+        place /= np.maximum(place.sum(axis=1, keepdims=True), 1.0)
+    at = np.einsum("pn,pni->pi", vtk_shapes(reference.cell, order, place)[0], corners)
+    values = vtk_shapes(reference.cell, reference.degree, place)[0]
+    found = np.einsum("pn,pns->ps", values, piece.values[cells, member[:, None]])
+    return found, np.linalg.norm(wanted - at, axis=1)

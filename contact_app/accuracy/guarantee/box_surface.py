@@ -1,0 +1,306 @@
+"""What a scene says on the faces of a box, facet by facet of its grid.
+
+Stresses in equilibrium (`equilibrated`) live on the grid of a box and need to know of each facet
+what is held, what loads it and how far an obstacle is. A boundary of the scene is taken for the
+facets it has all nodes of. Whether the scene itself can be guaranteed is told here, too: anything
+whose gaps or data are not the same at every point of a facet as at its nodes is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.accuracy.estimate.stress_recovery import moduli
+from contact_app.accuracy.guarantee.equilibrated import (
+    AdmissibleStresses,
+    FaceData,
+    NoAdmissibleStressError,
+)
+from contact_app.errors import ConfigurationError
+from contact_app.machine.memory import available_bytes
+from contact_app.model.model import boundary_facets, boundary_nodes
+from contact_app.scene.obstacles import Plane
+from contact_app.scene.scene import Body, BodyMesh, Box, Contact, Scene
+from meshes import Partition, Subdomain
+
+Array = NDArray[np.float64]
+Place = tuple[NDArray[np.int64], ...]
+
+ON_PLANE = 1e-9
+"""Distance from a face of a body, over its size, of points that lie on it."""
+
+BYTES_PER_CELL = 1e4
+"""Memory the stresses of a cell of the grid take while they are sought, measured at 20³ and 32³;
+less in the plane."""
+
+PARALLEL = 1e-14
+"""Difference between an obstacle's normal and that of the face."""
+
+
+@dataclass(frozen=True, eq=False)
+class FacetsOnFace:
+    """Facets of a subdomain's mesh on one face of a box.
+
+    Attributes
+    ----------
+    face
+        Number of the face: x-, x+, y-, …
+    rows : (facets,)
+        Rows of the reference's facets.
+    place : one (facets,) array an axis across
+        Where they are on the grid of the face.
+    share
+        Of the grid's facet that each is.
+    """
+
+    face: int
+    rows: NDArray[np.int32]
+    place: Place
+    share: float
+
+
+class BoxSurface:
+    """The grid of a body that is a box, and what is known on its faces (collective).
+
+    Attributes
+    ----------
+    axes
+        Grid coordinates along each axis.
+    faces
+        x-, x+, y-, …
+    compliance : (components, components)
+        C⁻¹.
+    stresses
+        Those in equilibrium with the loads.
+
+    Raises
+    ------
+    NoAdmissibleStressError
+        The space of stresses does not know of such a scene.
+    """
+
+    def __init__(self, scene: Scene, partition: Partition, number: int) -> None:
+        self.scene, self.number, self.comm = scene, number, partition.comm
+        self.dimension = d = scene.dimension
+        self.body: Body = scene.bodies[number]
+        if self.body.degree != 1:
+            raise NoAdmissibleStressError(
+                f"{self.body.name} has degree 2, whose gaps at nodes do not keep it off an "
+                "obstacle between them"
+            )
+        if self.body.materials[0].mean_dilatation:
+            raise NoAdmissibleStressError(
+                f"{self.body.name} has mean_dilatation, whose energy is not that of its "
+                "displacement"
+            )
+        self.axes = grid_lines(self.body)
+        self.cells = tuple(len(x) - 1 for x in self.axes)
+        self._size = float(max(x[-1] - x[0] for x in self.axes))
+        self._subdomains = [s for s in partition.subdomains if s.body == number]
+        shapes = [tuple(np.delete(self.cells, axis)) for axis in range(d) for _ in range(2)]
+        self.faces = [FaceData.free(shape, d) for shape in shapes]
+        self._hold()
+        self._load()
+        for contact in scene.contacts:
+            if contact.body == number:
+                self._oppose(contact)
+        shape, volume = moduli(self.body.materials[0], scene.plane, d)
+        self.compliance = np.linalg.inv(shape + volume)
+        force = np.zeros(d)
+        for load in scene.forces:
+            if load.body == number:
+                force += load.vector
+        self.stresses = AdmissibleStresses(self.axes, self.compliance, self.faces, force)
+
+    def _hold(self) -> None:
+        for condition in self.scene.displacements:
+            if condition.body != self.number:
+                continue
+            inside = self._facets(condition.boundary, condition.source, with_nodes=True)
+            for facets, face in zip(inside, self.faces, strict=True):
+                for component, value in enumerate(condition.values):
+                    if value is not None:
+                        face.held[facets, component] = True
+                        face.displacement[facets, component] = value
+
+    def _load(self) -> None:
+        for traction in self.scene.tractions:
+            if traction.body == self.number:
+                inside = self._facets(traction.boundary, traction.source)
+                for facets, face in zip(inside, self.faces, strict=True):
+                    face.traction[facets] += traction.vector
+        for pressure in self.scene.pressures:
+            if pressure.body == self.number:
+                inside = self._facets(pressure.boundary, pressure.source)
+                for number, (facets, face) in enumerate(zip(inside, self.faces, strict=True)):
+                    axis, sign, _ = self.side(number)
+                    face.traction[facets, axis] -= sign * pressure.value
+
+    def _oppose(self, contact: Contact) -> None:
+        inside = self._facets(contact.boundary, contact.source, with_nodes=True)
+        for number, (facets, face) in enumerate(zip(inside, self.faces, strict=True)):
+            if not facets.any():
+                continue
+            axis, sign, plane = self.side(number)
+            point, outward = np.zeros((1, 3)), np.zeros(3)
+            point[0, axis], outward[axis] = plane, sign
+            gap, normal = contact.obstacle.gap_and_normal(point)
+            flat = isinstance(contact.obstacle, Plane)
+            if not flat or np.abs(normal[0] + outward).max() > PARALLEL:
+                raise NoAdmissibleStressError(
+                    f"the obstacle of {contact.source} is not a plane parallel to the face it "
+                    "meets: its gap at nodes is not that between them"
+                )
+            nearest = np.where(face.contact, np.minimum(face.gap, gap[0]), gap[0])
+            face.gap[facets] = nearest[facets]
+            face.contact[facets] = True
+
+    def side(self, face: int) -> tuple[int, float, float]:
+        """Axis of a face, sign of its outward normal and place along the axis."""
+        axis, end = divmod(face, 2)
+        return axis, (1.0 if end else -1.0), float(self.axes[axis][-1 if end else 0])
+
+    def pressed(self, face: int) -> NDArray[np.bool_]:
+        """Facets of a face on which an obstacle may push."""
+        data = self.faces[face]
+        return np.asarray(data.contact & ~data.held[..., face // 2])
+
+    def cells_at(self, points: Array) -> NDArray[np.int64]:
+        """Cells of the grid in which points (n, d) lie, (n, d)."""
+        return np.stack([_between(x, points[:, k]) for k, x in enumerate(self.axes)], axis=1)
+
+    def facets_on_faces(self, s: Subdomain, rows: NDArray[np.int32]) -> Iterator[FacetsOnFace]:
+        """Some facets of a subdomain of this body, sorted by the face they are on."""
+        d = self.dimension
+        centres = s.points()[s.reference.facets[rows]][..., :d].mean(axis=1)
+        share = 0.5 if s.reference.cell == "tetrahedron" else 1.0
+        for face in range(2 * d):
+            axis, _, plane = self.side(face)
+            mine = np.abs(centres[:, axis] - plane) <= ON_PLANE * self._size
+            if mine.any():
+                across = [k for k in range(d) if k != axis]
+                place = tuple(_between(self.axes[k], centres[mine, k]) for k in across)
+                yield FacetsOnFace(face, rows[mine], place, share)
+
+    def _facets(
+        self, boundary: str, source: str, with_nodes: bool = False
+    ) -> list[NDArray[np.bool_]]:
+        """Facets of the grid on a boundary, face by face; every node has to be one of theirs.
+
+        Raises
+        ------
+        NoAdmissibleStressError
+            It takes parts of facets, or nodes of none.
+        """
+        shares = [np.zeros(face.contact.shape) for face in self.faces]
+        nodes = [np.zeros((0, self.dimension))]
+        for s in self._subdomains:
+            for found in self.facets_on_faces(s, boundary_facets(s, self.body, boundary)):
+                np.add.at(shares[found.face], found.place, found.share)
+            if with_nodes:
+                points = s.points()[boundary_nodes(s, self.body, boundary)]
+                nodes.append(points[:, : self.dimension])
+        shares = [np.asarray(self.comm.allreduce(share)) for share in shares]
+        inside = [share > 0.75 for share in shares]
+        halves = any(((share > 0.25) & (share < 0.75)).any() for share in shares)
+        if self.comm.allreduce(self._alone(inside, np.concatenate(nodes))) or halves:
+            raise NoAdmissibleStressError(
+                f"the boundary of {source} is not made of whole facets of the grid: it has nodes "
+                "beside them, or halves of them"
+            )
+        return inside
+
+    def _alone(self, inside: list[NDArray[np.bool_]], points: Array) -> int:
+        """How many points are no corner of the facets."""
+        belongs = np.zeros(len(points), bool)
+        places = [_nearest(x, points[:, k]) for k, x in enumerate(self.axes)]
+        for number, facets in enumerate(inside):
+            axis, end = divmod(number, 2)
+            corner = np.zeros([n + 1 for n in facets.shape], bool)
+            for shift in np.ndindex(*(2,) * facets.ndim):
+                part = tuple(slice(b, b + n) for b, n in zip(shift, facets.shape, strict=True))
+                corner[part] |= facets
+            across = tuple(place for k, place in enumerate(places) if k != axis)
+            on_plane = places[axis] == (self.cells[axis] if end else 0)
+            belongs |= on_plane & corner[across]
+        return int((~belongs).sum())
+
+
+def refuse_unguaranteed(scene: Scene, partition: Partition) -> None:
+    """Refuse a scene that asks for a guaranteed bound and cannot have one (collective).
+
+    Raises
+    ------
+    ConfigurationError
+        With the reason.
+    """
+    if not scene.guaranteed:
+        return
+    try:
+        if scene.pairs:
+            raise NoAdmissibleStressError(
+                f"{scene.pairs[0].source} is of bodies against bodies, whose gap is kept in the "
+                "mean only"
+            )
+        needed = stress_bytes(scene)
+        available = partition.comm.allreduce(available_bytes(), op=MPI.MIN)
+        if needed > available:
+            raise NoAdmissibleStressError(
+                f"its stresses take about {needed / 1e9:.3g} GB on one rank, and "
+                f"{available / 1e9:.3g} GB are available"
+            )
+        for body in range(len(scene.bodies)):
+            BoxSurface(scene, partition, body)
+    except NoAdmissibleStressError as error:
+        raise ConfigurationError(
+            f"{scene.at('certificate.guaranteed')}: no error can be guaranteed: {error}"
+        ) from error
+
+
+def stress_bytes(scene: Scene) -> float:
+    """Memory that the stresses of the largest body take on one rank.
+
+    Raises
+    ------
+    NoAdmissibleStressError
+        A mesh is no box.
+    """
+    cells = [math.prod(len(x) - 1 for x in grid_lines(body)) for body in scene.bodies]
+    return BYTES_PER_CELL * max(cells)
+
+
+def grid_lines(body: Body) -> list[Array]:
+    """Grid coordinates of a box of equal or graded cells.
+
+    Raises
+    ------
+    NoAdmissibleStressError
+        The mesh is none.
+    """
+    mesh: BodyMesh = body.mesh
+    if isinstance(mesh, Box):
+        corners = zip(mesh.lower, mesh.upper, mesh.cells, strict=True)
+        return [np.linspace(a, b, n + 1) for a, b, n in corners]
+    if not mesh.boundaries or not set(mesh.boundaries) <= {"x-", "x+", "y-", "y+", "z-", "z+"}:
+        raise NoAdmissibleStressError(f"{body.name} comes from a file, and only boxes have a grid")
+    points: Array = mesh.points  # type: ignore[attr-defined]
+    lines = [np.unique(x) for x in points.T[: mesh.dimension]]
+    if math.prod(map(len, lines)) != mesh.nodes:
+        raise NoAdmissibleStressError(f"{body.name} is no box of a grid")
+    return lines
+
+
+def _between(lines: Array, x: Array) -> NDArray[np.int64]:
+    """Cells between grid lines in which points lie."""
+    return np.clip(np.searchsorted(lines, x) - 1, 0, len(lines) - 2)
+
+
+def _nearest(lines: Array, x: Array) -> NDArray[np.int64]:
+    """Nearest grid lines."""
+    return np.asarray(np.searchsorted(0.5 * (lines[1:] + lines[:-1]), x))

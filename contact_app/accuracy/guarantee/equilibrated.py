@@ -1,0 +1,385 @@
+"""Stresses in equilibrium with what is known of a box, of nearly least complementary energy.
+
+On the grid of the box (`grid_stress`) equilibrium is B s = -f, d equations a cell; loads fix values
+on the surface, and on the contact the pressure p = t_n - σ_nn has to be positive. Of the stresses
+that obey, one is wanted whose energy
+
+    J*(σ) = ½ ∫ σ : C⁻¹ : σ - ∫_D σn · u_D + ∫_C p g
+
+is small: conjugate gradients, preconditioned by the diagonal of the energy on the subspace B s = 0,
+take the same few steps on every grid, each with a solve of B diag⁻¹ Bᵀ, by a factor where that is
+cheap and by the iterations of `separable` elsewhere. They end where they pay no longer. Facets that
+would pull are then left free of pressure, others that would lower the energy by one get it, and the
+search goes on. At its end equilibrium is restored to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact_app.accuracy.guarantee.grid_stress import GridStress, GridStresses
+from contact_app.accuracy.guarantee.separable import EquilibriumPreconditioner, conjugate_gradients
+from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
+
+Array = NDArray[np.float64]
+
+SOLVED = 1e-4
+"""Residual of a projection, over what is projected."""
+
+MOST_ITERATIONS = 1000
+"""Of one projection."""
+
+BALANCINGS = 8
+"""Projections after which nothing but rounding is left of a residual."""
+
+UNBALANCED = 0.01
+"""Residual of equilibrium after two projections where none can be had."""
+
+MOST_STEPS = 300
+"""Conjugate gradient steps of one search."""
+
+LOOK_BACK = 3
+"""Steps whose gain decides whether to go on."""
+
+WORTH = 0.02
+"""Share of J(û) + J*(σ) these steps have to gain."""
+
+WORTH_PRESSING = 1e-3
+"""Share of J(û) + J*(σ) that pressures on further facets have to gain at first sight."""
+
+MOST_SETS, GROWING_SETS = 40, 15
+"""Sets of pressed facets that are tried, and how many of them may be joined by others."""
+
+DIRECT = {2: 200_000, 3: 12_000}
+"""Equations by dimension up to which they are factored: beyond, factors fill up."""
+
+SHIFT = 1e-10
+"""Of a matrix that is factored, over its diagonal: it is singular where a body is not held."""
+
+ROUNDED = 1e-24
+"""Squares of the gradient, over the first, that are rounding."""
+
+BALANCED = 1e-10
+"""Residual of equilibrium that rounding may leave; else there is no equilibrium."""
+
+AGREE = 1e-12
+"""Difference of tractions, over the largest, that is rounding."""
+
+
+class NoAdmissibleStressError(ValueError):
+    """No stress of the space meets the data; the message says which and where."""
+
+
+@dataclass(frozen=True, eq=False)
+class FaceData:
+    """What is known on one face of a box; facets are those of the grid.
+
+    Attributes
+    ----------
+    held : (facets…, d)
+        Components whose displacement is known, and so their traction is not.
+    displacement : (facets…, d)
+        Of the held components.
+    traction : (facets…, d)
+        Load, force per area.
+    contact : (facets…)
+        Facets that an obstacle may push.
+    gap : (facets…)
+        Way along the outward normal to that obstacle.
+    """
+
+    held: NDArray[np.bool_]
+    displacement: Array
+    traction: Array
+    contact: NDArray[np.bool_]
+    gap: Array
+
+    @classmethod
+    def free(cls, shape: tuple[int, ...], dimension: int) -> FaceData:
+        """A face on which nothing acts."""
+        vectors = (*shape, dimension)
+        return cls(
+            np.zeros(vectors, bool), np.zeros(vectors), np.zeros(vectors),
+            np.zeros(shape, bool), np.zeros(shape),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An admissible stress.
+
+    Attributes
+    ----------
+    stress
+    energy
+        J*(σ).
+    pressures
+        p on the facets of each face (x-, x+, y-, …), zero off the contact.
+    residual
+        Largest component of div σ + f, over the largest sum of the magnitudes it consists of.
+    slip
+        Energy norm of the correction that would undo the residual.
+    steps
+        Conjugate gradient steps.
+    """
+
+    stress: GridStress
+    energy: float
+    pressures: list[Array]
+    residual: float
+    slip: float
+    steps: int
+
+
+class AdmissibleStresses:
+    """The stresses of a box that are in equilibrium with what is known of it.
+
+    Parameters
+    ----------
+    axes
+        Ascending grid coordinates along each axis.
+    compliance : (components, components)
+        C⁻¹ of an isotropic material, engineering shear.
+    faces
+        x-, x+, y-, …
+    force : (d,)
+        Force per volume.
+
+    Raises
+    ------
+    NoAdmissibleStressError
+        Shear tractions contradict each other along an edge.
+    """
+
+    def __init__(
+        self, axes: Sequence[Array], compliance: Array, faces: Sequence[FaceData], force: Array
+    ) -> None:
+        self.space = GridStresses(axes)
+        self._compliance, size = compliance, self.space.size
+        self.wanted = np.repeat(-force, int(np.prod(self.space.cells)))
+        self._low, self._high = np.full(size, np.inf), np.full(size, -np.inf)
+        self._work, self._load = np.zeros(size), np.zeros(size)
+        self._contact = np.zeros(size, bool)
+        for number, face in enumerate(faces):
+            self._note_normal(number, face)
+            for component, pair in enumerate(self.space.pairs, self.space.dimension):
+                if number // 2 in pair:
+                    self._note_shear(number, face, component)
+        self._refuse_contradictions()
+        self._known = np.isfinite(self._low)
+
+    def _note_normal(self, number: int, face: FaceData) -> None:
+        """σ_nn on a face: known, free because held, or a pressure."""
+        axis, end = divmod(number, 2)
+        sign, rows = (1.0 if end else -1.0), self.space.rows_on_face(axis, number)
+        held = face.held[..., axis]
+        pressed = face.contact & ~held
+        self._contact[rows] = pressed
+        # σn is sign σ_ii e_i, so that a traction's normal part is the normal stress
+        self._load[rows] = sign * face.traction[..., axis]
+        known = ~held & ~pressed
+        self._low[rows[known]] = self._high[rows[known]] = self._load[rows[known]]
+        moved = np.where(pressed, face.gap, np.where(held, sign * face.displacement[..., axis], 0))
+        self._work[rows] = self.space.facet_areas(axis) * moved
+
+    def _note_shear(self, number: int, face: FaceData, component: int) -> None:
+        """σ_ij on the edges of the facets of a face: from each facet what it knows."""
+        axis, end = divmod(number, 2)
+        pair = self.space.pairs[component - self.space.dimension]
+        (other,) = set(pair) - {axis}
+        along = other if other < axis else other - 1  # among the axes of the face
+        sign, rows = (1.0 if end else -1.0), self.space.rows_on_face(component, number)
+        known, value = ~face.held[..., other], sign * face.traction[..., other]
+        moved = sign * self.space.facet_areas(axis) * face.displacement[..., other]
+        rows, known, value, moved = (
+            np.moveaxis(a, along, 0) for a in (rows, known, value, np.where(known, 0.0, moved))
+        )
+        for edge in (rows[:-1], rows[1:]):
+            np.minimum.at(self._low, edge[known], value[known])
+            np.maximum.at(self._high, edge[known], value[known])
+            np.add.at(self._work, edge, 0.5 * moved)
+
+    def _refuse_contradictions(self) -> None:
+        known = np.isfinite(self._low)
+        largest = np.abs(self._high[known]).max(initial=0.0)
+        apart = np.flatnonzero(known)[(self._high - self._low)[known] > AGREE * largest]
+        if not len(apart):
+            return
+        space, row = self.space, apart[0]
+        component = next(k for k, part in enumerate(space.parts) if part.start <= row < part.stop)
+        place = np.unravel_index(row - space.parts[component].start, space.shapes[component])
+        pair = space.pairs[component - space.dimension]
+        along = "".join("xyz"[k] for k in pair)
+        at = " and ".join(f"{'xyz'[k]} = {space.axes[k][place[k]]:g}" for k in pair)
+        raise NoAdmissibleStressError(
+            f"the shear tractions that meet at {at} contradict each other (σ_{along} = "
+            f"{self._low[row] + 0.0:g} and {self._high[row] + 0.0:g}): no symmetric stress with "
+            "continuous tractions has both"
+        )
+
+    @cached_property
+    def matrix(self) -> sparse.csr_matrix:
+        """A of ∫ σ : C⁻¹ : σ = sᵀ A s."""
+        return self.space.energy_matrix(self._compliance)
+
+    def energy(self, s: Array) -> float:
+        """J*(σ); on the contact its p g is that of t_n, less σ_nn, which `work` counts."""
+        given = float(self._work[self._contact] @ self._load[self._contact])
+        return given + float(0.5 * s @ (self.matrix @ s) - self._work @ s)
+
+    def search(
+        self, start: Array, touching: Sequence[NDArray[np.bool_]], other_energy: float
+    ) -> Found:
+        """An admissible stress of nearly least energy.
+
+        Parameters
+        ----------
+        start : (size,)
+            Where to begin, in equilibrium or not.
+        touching
+            Facets of each face that may be pressed, those that the start presses if it presses
+            any; all may if these cannot carry the loads.
+        other_energy
+            J(û) of an admissible displacement, which -J*(σ) cannot exceed.
+
+        Raises
+        ------
+        NoAdmissibleStressError
+            Pressures alone do not keep the loads in equilibrium.
+        """
+        pressed = np.zeros(self.space.size, bool)
+        for number, facets in enumerate(touching):
+            pressed[self.space.rows_on_face(number // 2, number)] |= facets
+        pressed &= self._contact
+        if (pushing := pressed & (start < self._load)).any():
+            pressed = pushing
+        s, steps = start, 0
+        for attempt in range(MOST_SETS):
+            fixed = self._known | (self._contact & ~pressed)
+            s = np.where(fixed, np.where(self._known, self._low, self._load), s)
+            subspace = _Subspace(self, ~fixed)
+            s = subspace.balanced(s, 2)
+            if subspace.residual(s) > UNBALANCED:
+                if (pressed == self._contact).all():
+                    break
+                pressed = self._contact.copy()
+                continue
+            s, taken = self._descended(subspace, s, other_energy)
+            steps += taken
+            pulling, missing = pressed & (s > self._load), np.zeros_like(pressed)
+            if attempt < GROWING_SETS:
+                missing = self._missing(subspace, s, self._contact & ~pressed, other_energy)
+            if not (pulling | missing).any():
+                s = subspace.balanced(s)
+                pulling = pressed & (s > self._load)
+                if not pulling.any():
+                    return self._found(subspace, s, steps)
+            pressed = (pressed & ~pulling) | missing
+        single = [axis for axis, n in zip("xyz", self.space.cells, strict=False) if n == 1]
+        raise NoAdmissibleStressError(
+            "no stress on this grid, with pressures on the contact, was found to keep the loads in "
+            "equilibrium"
+            + (f": take two cells or more along {', '.join(single)}" if single else "")
+        )
+
+    def _missing(
+        self, subspace: _Subspace, s: Array, empty: NDArray[np.bool_], other_energy: float
+    ) -> NDArray[np.bool_]:
+        """Of facets without pressure those where one would lower the energy worth mentioning."""
+        slope = np.where(empty, subspace.slope(self.matrix @ s - self._work), 0.0)
+        missing = slope > 0.0
+        gain = 0.5 * float((slope**2 / self.matrix.diagonal())[missing].sum())
+        if gain <= WORTH_PRESSING * (other_energy + self.energy(s)):
+            missing[:] = False
+        return missing
+
+    def _descended(self, subspace: _Subspace, s: Array, other_energy: float) -> tuple[Array, int]:
+        """Conjugate gradients in equilibrium."""
+        gradient, z = subspace.projected(self.matrix @ s - self._work)
+        direction, square = -z, float(gradient @ z)
+        energy, first, step = self.energy(s), square, 0
+        gains: list[float] = []
+        while step < MOST_STEPS and square > ROUNDED * first:
+            moved = self.matrix @ direction
+            length = square / float(direction @ moved)
+            s = s + length * direction
+            step += 1
+            gains.append(0.5 * length * square)
+            energy -= gains[-1]
+            if step >= LOOK_BACK and sum(gains[-LOOK_BACK:]) <= WORTH * (other_energy + energy):
+                break
+            gradient, z = subspace.projected(gradient + length * moved)
+            before, square = square, float(gradient @ z)
+            direction = square / before * direction - z
+        return s, step
+
+    def _found(self, subspace: _Subspace, s: Array, steps: int) -> Found:
+        pressure = np.where(self._contact, self._load - s, 0.0)
+        faces = [
+            pressure[self.space.rows_on_face(number // 2, number)]
+            for number in range(2 * self.space.dimension)
+        ]
+        if subspace.residual(s) > BALANCED:
+            raise NoAdmissibleStressError("equilibrium was not reached")
+        change = subspace.balanced(s, 1) - s
+        slip = max(float(change @ (self.matrix @ change)), 0.0) ** 0.5
+        return Found(self.space.stress(s), self.energy(s), faces, subspace.residual(s), slip, steps)
+
+
+class _Subspace:
+    """B s = -f with some values free: projections onto it, by the diagonal of the energy."""
+
+    def __init__(self, stresses: AdmissibleStresses, free: NDArray[np.bool_]) -> None:
+        self._B, self._wanted, self._free = stresses.space.divergence, stresses.wanted, free
+        self._inverse = np.where(free, 1.0 / stresses.matrix.diagonal(), 0.0)
+        self._S = sparse.csr_matrix(self._B @ sparse.diags(self._inverse) @ self._B.T)
+        self._preconditioner: Callable[[Array], Array]
+        if len(self._wanted) <= DIRECT[stresses.space.dimension]:
+            diagonal = self._S.diagonal()
+            shift = SHIFT * np.where(diagonal > 0.0, diagonal, diagonal.max(initial=1e-300))
+            factor = CholeskyFactor(self._S + sparse.diags(shift))
+            self._preconditioner = lambda right: factor.solve(right[:, None])[:, 0]
+        else:
+            self._preconditioner = EquilibriumPreconditioner(stresses.space, self._inverse)
+
+    def balanced(self, s: Array, most: int = BALANCINGS) -> Array:
+        """The nearest stress in equilibrium, by so many projections at most."""
+        missing = self._wanted - self._B @ s
+        for _ in range(most):
+            better = s + self._inverse * (self._B.T @ self._solved(missing))
+            left = self._wanted - self._B @ better
+            if np.linalg.norm(left) >= 0.5 * np.linalg.norm(missing):
+                break
+            s, missing = better, left
+        return s
+
+    def slope(self, gradient: Array) -> Array:
+        """A gradient without what equilibrium takes of it, known values included."""
+        y = self._solved(self._B @ (self._inverse * gradient))
+        return np.asarray(gradient - self._B.T @ y)
+
+    def projected(self, gradient: Array) -> tuple[Array, Array]:
+        """What of a gradient equilibrium leaves, and the steepest way along which that holds.
+
+        Iterations go on from the former: what was taken off it would only bring rounding.
+        """
+        left = np.where(self._free, self.slope(gradient), 0.0)
+        return left, self._inverse * left
+
+    def residual(self, s: Array) -> float:
+        """Largest component of B s + f, over the largest sum of the magnitudes it consists of."""
+        left = float(np.abs(self._wanted - self._B @ s).max())
+        scale = float((np.abs(self._wanted) + abs(self._B) @ np.abs(s)).max())
+        return left / scale if scale > 0.0 else 0.0
+
+    def _solved(self, right: Array) -> Array:
+        """Solve B diag⁻¹ Bᵀ y = right, to a small part of it."""
+        return conjugate_gradients(
+            self._S.__matmul__, self._preconditioner, right, SOLVED, MOST_ITERATIONS
+        )

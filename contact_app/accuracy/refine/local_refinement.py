@@ -1,0 +1,118 @@
+"""The next mesh where bodies come from files: cells that carry the error are refined.
+
+Of triangles and tetrahedra with straight edges as few as carry a share θ of η² are halved along
+every edge (`meshes.bisect`); other cells cannot be refined one by one, and a body of theirs is
+refined as a whole where it carries more than its part of what may be left. With r the wanted over
+the present η², and q what halving leaves of a cell's, θ = (1 - r)/(1 - q), but no more than
+`MOST`, so that an estimate of coarse cells is not trusted far (W. Dörfler, *A convergent adaptive
+algorithm for Poisson's equation*, SINUM 33, 1996).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.scene.scene import Body, Box, Scene
+from meshes.bisect import bisected
+from meshes.quadratic import VERTICES
+from meshes.refine import refined
+from meshes.unstructured import CellMesh, matching_rows
+
+if TYPE_CHECKING:
+    from contact_app.run.run import SolvedScene
+
+Array = NDArray[np.float64]
+
+MOST = 0.8
+"""Largest share of η² that is refined at once."""
+
+LEAST = 0.3
+"""Smallest: a mesh that adds next to nothing costs a solve."""
+
+
+def locally_refined(scene: Scene, solved: SolvedScene, wanted: float) -> Scene:
+    """The scene with finer meshes (collective).
+
+    Parameters
+    ----------
+    scene
+        As it was solved.
+    wanted
+        Error asked for, over the present one.
+    """
+    squares = cell_errors(solved)
+    total = sum(float(part.sum()) for part in squares)
+    degree = min(body.degree for body in scene.bodies)
+    theta = float(np.clip((1.0 - wanted**2) / (1.0 - 4.0**-degree), LEAST, MOST))
+    whole = [not _divisible(body) for body in scene.bodies]
+    left = (1.0 - theta) * total / len(scene.bodies)
+    bodies, taken = [], 0.0
+    for body, part, together in zip(scene.bodies, squares, whole, strict=True):
+        if together and part.sum() > left:
+            taken += float(part.sum())
+            body = _finer(body)
+        bodies.append(body)
+    some = np.concatenate([np.zeros(0), *(p for p, w in zip(squares, whole, strict=True) if not w)])
+    ordered = np.sort(some)[::-1]
+    enough = np.searchsorted(np.cumsum(ordered), theta * total - taken)
+    if len(ordered) and theta * total > taken:
+        least = ordered[min(int(enough), len(ordered) - 1)]
+        for b, (body, part) in enumerate(zip(bodies, squares, strict=True)):
+            marked = np.flatnonzero(part >= least)
+            if not whole[b] and len(marked):
+                assert isinstance(body.mesh, CellMesh)
+                bodies[b] = replace(body, mesh=bisected(body.mesh, marked))
+    return replace(scene, bodies=tuple(bodies))
+
+
+def cell_errors(solved: SolvedScene) -> list[Array]:
+    """η² of the cells of each body's mesh, in its order; of a box in no order (collective)."""
+    model = solved.model
+    partition = model.partition
+    by_class = solved.estimator.cell_squares(solved.solution)
+    result = []
+    for b, body in enumerate(model.scene.bodies):
+        mesh = body.mesh
+        sums = np.zeros(mesh.total_cells)
+        rows = np.sort(mesh.cells, axis=1) if isinstance(mesh, CellMesh) else None
+        first = 0
+        for s, (cls, column) in zip(partition.subdomains, model.place, strict=True):
+            if s.body != b:
+                continue
+            squares = by_class[cls][:, column]
+            if rows is None:
+                sums[first : first + len(squares)] = squares
+                first += len(squares)
+            else:
+                corners = s.reference.cells[:, : VERTICES[mesh.cell]]
+                own = np.sort(s.nodes[corners] - partition.first_node[b], axis=1)
+                sums[matching_rows(rows, own)] += squares
+        if rows is None:
+            sums[0] = sums.sum()
+            sums[1:] = 0.0
+        result.append(model.comm.allreduce(sums, op=MPI.SUM))
+    return result
+
+
+def _divisible(body: Body) -> bool:
+    """Whether cells of the body can be refined one by one."""
+    mesh = body.mesh
+    return (
+        isinstance(mesh, CellMesh)
+        and mesh.cell in ("triangle", "tetrahedron")
+        and mesh.middles is None
+    )
+
+
+def _finer(body: Body) -> Body:
+    """The body with every edge of its mesh halved."""
+    mesh = body.mesh
+    if isinstance(mesh, Box):
+        return replace(body, mesh=replace(mesh, cells=tuple(2 * n for n in mesh.cells)))
+    assert isinstance(mesh, CellMesh)
+    return replace(body, mesh=refined(mesh))

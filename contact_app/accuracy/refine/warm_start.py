@@ -1,0 +1,218 @@
+"""The answer on one mesh as the start on the next.
+
+What the solver looks for are forces of rows, of contact, of held nodes and of gluing, and each mesh
+and decomposition has its own; what meshes have in common are tractions. Three of the last answer
+are known at its nodes:
+
+- the contact pressure;
+- the traction that holds held nodes, their reactions over their share of the boundary, which has in
+  it what a clamped edge makes singular;
+- inside, where subdomains of the next mesh may meet, that of the recovered stress, which is
+  continuous: what one side is given the other is given the opposite of.
+
+They are interpolated to the next mesh and integrated against its shape functions. As rows are
+orthonormal, B takes the forces to multipliers; what they lack to equilibrium is left to whoever
+begins with them. Their error in energy norm is about that of the mesh they come from.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.accuracy.estimate.patches import Cells
+from contact_app.accuracy.estimate.point_values import PointValues
+from contact_app.accuracy.estimate.stress_recovery import SHEARS
+from contact_app.model.facets import moments
+from contact_app.model.model import Model, boundary_facets
+from contact_app.results.pressure import boundary_shares
+from contact_app.results.surface_nodes import SurfaceNodes
+from meshes import Subdomain
+from solver.tfeti.dual import interface_slices
+
+if TYPE_CHECKING:
+    from contact_app.run.run import SolvedScene
+
+Array = NDArray[np.float64]
+
+INSIDE = 0.51
+"""Where what is 1 at nodes that touched and 0 at others ends the contact: half-way between them,
+where a pressure interpolated to zero still pushes."""
+
+NONE = 1e-12
+"""Share of a boundary, over the largest, that is none."""
+
+
+class LastLevel:
+    """Tractions of a solved mesh; making and using it are collective.
+
+    Parameters
+    ----------
+    values
+        At nodes: recovered stress, traction on what is held, contact pressure.
+    """
+
+    def __init__(self, values: PointValues) -> None:
+        self._values = values
+
+    @classmethod
+    def of(cls, solved: SolvedScene) -> LastLevel:
+        """Those of an answer."""
+        model = solved.model
+        parts = (
+            solved.estimator.stresses(solved.solution),
+            _reactions(solved),
+            _pressures(solved),
+        )
+        return cls(
+            PointValues(model, [np.concatenate(v, axis=2) for v in zip(*parts, strict=True)])
+        )
+
+    def on(self, model: Model) -> Array:
+        """Multipliers on another mesh of the scene, (dual,); contact rows push."""
+        problem, contact = model.problem, model.problem.contact
+        multiplier = np.zeros(problem.size)
+        if problem.coarse is not None:
+            problem.B.apply(self._forces(model), multiplier)
+        body = np.array([touching.body for touching in model.scene.touching], np.int64)
+        pressure, pressed = self._values.at(contact.points, body[contact.sources])[:, -2:].T
+        force = np.where(pressed > INSIDE, np.maximum(pressure, 0.0), 0.0) * _areas(model)
+        multiplier[problem.inequality] = force / contact.spread
+        return multiplier
+
+    def _forces(self, model: Model) -> Array:
+        """Bᵀ λ of gluing and held rows, an interface vector."""
+        problem, d = model.problem, model.scene.dimension
+        subdomains = model.partition.subdomains
+        chosen, nodes = [], []
+        for s in subdomains:
+            held = _held(model, s)
+            inner = np.ones(len(held), bool)
+            inner[s.exterior] = False
+            rows = np.flatnonzero(inner | held.any(axis=1))
+            chosen.append((rows, inner[rows], held[rows]))
+            nodes.append(np.unique(s.reference.facets[rows]))
+        points = [s.points()[n] for s, n in zip(subdomains, nodes, strict=True)]
+        bodies = [np.full(len(n), s.body) for s, n in zip(subdomains, nodes, strict=True)]
+        numbers = [s.nodes[n] for s, n in zip(subdomains, nodes, strict=True)]
+        # where subdomains meet a node is asked for once
+        _, one, back = np.unique(
+            np.concatenate([np.zeros(0, np.int64), *numbers]),
+            return_index=True,
+            return_inverse=True,
+        )
+        known = self._values.at(
+            np.concatenate([np.zeros((0, 3)), *points])[one],
+            np.concatenate([np.zeros(0, np.int64), *bodies])[one],
+        )[back.reshape(-1)]
+        of_subdomains = np.split(known, np.cumsum([len(n) for n in nodes])[:-1])
+        made: dict[int, tuple[Array, Array]] = {}
+        result = np.zeros(problem.B.columns)
+        slices = interface_slices(problem.classes)
+        for s, (cls, column), (rows, inner, held), own, values in zip(
+            subdomains, model.place, chosen, nodes, of_subdomains, strict=True
+        ):
+            if id(s.reference) not in made:
+                x = s.reference.points[s.reference.facets]
+                made[id(s.reference)] = Cells(model.elements[cls]).normals, moments(x, d)
+            normals, weights = (of_facets[rows] for of_facets in made[id(s.reference)])
+            facets = s.reference.facets[rows]
+            at_facets = values[np.searchsorted(own, facets)]
+            traction = _tractions(at_facets, normals) * inner[:, None, None]
+            traction += at_facets[..., -2 - d : -2] * held[:, None]
+            force = np.zeros((len(s.reference.points), d))
+            np.add.at(
+                force, facets, np.einsum("fjk,fji->fki", weights, traction[:, : weights.shape[1]])
+            )
+            of_class = problem.classes[cls]
+            mine = result[slices[cls]].reshape(of_class.members, -1)
+            mine[column] = -force.ravel()[of_class.interface]
+        return result
+
+
+def _tractions(values: Array, normals: Array) -> Array:
+    """σ n at the nodes of facets, (facets, nodes, d), of the stress that values begin with."""
+    d = normals.shape[2]
+    result = values[..., :d] * normals
+    for row, (i, j) in enumerate(SHEARS[: d * (d - 1) // 2], d):
+        result[..., i] += values[..., row] * normals[..., j]
+        result[..., j] += values[..., row] * normals[..., i]
+    return result
+
+
+def _held(model: Model, subdomain: Subdomain) -> Array:
+    """1 for the components in which a condition holds each facet, (facets, d), else 0."""
+    scene = model.scene
+    result = np.zeros((len(subdomain.reference.facets), scene.dimension))
+    for condition in scene.displacements:
+        if condition.body == subdomain.body:
+            rows = boundary_facets(subdomain, scene.bodies[subdomain.body], condition.boundary)
+            held = np.array([value is not None for value in condition.values], float)
+            result[rows] = np.maximum(result[rows], held[: scene.dimension])
+    return result
+
+
+def _reactions(solved: SolvedScene) -> list[Array]:
+    """Traction on what is held, at nodes: (nodes, members, d) of each class."""
+    model, problem = solved.model, solved.model.problem
+    d, exchange = model.scene.dimension, model.node_exchange
+    contact = problem.constraint_forces(
+        np.where(problem.inequality, solved.solution.multiplier, 0.0)
+    )
+    missing = []
+    for cls, part, load, u in zip(
+        problem.classes, interface_slices(problem.classes), problem.forces,
+        solved.solution.displacements, strict=True,
+    ):  # fmt: skip
+        left = cls.stiffness @ u - load
+        left[cls.interface] += contact[part].reshape(cls.members, -1).T
+        missing.append(left)
+    copies = []
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        held = _held(model, s)
+        rows = np.flatnonzero(held.any(axis=1))
+        facets, share = s.reference.facets[rows], np.zeros((len(s.nodes), d))
+        weights = moments(s.reference.points[facets], d).sum(axis=1)
+        np.add.at(share, facets, weights[..., None] * held[rows][:, None])
+        copies.append(np.concatenate([missing[cls][:, column].reshape(-1, d), share], axis=1))
+    arrived = exchange.to_owners(np.concatenate([np.zeros((0, 2 * d)), *copies]))
+    sums = np.zeros((exchange.last - exchange.first, 2 * d))
+    np.add.at(sums, exchange.nodes - exchange.first, arrived)
+    force, share = sums[:, :d], sums[:, d:]
+    some = share > NONE * share.max(initial=0.0)
+    return _spread(model, np.divide(force, share, out=np.zeros_like(force), where=some))
+
+
+def _pressures(solved: SolvedScene) -> list[Array]:
+    """Contact pressure at nodes, (nodes, members, 2) of each class, and 1. where there is some."""
+    pressure = solved.nodes.contact_pressure
+    return _spread(solved.model, np.column_stack([pressure, pressure > 0.0]))
+
+
+def _spread(model: Model, values: Array) -> list[Array]:
+    """Bring values (owned, width) of nodes to (nodes, members, width) of each class."""
+    exchange = model.node_exchange
+    copies = exchange.from_owners(values[exchange.nodes - exchange.first])
+    result = [
+        np.zeros((cls.unknowns // model.scene.dimension, cls.members, values.shape[1]))
+        for cls in model.problem.classes
+    ]
+    at = 0
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        result[cls][:, column] = copies[at : at + len(s.nodes)]
+        at += len(s.nodes)
+    return result
+
+
+def _areas(model: Model) -> Array:
+    """Area on which a pressure acts, of each contact row: its own, or its node's share."""
+    contact, surface = model.problem.contact, SurfaceNodes.of(model)
+    at = np.searchsorted(surface.owned, contact.nodes)
+    areas = contact.areas.copy()
+    for i, touching in enumerate(model.scene.touching):
+        shares = boundary_shares(model, surface, touching)
+        mine = (contact.sources == i) & np.isnan(contact.areas)
+        areas[mine] = shares[at[mine]]
+    return areas

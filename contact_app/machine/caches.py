@@ -1,0 +1,119 @@
+"""Where compiled forms are kept when the home directory cannot be written.
+
+dolfinx compiles each form to a library below ``$XDG_CACHE_HOME`` or ``~/.cache`` and reads options
+below ``$XDG_CONFIG_HOME`` or ``~/.config``; matplotlib does alike. In a container, for a user
+without a home, or with a full quota none of this can be had. Then one directory of this user below
+the system's directory for temporary files serves: ``contact-app-<user number>``. Libraries in it
+are loaded as code, so it is used only if it is a real directory of this user with no access for
+others (mode 0700); otherwise a new one with a random name is made.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from contact_app.errors import CouldNotRunError
+from contact_app.machine.disk import reserve
+
+ENOUGH = 1 << 20
+"""Bytes that a cache has to have room for: a handful of compiled forms."""
+
+
+@cache
+def usable_caches() -> tuple[str, ...]:
+    """Point the environment to directories that can be used; sentences on what was changed.
+
+    Done once a process, before dolfinx is imported.
+
+    Raises
+    ------
+    CouldNotRunError
+        No directory at all can be written.
+    """
+    said: list[str] = []
+    home = _home()
+    if home is None:
+        home = _own_directory()
+        os.environ["HOME"] = str(home)
+        said.append(f"there is no home directory: {home} is used")
+    cache_home = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    if not _writable(cache_home / "fenics"):
+        own = _own_directory()
+        os.environ["XDG_CACHE_HOME"] = str(own)
+        said.append(f"{cache_home} cannot be written: compiled forms are kept in {own}")
+    elif not os.environ.get("XDG_CACHE_HOME", "x"):
+        del os.environ["XDG_CACHE_HOME"]  # empty: dolfinx would take the working directory
+    config_home = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
+    if not _readable(config_home):
+        own = _own_directory()
+        os.environ["XDG_CONFIG_HOME"] = str(own)
+        said.append(f"{config_home} cannot be read: options of dolfinx there are not used")
+    elif "MPLCONFIGDIR" not in os.environ and not _allowed(config_home / "matplotlib"):
+        # else matplotlib makes a directory for each process and says so on the terminal
+        os.environ["MPLCONFIGDIR"] = str(_own_directory() / "matplotlib")
+    return tuple(said)
+
+
+def _home() -> Path | None:
+    """The home directory; None for a user without one."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return None
+
+
+def _writable(directory: Path) -> bool:
+    """Whether files can be made in a directory, which is made if it is not there."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory) as file:
+            reserve(file.fileno(), ENOUGH)
+    except OSError:
+        return False
+    return True
+
+
+def _allowed(directory: Path) -> bool:
+    """Whether files may be made in a directory or, if it is not there, in the next above it."""
+    there = next(place for place in (directory, *directory.parents) if place.exists())
+    return os.access(there, os.W_OK | os.X_OK)
+
+
+def _readable(directory: Path) -> bool:
+    """Whether a file in a directory can be opened, or is known not to be there."""
+    for name in ("ffcx", "dolfinx"):
+        try:
+            with (directory / name / "none").open():
+                pass
+        except FileNotFoundError:
+            continue
+        except OSError:
+            return False
+    return True
+
+
+@cache
+def _own_directory() -> Path:
+    """A directory of this user alone below the system's directory for temporary files."""
+    try:
+        own = Path(tempfile.gettempdir()) / f"contact-app-{os.geteuid()}"
+        own.mkdir(mode=0o700, exist_ok=True)
+        if _is_private(own) and _writable(own):
+            return own
+        return Path(tempfile.mkdtemp(prefix="contact-app-"))
+    except OSError as error:
+        raise CouldNotRunError(
+            f"no directory for compiled forms can be written ({error}); let HOME, XDG_CACHE_HOME "
+            "or TMPDIR name a directory that can be"
+        ) from error
+
+
+def _is_private(directory: Path) -> bool:
+    """Whether it is a real directory of this user without access for others."""
+    found = directory.lstat()
+    real, own = stat.S_ISDIR(found.st_mode), found.st_uid == os.geteuid()
+    return real and own and not found.st_mode & 0o077

@@ -1,0 +1,78 @@
+"""Room on the disk, taken before it is written to.
+
+A library that meets a full disk in the middle of a file may fail in its own way; HDF5 crashes when
+it closes the file. Here blocks are taken from the file system first (``posix_fallocate``), where a
+lack of them is an ordinary error. File systems that cannot reserve blocks are asked how many are
+free.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+from contact_app.errors import CouldNotRunError
+from contact_app.machine.exits import DISK_FULL
+
+UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
+
+
+def reserve(descriptor: int, size: int) -> None:
+    """Let a file have room for its first `size` bytes; its length may grow.
+
+    Raises
+    ------
+    OSError
+        With the number ENOSPC, EDQUOT or EFBIG where it cannot have as much.
+    """
+    try:
+        os.posix_fallocate(descriptor, 0, size)
+    except OSError as error:
+        if error.errno not in UNSUPPORTED:
+            raise
+        system, known = os.fstatvfs(descriptor), os.fstat(descriptor)
+        if system.f_bavail * system.f_frsize < size - 512 * known.st_blocks:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
+
+
+def free_bytes(directory: Path) -> int:
+    """Bytes that this user can still write to the file system of a directory."""
+    return shutil.disk_usage(directory).free
+
+
+def refuse_without_room(directory: Path, name: str, needed: int) -> None:
+    """Say that a file will not fit into a directory, before the time is spent to compute it.
+
+    Raises
+    ------
+    CouldNotRunError
+    """
+    free = free_bytes(directory)
+    if free < needed:
+        raise no_room(directory / name, needed, free)
+
+
+def no_room(path: Path, needed: int, free: int | None = None) -> CouldNotRunError:
+    """What is told where a file does not fit."""
+    free = free_bytes(path.parent) if free is None else free
+    return CouldNotRunError(
+        f"{path.parent}: the disk is full: {path.name} needs {_size(needed)}, {_size(free)} are "
+        "free; make room there, name another directory with --output, or write fewer fields "
+        "(output.fields, output.xdmf: false)"
+    )
+
+
+def is_full(error: OSError) -> bool:
+    """Whether an error says that the disk, a quota or a limit on files is exhausted."""
+    return error.errno in DISK_FULL
+
+
+def _size(count: float) -> str:
+    """A number of bytes in words: ``1.2 GB``."""
+    units = ["bytes", "kB", "MB", "GB", "TB"]
+    while count >= 1000.0 and len(units) > 1:
+        count /= 1000.0
+        units.pop(0)
+    return f"{count:.3g} {units[0]}"

@@ -1,0 +1,255 @@
+"""Stiffness, loads and stress of a reference subdomain, assembled by dolfinx.
+
+Everything is assembled on the mesh of a congruence class and returned as plain arrays in the
+order of the mesh's nodes: unknown ``node * dimension + component``. Linear elasticity, small
+strain: σ = λ tr(ε) I + 2 μ ε with Lamé's parameters, λ replaced by 2λμ/(λ + 2μ) in plane stress.
+
+Two points a direction integrate the stiffness of first-order cells exactly on undistorted boxes,
+three that of second-order quadrilaterals and hexahedra, a rule of the same degree that of triangles
+and tetrahedra with straight edges; the default rule of the form compiler takes up to four times
+longer for the same matrix. In cells with curved edges the stiffness is no polynomial;
+the rule there is exact for what loads and constant stresses need, so that a patch test is passed.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix, create_matrix
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from contact_app.scene.scene import Material
+from meshes import Reference
+from meshes import dolfinx_compat as versions
+from meshes.subdomains import vtk_order, vtk_shapes
+
+CURVED = {"triangle": 4, "quadrilateral": 5, "tetrahedron": 5, "hexahedron": 7}
+"""Degree of the shape functions of second order times the Jacobian of curved cells."""
+
+
+def quadrature_degree(cell: str, degree: int, curved: bool = False) -> int:
+    """Degree of the rule that is exact for the stiffness of cells with straight edges.
+
+    In curved cells it is exact for ∫ φ dx and ∫ ∇φ dx.
+    """
+    if curved:
+        return CURVED[cell]
+    return 2 * degree if cell in ("quadrilateral", "hexahedron") else degree
+
+
+def lame(material: Material, plane: str | None) -> tuple[float, float]:
+    """Lamé's λ (reduced in plane stress) and μ, in the unit of Young's modulus."""
+    young, poisson = material.young, material.poisson
+    mu = young / (2.0 * (1.0 + poisson))
+    lam = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+    if plane == "stress":
+        lam = 2.0 * lam * mu / (lam + 2.0 * mu)
+    return lam, mu
+
+
+def cell_moduli(
+    tags: NDArray[np.int32], materials: tuple[Material, ...], plane: str | None
+) -> NDArray[np.float64]:
+    """Lamé's λ and μ of cells by the tag of each, (2, cells)."""
+    return np.array([lame(material, plane) for material in materials]).T[:, tags]
+
+
+class Element:
+    """Finite-element forms on one reference.
+
+    Parameters
+    ----------
+    reference
+        Mesh of the congruence class.
+    dimension
+        2 or 3.
+    """
+
+    def __init__(self, reference: Reference, dimension: int) -> None:
+        self.reference = reference
+        self.dimension = dimension
+        self.mesh = reference.mesh
+        self.space = versions.vector_space(self.mesh, reference.degree, dimension)
+        degree = quadrature_degree(reference.cell, reference.degree, reference.curved)
+        self._dx = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": degree})
+
+    @cached_property
+    def unknowns(self) -> NDArray[np.int64]:
+        """dolfinx's unknown for each of ours, (nodes · dimension,)."""
+        reference = self.reference
+        order = list(vtk_order(reference.cell, reference.degree))
+        blocks = versions.dof_nodes(self.space)[:, order]
+        block_of_node = np.empty(len(reference.points), np.int64)
+        block_of_node[reference.cells.ravel()] = blocks.ravel()
+        return (block_of_node[:, None] * self.dimension + np.arange(self.dimension)).ravel()
+
+    def stiffness(self, materials: tuple[Material, ...], plane: str | None) -> sparse.csr_matrix:
+        """K, (unknowns, unknowns); materials by the tags of the cells.
+
+        With mean dilatation, ∫ λ div u div v is λ |T| times the means of div u and div v over each
+        cell T, the B-bar method for isotropic materials (T. J. R. Hughes, *Generalization of
+        selective integration procedures to anisotropic and nonlinear media*, IJNME 15, 1980).
+        """
+        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        form = ufl.inner(self._stress(u, materials, plane), ufl.sym(ufl.grad(v))) * self._dx
+        compiled = versions.compile_form(form)
+        matrix = create_matrix(
+            compiled, "baij"
+        )  # whole blocks of a node are put in three times faster
+        assemble_matrix(matrix, compiled)
+        matrix.assemble()
+        matrix.convert("aij")
+        K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
+        if materials[0].mean_dilatation:
+            lam = cell_moduli(self.reference.tags, materials, plane)[0]
+            means = self.gradient_operator()
+            d = self.dimension
+            dilatation = sum(means[i * d + i :: d * d] for i in range(d))
+            K = (K + dilatation.T @ sparse.diags(lam * self.cell_volumes()) @ dilatation).tocsr()
+        K.sort_indices()
+        return K
+
+    def body_force(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Load of a force per volume, (unknowns,)."""
+        return self._load(ufl.inner(self._constant(force), ufl.TestFunction(self.space)) * self._dx)
+
+    def traction(
+        self, rows: NDArray[np.int32], traction: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Load of a force per area on facets (rows of ``reference.facets``), (unknowns,)."""
+        test = ufl.TestFunction(self.space)
+        return self._load(ufl.inner(self._constant(traction), test) * self._ds(rows))
+
+    def pressure(self, rows: NDArray[np.int32], pressure: float) -> NDArray[np.float64]:
+        """Load of a pressure against the outward normal of facets, (unknowns,)."""
+        test, normal = ufl.TestFunction(self.space), ufl.FacetNormal(self.mesh)
+        value = fem.Constant(self.mesh, PETSc.ScalarType(pressure))
+        return self._load(-value * ufl.inner(normal, test) * self._ds(rows))
+
+    def cell_volumes(self) -> NDArray[np.float64]:
+        """Volume (area in the plane) of each cell."""
+        return self._means[1]
+
+    @property
+    def mean_slopes(self) -> NDArray[np.float64]:
+        """Cell means of the slopes of shape functions, (cells, nodes, dimension)."""
+        return self._means[0]
+
+    def gradient_operator(self) -> sparse.csr_matrix:
+        """Cell means of ∂u_i/∂x_j from unknowns, (cells · dimension², unknowns), j fastest."""
+        d, slopes = self.dimension, self.mean_slopes
+        cells, nodes, _ = slopes.shape
+        unknown = self.reference.cells[:, None] * d + np.arange(d)[:, None]
+        shape = (cells, d, d, nodes)
+        columns = np.broadcast_to(unknown[:, :, None], shape)
+        values = np.broadcast_to(np.swapaxes(slopes, 1, 2)[:, None], shape)
+        starts = np.arange(cells * d * d + 1) * nodes
+        return sparse.csr_matrix(
+            (values.ravel(), columns.ravel(), starts), shape=(cells * d * d, len(self.unknowns))
+        )
+
+    @cached_property
+    def _means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`mean_slopes` and volumes.
+
+        By the rule of the stiffness: exact for ∫ ∇φ dx.
+        """
+        reference, d = self.reference, self.dimension
+        cell, curved = reference.cell, reference.curved
+        rule = quadrature_degree(cell, reference.degree, curved)
+        points, weights = versions.quadrature(cell, rule)
+        own, mapping = (
+            vtk_shapes(cell, degree, points)[1] for degree in (reference.degree, 2 if curved else 1)
+        )
+        corners = reference.points[reference.cells[:, : mapping.shape[2]], :d]
+        jacobian = np.einsum("cni,qkn->cqik", corners, mapping)
+        volume = weights * np.abs(np.linalg.det(jacobian))
+        volumes = volume.sum(axis=1)
+        inverse = np.linalg.inv(jacobian) * (volume / volumes[:, None])[..., None, None]
+        return np.einsum("cqkj,qkn->cnj", inverse, own, optimize=True), volumes
+
+    def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:
+        """σ(u); without λ tr(ε) where that is taken from means over cells."""
+        full = 0.0 if materials[0].mean_dilatation else 1.0
+        if len(materials) == 1:
+            moduli = np.array(lame(materials[0], plane)) * [full, 1.0]
+            lam, mu = (fem.Constant(self.mesh, PETSc.ScalarType(m)) for m in moduli)
+        else:
+            values = cell_moduli(self.reference.tags, materials, plane) * [[full], [1.0]]
+            lam, mu = map(self._cellwise, values)
+        strain = ufl.sym(ufl.grad(u))
+        return lam * ufl.tr(strain) * ufl.Identity(self.dimension) + 2.0 * mu * strain
+
+    def _cellwise(self, values: NDArray[np.float64]) -> Any:
+        """A function with one value in each cell."""
+        space = versions.cellwise_scalars(self.mesh)
+        function = fem.Function(space)
+        function.x.array[versions.dof_nodes(space).ravel()] = values
+        return function
+
+    def _constant(self, vector: NDArray[np.float64]) -> Any:
+        return fem.Constant(self.mesh, np.asarray(vector, dtype=PETSc.ScalarType))
+
+    def _ds(self, rows: NDArray[np.int32]) -> Any:
+        entities = self.reference.facet_entities[rows]
+        tags = versions.meshtags(self.mesh, self.dimension - 1, entities, 1)
+        return ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
+
+    def _load(self, form: Any) -> NDArray[np.float64]:
+        return self._assembled(form)[self.unknowns]
+
+    @staticmethod
+    def _assembled(form: Any) -> NDArray[np.float64]:
+        return fem.assemble_vector(versions.compile_form(form)).array.copy()
+
+
+def stress(
+    gradient: NDArray[np.float64], moduli: NDArray[np.float64], plane: str | None
+) -> NDArray[np.float64]:
+    """Stress xx, yy, zz, xy, yz, xz (…, cells, 6) of displacement gradients.
+
+    In the plane yz and xz vanish; zz does too in plane stress.
+
+    Parameters
+    ----------
+    gradient : (…, cells, d, d)
+    moduli : (2, cells)
+        Lamé's λ and μ.
+    """
+    lam, mu = moduli
+    strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
+    volumetric = lam * np.trace(strain, axis1=-2, axis2=-1)
+    result = np.zeros((*gradient.shape[:-2], 6))
+    dimension = gradient.shape[-1]
+    for i in range(dimension):
+        result[..., i] = volumetric + 2.0 * mu * strain[..., i, i]
+    result[..., 3] = 2.0 * mu * strain[..., 0, 1]
+    if dimension == 3:
+        result[..., 4] = 2.0 * mu * strain[..., 1, 2]
+        result[..., 5] = 2.0 * mu * strain[..., 0, 2]
+    elif plane == "strain":
+        result[..., 2] = volumetric
+    return result
+
+
+def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Von Mises stress of components xx, yy, zz, xy, yz, xz (…, 6)."""
+    xx, yy, zz, xy, yz, xz = np.moveaxis(stress, -1, 0)
+    return np.sqrt(
+        0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
+        + 3.0 * (xy**2 + yz**2 + xz**2)
+    )  # fmt: skip
+
+
+def _scipy(matrix: PETSc.Mat) -> sparse.csr_matrix:
+    """Copy of an assembled PETSc matrix, which is destroyed."""
+    indptr, indices, values = matrix.getValuesCSR()
+    result = sparse.csr_matrix((values, indices, indptr), shape=matrix.getSize())
+    matrix.destroy()
+    return result

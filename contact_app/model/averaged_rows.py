@@ -1,0 +1,108 @@
+"""Contact rows on the faces of second-order tetrahedra: gaps in the mean about each vertex.
+
+A row at each node does not serve there. Of the six shape functions of a face those of the vertices
+have the integral zero, so the nodal forces of a constant pressure are zero at vertices, those of a
+linear one of either sign, and λ ≥ 0 cannot represent them. The pressure is linear on each face
+instead (on a curved one in the coordinates of its reference), p = Σ p_j ψ_j with ψ_j the hat
+function of vertex j, and what it works on, the gap averaged with ψ_j, is what must not be
+negative:
+
+    ∫ ψ_j (g + n·u) ds / W_j ≥ 0,   W_j = ∫ ψ_j ds,
+
+where g + n·u is the quadratic field with the linearised gap of each of the six nodes (n the normal
+out of the obstacle at that node). The multiplier of the row is the force p_j W_j; constant and
+linear pressures are represented exactly, and p_j ≥ 0 is p ≥ 0 (S. Hüeber, B. I. Wohlmuth, *An
+optimal a priori error estimate for nonlinear multibody contact problems*, SINUM 43, 2005, on
+multipliers of lower order than the displacement).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.facets import moments
+from contact_app.scene.obstacles import Obstacle
+from contact_app.scene.scene import Body
+from meshes import Partition
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import ContactEntries, ContactRows
+
+
+def has_averaged_rows(body: Body) -> bool:
+    """Whether contact of a body with obstacles is kept in the mean, not at nodes."""
+    return body.degree == 2 and body.mesh.cell == "tetrahedron"
+
+
+def averaged_rows(
+    partition: Partition,
+    exchange: NodeExchange,
+    chosen: list[NDArray[np.int32]],
+    obstacle: Obstacle,
+    source: int,
+) -> ContactRows:
+    """Rows of one contact at the vertices this rank owns (collective).
+
+    Parameters
+    ----------
+    exchange
+        Where copies of surface nodes meet.
+    chosen
+        Rows of the reference's facets of each subdomain of this rank that may touch.
+    source
+        Index of the contact.
+
+    Raises
+    ------
+    ConfigurationError
+        The obstacle has no normal at a node.
+    """
+    d = partition.dimension
+    vertices, nodes = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    weights, points = [np.zeros(0)], [np.zeros((0, 3))]
+    for s, rows in zip(partition.subdomains, chosen, strict=True):
+        if len(rows) == 0:  # another body's facets may have other nodes
+            continue
+        facets, x = s.reference.facets[rows], s.points()
+        integrals = moments(x[facets], d)
+        shape = integrals.shape
+        vertices.append(np.broadcast_to(s.nodes[facets[:, : shape[1], None]], shape).ravel())
+        nodes.append(np.broadcast_to(s.nodes[facets[:, None]], shape).ravel())
+        weights.append(integrals.ravel())
+        points.append(np.broadcast_to(x[facets[:, None]], (*shape, 3)).reshape(-1, 3))
+    meeting = NodeExchange(partition.comm, np.concatenate(vertices), exchange.total)
+    pair = np.stack([meeting.nodes, meeting.to_owners(np.concatenate(nodes))], axis=1)
+    weight = meeting.to_owners(np.concatenate(weights))
+    point = meeting.to_owners(np.concatenate(points))
+    pair, first, place = np.unique(pair, axis=0, return_index=True, return_inverse=True)
+    point = point[first]
+    weight = np.bincount(place.reshape(-1), weight, minlength=len(pair))
+    vertex, row = np.unique(pair[:, 0], return_inverse=True)
+    row = row.reshape(-1)
+    count = len(vertex)
+    area = np.bincount(row, weight, minlength=count).astype(np.float64)
+    mean = weight / area[row]
+    gap, normal = obstacle.gap_and_normal(point)
+    means = [np.bincount(row, mean * part, minlength=count) for part in (gap, *normal.T)]
+    entry, component = np.nonzero(np.abs(normal[:, :d]) > 1e-14)
+    located = np.empty((count, 3))
+    itself = pair[:, 0] == pair[:, 1]
+    located[row[itself]] = point[itself]
+    turns = np.cross(point - located[row], mean[:, None] * normal)
+    return ContactRows(
+        nodes=vertex,
+        points=located,
+        sources=np.full(count, source),
+        gaps=means[0].astype(np.float64),
+        normals=np.stack(means[1 : 1 + d], axis=1),
+        moments=np.stack([np.bincount(row, t, minlength=count) for t in turns.T], axis=1),
+        areas=area,
+        spread=np.ones(count),
+        entries=ContactEntries(
+            row=row[entry],
+            node=pair[entry, 1],
+            points=point[entry],
+            component=component,
+            value=-(mean[:, None] * normal)[entry, component],
+        ),
+    )

@@ -1,0 +1,122 @@
+"""The decomposition chosen for the user: splits of a box, and what each would cost.
+
+Among the splits into sub-boxes about as long in every direction, and the box as one, the one whose
+run would take least time by the model of `solver.tfeti.subdomain.costs`. `python -m
+contact_app.studies.sweep` measures how good that choice is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from itertools import product
+
+from meshes.box import BoxShape
+from solver.tfeti.subdomain.costs import Group, run_seconds
+
+PRODUCTS_GLUED, PRODUCTS_WHOLE = 30.0, 30.0
+"""Applications of the dual operator a solve takes about, with gluing and without."""
+
+EDGE = 8.0
+"""Cells along the edge of a sub-box at which gluing takes `PRODUCTS_GLUED`; they grow slowly."""
+
+WORTH_SPLITTING = 0.8
+"""Time of the best split over that of one subdomain above which the box stays whole."""
+
+SLENDER = 20.0
+"""Boxes so many times longer than wide stay whole up to `SLENDER_NODES`: the factor of a narrow
+body is cheap, and the bending of a chain of subdomains makes the dual ill-conditioned."""
+
+SLENDER_NODES = 50_000
+
+LONGEST = 3.0
+"""Sub-boxes are up to so many times longer than wide, as far as the cells allow."""
+
+
+def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[int, ...]:
+    """Sub-boxes along each axis for `decomposition: auto`.
+
+    Parameters
+    ----------
+    at_least
+        Sub-boxes there have to be: one for each rank.
+    alone
+        Whether it is the only body; several share a coarse problem however they are cut.
+    """
+    whole = (1,) * box.dimension
+    edges = sorted(c * h for c, h in zip(box.cells, box.spacing, strict=True))
+    if at_least == 1 and edges[-1] > SLENDER * edges[-2] and box.nodes <= SLENDER_NODES:
+        return whole
+    enough = [split for split in _splits(box) if math.prod(split) >= at_least]
+    best = min(enough, key=lambda split: seconds(box, split, alone), default=box.cells)
+    most = WORTH_SPLITTING * seconds(box, whole, alone)
+    if at_least == 1 and seconds(box, best, alone) > most:
+        return whole
+    return best
+
+
+def seconds(box: BoxShape, split: tuple[int, ...], alone: bool = True) -> float:
+    """Of a run with a box in so many sub-boxes along each axis, by the model; as `choose_split`."""
+    subdomains = math.prod(split)
+    groups = groups_of(box, split)
+    rows = box.dimension * (
+        math.prod(box.degree * c + p for c, p in zip(box.cells, split, strict=True)) - box.nodes
+    )
+    edge = (math.prod(box.degree * c for c in box.cells) / subdomains) ** (1.0 / box.dimension)
+    products = PRODUCTS_GLUED * (edge / EDGE) ** 0.2 if subdomains > 1 else PRODUCTS_WHOLE
+    return run_seconds(groups, rows, products, subdomains > 1 or not alone)
+
+
+def groups_of(box: BoxShape, split: tuple[int, ...]) -> list[Group]:
+    """Sub-boxes of one size each; a box as one has neither an interface nor use of its mirrors."""
+    d = box.dimension
+    reflections = 2**d if box.cell in ("quadrilateral", "hexahedron") else 2
+    sizes = [
+        Counter({c // p: p - c % p, c // p + 1: c % p})
+        for c, p in zip(box.cells, split, strict=True)
+    ]
+    groups = []
+    for cells in product(*sizes):
+        members = math.prod(s[c] for s, c in zip(sizes, cells, strict=True))
+        if not members:
+            continue
+        nodes = math.prod(box.degree * c + 1 for c in cells)
+        inside = math.prod(max(box.degree * c - 1, 0) for c in cells)
+        one = math.prod(split) == 1
+        groups.append(
+            Group(
+                d, d * nodes, 0 if one else d * (nodes - inside), members, 1 if one else reflections
+            )
+        )
+    return groups
+
+
+def _splits(box: BoxShape) -> Iterator[tuple[int, ...]]:
+    """One sub-box, and splits into sub-boxes of about every size."""
+    yield (1,) * box.dimension
+    seen = set()
+    length = max(c * h for c, h in zip(box.cells, box.spacing, strict=True))
+    target, shortest = length, float(min(box.spacing))
+    while target > shortest:
+        choices = [
+            _near(cells, cells * spacing / target)
+            for cells, spacing in zip(box.cells, box.spacing, strict=True)
+        ]
+        for split in product(*choices):
+            if split in seen or math.prod(split) == 1:
+                continue
+            seen.add(split)
+            edges = [c * h / p for c, h, p in zip(box.cells, box.spacing, split, strict=True)]
+            # an axis that is short as a whole makes no sub-box too narrow
+            free = [e for e, p in zip(edges, split, strict=True) if p > 1]
+            if max(edges) <= LONGEST * min(free):
+                yield split
+        target /= 1.25
+
+
+def _near(cells: int, wish: float) -> list[int]:
+    """Numbers of parts near a wish: the nearest, and the nearest that divides the cells."""
+    nearest = min(cells, max(1, round(wish)))
+    even = [p for p in range(1, min(cells, math.ceil(2 * wish)) + 1) if cells % p == 0]
+    return sorted({nearest, min(even, key=lambda p: abs(math.log(p / wish)))})

@@ -1,0 +1,82 @@
+"""Integrals over facets as the mesh has them, straight or curved.
+
+A facet is a line, a triangle or a quadrilateral of first or second order, its nodes in dolfinx's
+order: vertices first, then the middles of edges and of the facet itself. Points of it are
+interpolated between all of its nodes, and what is integrated are products of the hat functions ψ
+of its vertices and the shape functions φ of its nodes.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes import dolfinx_compat as versions
+
+KINDS = {
+    (2, 2): ("interval", 2, 1),
+    (2, 3): ("interval", 2, 2),
+    (3, 3): ("triangle", 3, 1),
+    (3, 6): ("triangle", 3, 2),
+    (3, 4): ("quadrilateral", 4, 1),
+    (3, 9): ("quadrilateral", 4, 2),
+}
+"""Name, vertices and order of a facet by the dimension of the scene and the number of nodes."""
+
+RULE = 8
+"""Degree of the quadrature; the square root in the area of curved facets is no polynomial."""
+
+
+@cache
+def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Weights (q,), hats (q, vertices), shapes (q, nodes) and their slopes (q, d - 1, nodes)."""
+    name, _, order = KINDS[dimension, nodes]
+    points, weights = versions.quadrature(name, RULE)
+    values = [versions.lagrange_values(name, p, points) for p in (1, order)]
+    return weights, values[0], values[1], versions.lagrange_slopes(name, order, points)
+
+
+def shapes_at_points(dimension: int, nodes: int) -> NDArray[np.float64]:
+    """Values of the shape functions at the points of the quadrature, (points, nodes)."""
+    return _tables(dimension, nodes)[2]
+
+
+@cache
+def hats_at_nodes(dimension: int, nodes: int) -> NDArray[np.float64]:
+    """Values of the hat functions at the nodes of a facet, (vertices, nodes)."""
+    name, _, order = KINDS[dimension, nodes]
+    return versions.lagrange_values(name, 1, versions.lagrange_nodes(name, order)[0]).T
+
+
+def moments(x: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+    """∫ ψ_j φ_k ds over each facet, (facets, vertices, nodes).
+
+    Parameters
+    ----------
+    x : (facets, nodes, 3)
+        Coordinates of the nodes.
+    """
+    weights, hats, shapes, slopes = _tables(dimension, x.shape[1])
+    along = np.einsum("qrk,fki->fqri", slopes, x)
+    if dimension == 2:
+        size = np.linalg.norm(along[:, :, 0], axis=-1)
+    else:
+        size = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=-1)
+    return np.einsum("fq,qj,qk->fjk", size * weights, hats, shapes, optimize=True)
+
+
+MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
+    3: ((0, 1),),
+    6: ((1, 2), (0, 2), (0, 1)),
+    9: ((0, 1), (0, 2), (1, 3), (2, 3), (0, 1, 2, 3)),
+}
+"""Vertices that each further node of a facet lies amid, in dolfinx's order, by its nodes."""
+
+
+def between_vertices(facets: NDArray[np.integer], values: NDArray[np.float64]) -> None:
+    """Continue values at the vertices of facets (facets, 3, 6 or 9) to the middles, in place."""
+    middles = MIDDLES[facets.shape[1]]
+    for place, amid in enumerate(middles, facets.shape[1] - len(middles)):
+        values[facets[:, place]] = values[facets[:, list(amid)]].mean(axis=1)

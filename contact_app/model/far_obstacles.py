@@ -1,0 +1,34 @@
+"""Obstacles farther from a body than the body is long: usually one of two units of length."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.scene.scene import Scene
+
+
+def distant(
+    scene: Scene, gaps: NDArray[np.float64], sources: NDArray[np.integer], comm: MPI.Comm
+) -> list[str]:
+    """A sentence for each contact whose obstacle is out of reach.
+
+    Parameters
+    ----------
+    gaps, sources : (rows,)
+        Of this process's rows of non-penetration: lengths, and which contact they belong to.
+    """
+    found = []
+    for number, contact in enumerate(scene.contacts):
+        own = gaps[sources == number]
+        smallest = comm.allreduce(float(own.min(initial=np.inf)), op=MPI.MIN)
+        mesh = scene.bodies[contact.body].mesh
+        length = float(np.linalg.norm(np.subtract(mesh.upper, mesh.lower)))
+        if np.isfinite(smallest) and smallest > length:
+            found.append(
+                f"{contact.source}: the obstacle is {smallest:.3g} away from "
+                f"{scene.bodies[contact.body].name}, which is {length:.3g} long in all: "
+                "are both in the same unit of length?"
+            )
+    return found

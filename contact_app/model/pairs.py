@@ -1,0 +1,112 @@
+"""From two boundaries of a scene to contact rows: both surfaces are gathered, rows dealt out.
+
+Every rank gathers the facets of both sides of a contact and computes all of its rows, of which
+each keeps those of the nodes it owns: a surface is small beside the bodies, and the answer does
+not depend on who holds which part of it.
+
+Where the scene was cut at planes of symmetry, both sides are those of the whole: facets beside a
+plane may meet facets beyond it. Nodes of the image about some of the planes have numbers of their
+own there; what rows say of them is said of the nodes they are images of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.results.mirror import on_planes
+from contact_app.scene.scene import Scene
+from meshes import Partition, Reference
+from meshes import dolfinx_compat as versions
+from meshes.mortar import NEGLIGIBLE, MeanGaps, Surface
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import ContactEntries, ContactRows
+
+
+def gather_surface(
+    scene: Scene, partition: Partition, chosen: Sequence[NDArray[np.int32]]
+) -> Surface | None:
+    """The facets of a boundary, of the whole, on all ranks (collective); None if there are none.
+
+    Parameters
+    ----------
+    chosen
+        Rows of the reference's facets of each subdomain of this rank.
+    """
+    parts = []
+    for s, rows in zip(partition.subdomains, chosen, strict=True):
+        if len(rows):
+            facets = s.reference.facets[rows]
+            behind = _behind(s.reference, rows) + s.translation
+            parts.append((s.nodes[facets], s.points()[facets], behind))
+    gathered = [part for rank in partition.comm.allgather(parts) for part in rank]
+    if not gathered:
+        return None
+    nodes, points, inside = (np.concatenate(part) for part in zip(*gathered, strict=True))
+    for k, mirror in enumerate(scene.mirrors):
+        beside = ~on_planes(scene, points)[k]
+        nodes = np.concatenate([nodes, nodes + beside * (partition.nodes << k)])
+        points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
+    return Surface.of(partition.dimension, nodes, points, inside)
+
+
+def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
+    """Rows of the whole as rows of what is solved, which has so many nodes in total.
+
+    A row about a node on a plane is that of the whole, and half its pressure's force is here.
+    """
+    kept = found.nodes < total
+    number = np.cumsum(kept) - 1
+    here = kept[found.row]
+    row, component = number[found.row[here]], found.component[here]
+    of_image, node = np.divmod(found.node[here], total)
+    value, points = found.value[here].copy(), found.entry_points[here]
+    for k, mirror in enumerate(scene.mirrors):
+        beyond = (of_image >> k) % 2 == 1
+        value[beyond & (component == mirror.axis)] *= -1.0
+        points = np.where(beyond[:, None], mirror.image(points), points)
+    key = np.stack([row, node, component], axis=1)
+    key, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    value = np.bincount(place.reshape(-1), value, minlength=len(key)).astype(np.float64)
+    some = np.abs(value) > NEGLIGIBLE
+    planes = on_planes(scene, found.points[kept]).sum(axis=0)
+    return MeanGaps(
+        nodes=found.nodes[kept],
+        points=found.points[kept],
+        areas=found.areas[kept] * 0.5**planes,
+        gaps=found.gaps[kept],
+        normals=found.normals[kept],
+        moments=found.moments[kept],
+        row=key[some, 0],
+        node=key[some, 1],
+        component=key[some, 2],
+        value=value[some],
+        entry_points=points[first[some]],
+    )
+
+
+def _behind(reference: Reference, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Middle of the cell behind each facet, (rows, 3)."""
+    topology = reference.mesh.topology
+    links, offsets = versions.adjacency(topology.connectivity(topology.dim - 1, topology.dim))
+    cells = links[offsets[reference.facet_entities[rows]]]
+    return reference.points[versions.cell_nodes(reference.mesh)[cells]].mean(axis=1)
+
+
+def owned_rows(exchange: NodeExchange, found: MeanGaps, source: int) -> ContactRows:
+    """The mortar rows of the nodes this rank owns."""
+    keep = (found.nodes >= exchange.first) & (found.nodes < exchange.last)
+    every = ContactEntries(found.row, found.node, found.entry_points, found.component, found.value)
+    return ContactRows(
+        nodes=found.nodes[keep],
+        points=found.points[keep],
+        sources=np.full(int(keep.sum()), source),
+        gaps=found.gaps[keep],
+        normals=found.normals[keep],
+        moments=found.moments[keep],
+        areas=found.areas[keep],
+        spread=np.ones(int(keep.sum())),
+        entries=every.of_rows(keep),
+    )

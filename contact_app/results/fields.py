@@ -1,0 +1,166 @@
+"""Fields of an answer: at the nodes of the undecomposed mesh, and in its cells.
+
+Copies of a node meet at its owner, where their displacements, equal but for jumps below the
+tolerance, are averaged. Contact quantities are known at the owner already.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.assembly import cell_moduli, stress, von_mises
+from contact_app.model.candidates import slack_of
+from contact_app.model.model import Model
+from contact_app.results.pressure import NodesInContact, contact_forces, node_gaps
+from contact_app.results.surface_nodes import SurfaceNodes
+from solver.contact.solution import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class NodeFields:
+    """Fields at the nodes this rank owns, from node `first` on.
+
+    Attributes
+    ----------
+    points : (nodes, 3)
+    displacement : (nodes, dimension)
+    contact_pressure : (nodes,)
+        The largest over the contacts of a node, as `pressure` evaluates them; 0 elsewhere.
+    contacts
+        Each contact at its nodes, as `Scene.touching` counts them.
+    gap : (nodes,)
+        Distance left to the nearest obstacle along its normal, between bodies its mean about a
+        node of `on`; NaN where there is no contact row.
+    contact_force : (3,)
+        Resultant of the obstacles on the bodies, of this rank's nodes.
+    pair_forces : (pairs, 3)
+        Force of the `against` body of each pair on the other, of this rank's nodes.
+    without_area
+        Touching nodes that carry force but no facet of the contact boundary.
+    slack : (rows,)
+        Distance left along the candidate rows of this rank that were left out.
+    """
+
+    first: int
+    points: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    contact_pressure: NDArray[np.float64]
+    contacts: tuple[NodesInContact, ...]
+    gap: NDArray[np.float64]
+    contact_force: NDArray[np.float64]
+    pair_forces: NDArray[np.float64]
+    without_area: int
+    slack: NDArray[np.float64]
+
+
+def node_fields(model: Model, solution: Solution) -> NodeFields:
+    """Average copies and evaluate contact at the owned nodes."""
+    d, exchange = model.scene.dimension, model.node_exchange
+    copies = [solution.displacements[cls][:, column].reshape(-1, d) for cls, column in model.place]
+    displacement = exchange.to_owners(np.concatenate(copies))
+    points = exchange.to_owners(np.concatenate([s.points() for s in model.partition.subdomains]))
+    size = exchange.last - exchange.first
+    place = exchange.nodes - exchange.first
+    count = np.bincount(place, minlength=size)
+    mean = np.stack(
+        [np.bincount(place, displacement[:, i], minlength=size) / count for i in range(d)], axis=1
+    )
+    located = np.zeros((size, 3))
+    located[place] = points
+
+    surface = SurfaceNodes.of(model)
+    forces = contact_forces(model, solution, surface)
+    pressure = np.zeros(size)
+    pressure[forces.nodes - exchange.first] = forces.pressure
+    gap = np.full(size, np.nan)
+    far = slack_of(model.left_out, exchange, mean)
+    gap[forces.nodes - exchange.first] = node_gaps(model, solution, surface, far)
+    obstacles, resultants = len(model.scene.contacts), forces.resultants
+    return NodeFields(
+        first=exchange.first,
+        points=located,
+        displacement=mean,
+        contact_pressure=pressure,
+        contacts=forces.contacts,
+        gap=gap,
+        contact_force=resultants[:obstacles].sum(axis=0),
+        pair_forces=resultants[obstacles:],
+        without_area=forces.without_area,
+        slack=far,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CellFields:
+    """Fields in this rank's cells, in the order of its subdomains, from cell `first` on.
+
+    Attributes
+    ----------
+    cells : list of (cells, vertices)
+        Nodes of each subdomain's cells in VTK order.
+    stress : (cells, 6)
+        xx, yy, zz, xy, yz, xz.
+    von_mises : (cells,)
+    energy_of_means : (bodies,)
+        Σ |T| σ̄ : ε̄ over this rank's cells T of each body, of the cell means σ̄ and ε̄; what it lacks
+        of a(u, u) lies in strains that vary within cells.
+    largest_strain, largest_rotation
+        Of any cell of this rank: largest strain component and rotation in radians.
+    """
+
+    first: int
+    cells: list[NDArray[np.int64]]
+    stress: NDArray[np.float64]
+    von_mises: NDArray[np.float64]
+    energy_of_means: NDArray[np.float64]
+    largest_strain: float
+    largest_rotation: float
+
+
+def cell_fields(model: Model, solution: Solution) -> CellFields:
+    """Cell means of stress, strain and rotation."""
+    d, scene = model.scene.dimension, model.scene
+    by_class, energies = [], []
+    largest = np.zeros(2)
+    for element, materials, u in zip(
+        model.elements, model.materials, solution.displacements, strict=True
+    ):
+        gradient = (element.gradient_operator() @ u).T.reshape(u.shape[1], -1, d, d)
+        transposed = np.swapaxes(gradient, -1, -2)
+        strain, rotation = 0.5 * (gradient + transposed), 0.5 * (gradient - transposed)
+        largest = np.maximum(largest, [np.abs(strain).max(), np.abs(rotation).max()])
+        moduli = cell_moduli(element.reference.tags, materials, scene.plane)
+        by_class.append(stress(gradient, moduli, scene.plane))
+        density = moduli[0] * np.trace(strain, axis1=2, axis2=3) ** 2
+        density += 2.0 * moduli[1] * np.einsum("mcij,mcij->mc", strain, strain)
+        energies.append(density @ element.cell_volumes())
+    stresses = [by_class[cls][column] for cls, column in model.place]
+    joined = np.concatenate(stresses) if stresses else np.zeros((0, 6))
+    starts = model.partition.cell_starts
+    energy = np.zeros(len(scene.bodies))
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        energy[s.body] += energies[cls][column]
+    return CellFields(
+        first=int(starts[0]) if len(starts) else 0,
+        cells=[s.nodes[s.reference.cells] for s in model.partition.subdomains],
+        stress=joined,
+        von_mises=von_mises(joined),
+        energy_of_means=energy,
+        largest_strain=float(largest[0]),
+        largest_rotation=float(largest[1]),
+    )
+
+
+def slabs(comm: MPI.Intracomm, start: int, *arrays: Any) -> Any:
+    """Yield each rank's (start, arrays) on rank 0, one rank at a time; nothing elsewhere."""
+    if comm.rank == 0:
+        yield start, arrays
+        for rank in range(1, comm.size):
+            yield comm.recv(source=rank)
+    else:
+        comm.send((start, arrays), dest=0)

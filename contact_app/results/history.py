@@ -1,0 +1,94 @@
+"""``history.csv``: one row for each inner iteration of a solve."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+from solver.qp.result import Step
+
+log = logging.getLogger("contact_app")
+
+COLUMNS = (
+    "outer",
+    "iteration",
+    "step",
+    "projected_gradient",
+    "equality_residual",
+    "active",
+    "seconds",
+)
+
+FLUSH_SECONDS = 1.0
+"""Rows this old are on disk: what an interrupted run leaves."""
+
+
+class History:
+    """A monitor that writes each inner iteration to a CSV file.
+
+    Parameters
+    ----------
+    path
+        The file; None on ranks that write none, where the monitor does nothing.
+    go_on
+        Keep the rows of the run this one goes on from.
+    """
+
+    def __init__(self, path: Path | None, go_on: bool = False) -> None:
+        self._file: TextIO | None = None
+        self._flushed = time.monotonic()
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            go_on = go_on and path.is_file()
+            self._file = path.open("a" if go_on else "w", encoding="utf-8")
+            try:
+                if not go_on:
+                    self._file.write(",".join(COLUMNS) + "\n")
+                self._file.flush()
+            except OSError:  # else Python's collector would meet the full disk once more
+                self.close()
+                raise
+
+    def __enter__(self) -> History:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __call__(self, event: Step) -> None:
+        """Write one row; where an outer iteration starts is no iteration and leaves none."""
+        if self._file is None or event.type == "start":
+            return
+        try:
+            self._write(event)
+        except OSError as error:  # a full disk: the solve is worth more than its rows
+            log.warning("history.csv ends here: %s", error.strerror)
+            self.close()
+
+    def _write(self, event: Step) -> None:
+        assert self._file is not None
+        self._file.write(
+            f"{event.outer},{event.iteration},{event.type},{event.projected_gradient_norm:.9e},"
+            f"{event.equality_residual:.9e},{event.active},{event.seconds:.6f}\n"
+        )
+        now = time.monotonic()
+        if now - self._flushed >= FLUSH_SECONDS:
+            self._file.flush()
+            self._flushed = now
+
+    def close(self) -> None:
+        """Write what is left; more calls do nothing."""
+        file, self._file = self._file, None
+        if file is not None:
+            try:
+                file.close()
+            except OSError as error:
+                log.warning("history.csv is not whole: %s", error.strerror)

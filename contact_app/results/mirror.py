@@ -1,0 +1,199 @@
+"""The whole of a scene that was solved on one side of its planes of symmetry.
+
+Every subset of the planes is an image of what was solved. Nodes on a plane are their own image
+about it, and get no second number: the whole is one mesh, as if it had not been cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.scene.obstacles import SHAPES
+from contact_app.scene.scene import Mirror, Scene
+from meshes.quadratic import node_vertices
+
+if TYPE_CHECKING:
+    from contact_app.model.model import Model
+    from contact_app.results.fields import NodeFields
+
+ON_PLANE = 1e-9
+"""Distance of a node from a plane, over the size of the scene, that is none."""
+
+SHEARS = {0: (3, 5), 1: (3, 4), 2: (4, 5)}
+"""Components of a stress xx, yy, zz, xy, yz, xz that change their sign across an axis."""
+
+REVERSED = {
+    "triangle": (0, 2, 1),
+    "quadrilateral": (0, 3, 2, 1),
+    "tetrahedron": (0, 2, 1, 3),
+    "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5),
+}
+"""Vertices of a mirrored cell in the order of a cell, which a mirror turns inside out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """An image of what was solved about some of the planes.
+
+    Attributes
+    ----------
+    mirrors
+        The planes; none for what was solved itself.
+    numbers : (nodes,)
+        Number in the whole of each node this rank owns.
+    new : (nodes,)
+        Which of them are not nodes of an earlier image, too.
+    first
+        Number of this rank's first new node.
+    """
+
+    mirrors: tuple[Mirror, ...]
+    numbers: NDArray[np.int64]
+    new: NDArray[np.bool_]
+    first: int
+
+    def points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coordinates (n, 3) of the images of points."""
+        for mirror in self.mirrors:
+            points = mirror.image(points)
+        return points
+
+    def field(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of a field there; displacements and stresses turn with the mirror."""
+        values = values.copy()
+        for mirror in self.mirrors:
+            if name == "displacement":
+                values[:, mirror.axis] *= -1.0
+            elif name == "stress":
+                values[:, SHEARS[mirror.axis]] *= -1.0
+        return values
+
+    def cells(self, cells: NDArray[Any], cell: str, degree: int) -> NDArray[Any]:
+        """Cells (n, nodes) in VTK's order, with positive volume again."""
+        odd = len(self.mirrors) % 2
+        return cells[:, _turned(cell, degree)] if odd else cells
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """All images of what was solved, itself first.
+
+    Attributes
+    ----------
+    nodes, cells
+        Of the whole.
+    weight : (nodes,)
+        How many nodes of the whole each node this rank owns stands for.
+    """
+
+    images: tuple[Image, ...]
+    nodes: int
+    cells: int
+    weight: NDArray[np.int64]
+
+
+def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (…, 3) lie on each of a scene's planes, (planes, …)."""
+    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
+    tolerance = ON_PLANE * float(np.ptp(ends, axis=(0, 1)).max())
+    on = np.zeros((len(scene.mirrors), *points.shape[:-1]), bool)
+    for k, mirror in enumerate(scene.mirrors):
+        on[k] = np.abs(points[..., mirror.axis] - mirror.at) <= tolerance
+    return on
+
+
+def whole(model: Model, nodes: NodeFields) -> Whole:
+    """Number the nodes of the whole (collective)."""
+    comm, mirrors = model.comm, model.scene.mirrors
+    on = on_planes(model.scene, nodes.points)
+    images: dict[tuple[int, ...], Image] = {}
+    total = 0
+    for subset in _subsets(len(mirrors)):
+        new = ~on[list(subset)].any(axis=0)
+        count = int(new.sum())
+        first = total + (comm.exscan(count) or 0)
+        numbers = np.empty(len(new), np.int64)
+        numbers[new] = first + np.arange(count)
+        for k in subset:  # a node on a plane is where it is without that plane
+            smaller = images[tuple(i for i in subset if i != k)]
+            numbers[on[k]] = smaller.numbers[on[k]]
+        chosen = tuple(mirrors[k] for k in subset)
+        images[subset] = Image(chosen, numbers, new, first)
+        total += comm.allreduce(count, op=MPI.SUM)
+    weight = np.sum([image.new for image in images.values()], axis=0)
+    cells = model.partition.cells * len(images)
+    return Whole(tuple(images.values()), total, cells, weight)
+
+
+def _subsets(count: int) -> Iterator[tuple[int, ...]]:
+    """All subsets of so many planes, smaller ones first."""
+    for size in range(count + 1):
+        yield from combinations(range(count), size)
+
+
+@cache
+def _turned(cell: str, degree: int) -> list[int]:
+    """Nodes of a mirrored cell in the order of a cell."""
+    vertices = REVERSED[cell]
+    if degree == 1:
+        return list(vertices)
+    nodes = [frozenset(on) for on in node_vertices(cell)]
+    return [nodes.index(frozenset(vertices[v] for v in on)) for on in nodes]
+
+
+def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> dict[str, Any]:
+    """`summary.json` of the whole from that of what was solved (collective).
+
+    `decomposition` and `active_contacts` count what was solved.
+    """
+    comm, d, found = model.comm, model.scene.dimension, whole(model, nodes)
+    copies = len(found.images)
+    magnitude = np.linalg.norm(nodes.displacement, axis=1)
+    mean = comm.allreduce(float(found.weight @ magnitude)) / found.nodes
+    factor = np.full(3, float(copies))
+    factor[[m.axis for m in model.scene.mirrors]] = 0.0
+    solution = {
+        **summary["solution"],
+        "energy": copies * summary["solution"]["energy"],
+        "mean_displacement": mean,
+        "contact_force": _times(summary["solution"]["contact_force"], factor),
+        "pair_forces": _pair_forces(summary["solution"]["pair_forces"], model.scene),
+    }
+    planes = [f"{'xyz'[m.axis]} = {m.at:g}" for m in model.scene.mirrors]
+    return {
+        **summary,
+        "mesh": {"cells": found.cells, "nodes": found.nodes, "dofs": found.nodes * d},
+        "solution": solution,
+        "symmetry": {"planes": planes, "images": copies, "solved": summary["mesh"]},
+    }
+
+
+def _pair_forces(forces: dict[str, list[float]], scene: Scene) -> dict[str, list[float]]:
+    """Forces between the whole bodies from those of what was solved, by pair."""
+    found = {pair: np.array(force) for pair, force in forces.items()}
+    obstacles = {
+        contact.source for contact in scene.mirrors[0].contacts if contact.against in SHAPES
+    }
+    for mirror in reversed(scene.mirrors):
+        partners = {a: b for a, b in mirror.partners if a not in obstacles}
+        turn = np.ones(3)
+        turn[mirror.axis] = -1.0
+        none = np.zeros(3)
+        found = {
+            pair: found.get(pair, none) + turn * found.get(partners.get(pair, pair), none)
+            for pair in {**found, **partners}
+        }
+    order = sorted(found, key=lambda pair: (len(pair), pair))
+    return {pair: [float(v) for v in found[pair]] for pair in order}
+
+
+def _times(force: list[float], factor: NDArray[np.float64]) -> list[float]:
+    return [float(v) for v in np.array(force) * factor]

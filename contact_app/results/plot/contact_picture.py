@@ -1,0 +1,251 @@
+"""The contact pressure over the contact surface, by matplotlib alone.
+
+In the plane a line for each stretch of boundary in contact: pressure against the position along
+the boundary. In space a patch for each connected piece of surface, laid flat (a bore is unrolled)
+and zoomed to where it is pressed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from contact_app.errors import ContactError
+from contact_app.results.plot.stored import Stored
+
+MARGIN = 0.15
+"""Room about what is pressed, as a share of its size."""
+
+
+STRAIGHT = 0.97
+"""Length of the mean of unit normals below which a surface is bent: a quarter of a circle's."""
+
+BARREL = 0.01
+"""Share of normals along an axis below which a surface is bent about it alone."""
+
+ROUND = 0.05
+"""How much a cylinder's radius may differ."""
+
+
+class NothingPressedError(ContactError):
+    """The result holds no contact pressure, or none above zero."""
+
+
+def draw_contact(stored: Stored, target: Path, title: str = "") -> Path:
+    """Draw the contact pressure of a result and return the picture's path.
+
+    Raises
+    ------
+    NothingPressedError
+        There is none to draw.
+    """
+    pressure = stored.point_data.get("contact_pressure")
+    if pressure is None:
+        raise NothingPressedError(
+            "the result holds no contact_pressure; name it in output.fields and run again"
+        )
+    if not (pressure > 0.0).any():
+        raise NothingPressedError("no contact pressure: nothing touches in this result")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    draw = _lines if stored.plane else _patches
+    draw(figure, stored, pressure)
+    if title:
+        figure.suptitle(title)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(target, dpi=150, format="png")
+    return target
+
+
+def touchable(stored: Stored) -> NDArray[np.bool_]:
+    """Nodes (n,) with a contact row; those with pressure where the gap was not written."""
+    if "gap" in stored.point_data:
+        return np.asarray(np.isfinite(stored.point_data["gap"]))
+    return np.asarray(stored.point_data["contact_pressure"] > 0.0)
+
+
+def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Stretches of a plane result's boundary that may touch and are pressed somewhere.
+
+    Returns
+    -------
+    list of (nodes (k,), position (k,))
+        Nodes along the boundary, from the left end (the lower one of two), and their distance
+        from it along the undeformed boundary.
+    """
+    (sides,) = stored.boundary()
+    sides = _sides_in_contact(stored, sides)
+    found = []
+    for piece in _connected(sides, len(stored.points)):
+        nodes, ends = np.unique(piece, return_inverse=True)
+        if not (stored.point_data["contact_pressure"][nodes] > 0.0).any():
+            continue
+        ends = ends.reshape(-1, 2)
+        tips = np.flatnonzero(np.bincount(ends.ravel(), minlength=len(nodes)) == 1)
+        if not len(tips):  # a closed curve is opened where it is pressed least
+            pressed = stored.point_data["contact_pressure"][nodes]
+            lightest = int(np.argmin(pressed))
+            opened = int(np.flatnonzero((ends == lightest).any(axis=1))[0])
+            ends, tips = np.delete(ends, opened, axis=0), np.array([lightest])
+        x, y = stored.points[nodes[tips]][:, :2].T
+        tip = tips[np.lexsort((y, x))[0]]
+        corners = stored.points[nodes[ends]]
+        length = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
+        graph = coo_array((length, (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
+        position = dijkstra(graph.tocsr(), directed=False, indices=int(tip))
+        order = np.argsort(position)
+        found.append((nodes[order], position[order]))
+    return found
+
+
+def _sides_in_contact(stored: Stored, sides: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sides that may touch; where only a line or a node is pressed, all sides about it."""
+    may = touchable(stored)[sides].all(axis=1)
+    pressed = (stored.point_data["contact_pressure"][sides] > 0.0).any(axis=1)
+    return sides[may if (may & pressed).any() else pressed]
+
+
+def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
+    axes = figure.subplots()
+    for nodes, position in profiles(stored):
+        start, end = stored.points[nodes[[0, -1]]][:, :2]
+        label = f"from ({start[0]:.3g}, {start[1]:.3g}) to ({end[0]:.3g}, {end[1]:.3g})"
+        axes.plot(position, pressure[nodes], marker=".", markersize=4, linewidth=1.2, label=label)
+    axes.set(xlabel="position along the boundary", ylabel="contact pressure")
+    axes.set_ylim(bottom=0.0)
+    axes.ticklabel_format(axis="y", scilimits=(-3, 4))
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+
+
+def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
+    corners = np.concatenate(
+        [sides[:, pick] for sides in stored.boundary() for pick in _CORNERS[sides.shape[1]]]
+    )
+    corners = _sides_in_contact(stored, corners)
+    pieces = [
+        piece for piece in _connected(corners, len(stored.points)) if (pressure[piece] > 0.0).any()
+    ]
+    high = float(pressure.max())
+    flat = []
+    for axes, piece in zip(np.ravel(figure.subplots(1, len(pieces))), pieces, strict=True):
+        pressed = (pressure[piece] > 0.0).any(axis=1)
+        across, shown, names = flattened(stored.points, piece, pressed)
+        shades = axes.tripcolor(
+            across[:, 0], across[:, 1], piece[shown], pressure,
+            shading="gouraud", cmap="magma_r", vmin=0.0, vmax=high,
+        )  # fmt: skip
+        seen = piece[pressed & shown]
+        low, top = across[seen].min(axis=(0, 1)), across[seen].max(axis=(0, 1))
+        room = MARGIN * (top - low).max()
+        axes.set_xlim(low[0] - room, top[0] + room)
+        axes.set_ylim(low[1] - room, top[1] + room)
+        axes.set_aspect("equal")
+        axes.set(xlabel=names[0], ylabel=names[1])
+        flat.append(axes)
+    bar = figure.colorbar(shades, ax=flat, label="contact pressure", shrink=0.8)
+    bar.formatter.set_powerlimits((-3, 4))
+
+
+def flattened(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], pressed: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]]:
+    """Lay a piece of surface flat.
+
+    Where what is pressed is bent about an axis, as in a bore, the surface is unrolled; otherwise
+    it is looked at along the mean normal of what is pressed.
+
+    Parameters
+    ----------
+    points : (n, 3)
+    triangles : (m, 3)
+        Of one connected piece, against the clock as seen from outside.
+    pressed : (m,)
+
+    Returns
+    -------
+    across : (n, 2)
+        Coordinates of all points.
+    shown : (m,)
+        Triangles that do not lie on their backs, nor across the cut where a bore is opened.
+    names
+        Of the coordinates.
+    """
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)  # twice the area in length
+    area = np.linalg.norm(normals, axis=1)[pressed]
+    mean = normals[pressed].sum(axis=0)
+    normal = mean / max(float(np.linalg.norm(mean)), 1e-300)
+    if np.linalg.norm(mean) < STRAIGHT * area.sum():
+        units = normals[pressed] / np.sqrt(np.maximum(area, 1e-300))[:, None]
+        spread, vectors = np.linalg.eigh(units.T @ units)
+        if spread[0] < BARREL * spread.sum():
+            unrolled = _unrolled(points, triangles, pressed, vectors[:, 0], normal)
+            if unrolled is not None:
+                return unrolled
+    shown = normals @ normal > 0.0
+    axis = int(np.argmax(np.abs(normal)))
+    if np.abs(normal[axis]) > 1.0 - 1e-3:
+        first, second = (i for i in range(3) if i != axis)
+        return points[:, [first, second]], shown, ("xyz"[first], "xyz"[second])
+    level = np.cross([0.0, 0.0, 1.0], normal) if axis != 2 else np.cross([0.0, 1.0, 0.0], normal)
+    level /= np.linalg.norm(level)
+    across = points @ np.stack([level, np.cross(normal, level)], axis=1)
+    return across, shown, ("across", "along")
+
+
+def _unrolled(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    pressed: NDArray[np.bool_],
+    axis: NDArray[np.float64],
+    middle: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]] | None:
+    """Unroll a piece of a cylinder along an axis, cut opposite its `middle`; None if it is none."""
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    out = middle - (middle @ axis) * axis
+    if np.linalg.norm(out) < 1e-6:  # pressed all round: it is cut anywhere
+        out = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    out /= np.linalg.norm(out)
+    plane = points @ np.stack([out, np.cross(axis, out)], axis=1)
+    on = np.unique(triangles[pressed])
+    rim = plane[on]
+    fit, *_ = np.linalg.lstsq(
+        np.column_stack([2.0 * rim, np.ones(len(rim))]), (rim**2).sum(axis=1), rcond=None
+    )
+    centre, radius = fit[:2], np.sqrt(max(fit[2] + fit[:2] @ fit[:2], 0.0))
+    if not np.allclose(np.linalg.norm(rim - centre, axis=1), radius, rtol=ROUND):
+        return None
+    x, y = (plane - centre).T
+    # Normals of a bore point to its axis.
+    inwards = -1.0 if (rim - centre)[:, 0].mean() < 0.0 else 1.0
+    angle = np.arctan2(inwards * y, inwards * x)
+    shown = np.ptp(angle[triangles], axis=1) < np.pi
+    # Only what lies on the cylinder, not faces at its ends.
+    distance = np.linalg.norm(plane[triangles] - centre, axis=2)
+    shown &= (np.abs(distance - radius) < ROUND * radius).all(axis=1)
+    across = np.column_stack([radius * angle, points @ axis])
+    along = "xyz"[int(np.argmax(axis))] if axis.max() > 1.0 - 1e-3 else "along the axis"
+    return across, shown, ("around the axis", along)
+
+
+def _connected(sides: NDArray[np.int64], n: int) -> list[NDArray[np.int64]]:
+    """Sides by connected piece."""
+    if not len(sides):
+        return []
+    others = sides[:, 1:].ravel()
+    firsts = np.repeat(sides[:, 0], sides.shape[1] - 1)
+    graph = coo_array((np.ones(len(firsts)), (firsts, others)), shape=(n, n))
+    piece = connected_components(graph, directed=False)[1][sides[:, 0]]
+    return [sides[piece == number] for number in np.unique(piece)]
+
+
+_CORNERS = {3: ([0, 1, 2],), 4: ([0, 1, 2], [0, 2, 3])}

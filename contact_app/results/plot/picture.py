@@ -1,0 +1,142 @@
+"""Pictures of a result: the deformed shape, coloured by fields, and the contact pressure.
+
+Reads only what a run left (``solution.xdmf``, ``summary.json``) and needs no screen. All is drawn
+by matplotlib; bodies in space smoother by VTK, where pyvista, the extra ``plot`` of this package,
+is installed.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contact_app.errors import ContactError
+from contact_app.machine.result_directory import whole
+from contact_app.results.plot.contact_picture import NothingPressedError, draw_contact
+from contact_app.results.plot.plane_picture import draw_plane
+from contact_app.results.plot.space_picture import draw_space
+from contact_app.results.plot.stored import Stored, read
+
+#: Largest displacement in the picture, as a share of the size of the bodies.
+VISIBLE = 0.08
+#: Largest change of an edge of a cell's side in the picture, as a share of its length.
+BENT = 0.5
+#: What each field is called below its colours.
+LABELS = {
+    "displacement": "displacement, magnitude",
+    "von_mises": "von Mises stress",
+    "stress": "stress, Frobenius norm",
+    "contact_pressure": "contact pressure",
+    "gap": "gap to the obstacle",
+}
+
+
+class PictureError(ContactError):
+    """No picture can be made: the result or its fields are missing."""
+
+
+def plot(
+    directory: Path | str,
+    *,
+    output: Path | str | None = None,
+    fields: tuple[str, ...] = ("von_mises", "contact_pressure"),
+    exaggeration: float | None = None,
+    camera: tuple[float, float, float] | None = None,
+) -> tuple[list[Path], list[str]]:
+    """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
+
+    Parameters
+    ----------
+    directory
+        What a run wrote.
+    output
+        Where pictures go; the directory when not given.
+    fields
+        What to colour by, a panel each; those that the result does not hold are left out.
+    exaggeration
+        Factor of the displacements; when not given a round number that makes them visible.
+    camera
+        In space the direction from the bodies to the eye; when not given where contact is seen.
+
+    Returns
+    -------
+    pictures, remarks
+        Paths written, and sentences on what was not drawn, or not as well as it can be, and why.
+
+    Raises
+    ------
+    ContactError
+        There is no result, or it holds none of the fields.
+    """
+    directory = Path(directory)
+    stored = read(directory)
+    known = {*stored.point_data, *stored.cell_data}
+    unknown = [name for name in fields if name not in known]
+    if len(unknown) == len(fields):
+        raise PictureError(
+            f"the result holds none of {', '.join(unknown)}; it holds {', '.join(sorted(known))}"
+        )
+    remarks = [
+        f"left out: {name}: the result does not hold it, only {', '.join(sorted(known))}"
+        for name in unknown
+    ]
+    shown = tuple(name for name in fields if name in known)
+    target = Path(output) if output is not None else directory
+    target.mkdir(parents=True, exist_ok=True)
+    factor = exaggeration if exaggeration is not None else round_exaggeration(stored)
+    summary = _summary(directory)
+    title = str(summary.get("scene", {}).get("title", ""))
+    caption = f"{title}\ndisplacements × {factor:g}".strip()
+    bodies = target / "bodies.png"
+    with whole(bodies) as part:
+        if stored.plane:
+            draw_plane(stored, shown, LABELS, factor, part, caption)
+        else:
+            between = bool(summary.get("solution", {}).get("pair_forces"))
+            note = draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
+            if note is not None:
+                remarks.append(f"bodies.png is drawn by matplotlib: {note}")
+    pictures = [bodies]
+    pressure = target / "contact_pressure.png"
+    try:
+        with whole(pressure) as part:
+            draw_contact(stored, part, title)
+        pictures.append(pressure)
+    except NothingPressedError as error:
+        remarks.append(f"left out: contact_pressure.png: {error}")
+    return pictures, remarks
+
+
+def round_exaggeration(stored: Stored) -> float:
+    """A factor 1, 2 or 5 times a power of ten that makes the displacements visible, not wild.
+
+    Wild is what turns cells over: a small dent, enlarged as much as the body's size asks for,
+    would be pulled inside out.
+    """
+    if "displacement" not in stored.point_data:
+        return 1.0
+    moves = stored.point_data["displacement"]
+    largest = float(np.linalg.norm(moves, axis=1).max(initial=0.0))
+    if not largest > 0.0:
+        return 1.0
+    wanted = VISIBLE * float(np.linalg.norm(np.ptp(stored.points, axis=0))) / largest
+    for sides in stored.boundary():
+        change, length = (
+            np.linalg.norm(of[sides] - of[np.roll(sides, -1, axis=1)], axis=2)
+            for of in (moves, stored.points)
+        )
+        wanted = min(wanted, BENT / max(float((change / length).max()), BENT / wanted))
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted) * power)
+
+
+def _summary(directory: Path) -> dict[str, Any]:
+    """What `summary.json` says; nothing where it is missing or not whole."""
+    try:
+        found = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

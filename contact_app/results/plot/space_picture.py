@@ -1,0 +1,394 @@
+"""Deformed bodies in space coloured by fields, a panel a field, within the edges they had.
+
+What is seen is the skin of the cells, looked at along one direction without perspective. VTK draws
+it, by way of pyvista, in a process of its own (`contact_app.results.plot.vtk_panels`): beside
+dolfinx it aborts (both bring a std::regex, one for each of libstdc++'s two kinds of strings, and
+the linker takes one for the other), and a graphics library of the system may take it down, too.
+Where that fails matplotlib draws the faces from the farthest to the nearest, each in one colour.
+Titles and scales are matplotlib's in both cases.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.results.plot import vtk_panels
+from contact_app.results.plot.contact_picture import touchable
+from contact_app.results.plot.stored import Stored
+
+#: Faces beyond which their edges would blacken the picture.
+EDGES_UP_TO = 40_000
+#: Angle between faces, in degrees, from which the edge between them is drawn as an outline.
+SHARP = 30.0
+#: Relative spread below which a field counts as the same everywhere.
+UNIFORM = 1e-4
+#: Share of the faces whose extreme values may leave the scale, where they would squeeze the rest.
+EXTREME = 0.002
+#: Seconds that VTK may take.
+PATIENCE = 300.0
+#: Width of a panel in inches, and its pixels for each.
+WIDTH, SHARPNESS = 6.0, 200
+#: Light that falls on every face, and what comes from one side.
+AMBIENT, DIFFUSE = 0.72, 0.30
+BARE = (0.82, 0.82, 0.82)
+#: How much of what is behind a bare face it hides, where it has to be looked through.
+VEIL = 0.12
+
+HOW_TO_GET_PYVISTA = (
+    "'.venv/bin/pip install -c .venv/constraints.txt pyvista' here, "
+    "'pip install contact-app[plot]' elsewhere, about 800 MB"
+)
+
+
+class VTKError(Exception):
+    """VTK did not draw; the text says why, in one line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """What colours one picture of the skin.
+
+    Attributes
+    ----------
+    values : (nodes,) or (faces,)
+        NaN where the body is left bare.
+    limits
+        Ends of the scale.
+    beyond
+        Whether values leave the scale at its upper end.
+    colours
+        Name of matplotlib's colour map.
+    label
+    through
+        Whether bare faces are translucent, because what is coloured lies behind them.
+    """
+
+    values: NDArray[np.float64]
+    limits: tuple[float, float]
+    beyond: bool
+    colours: str
+    label: str
+    through: bool
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A look along -`direction` without perspective.
+
+    Attributes
+    ----------
+    direction, up, right : (3,)
+        Unit vectors; `direction` points to the eye.
+    centre : (3,)
+    half : (2,)
+        Half the width and height of what is seen, in lengths of the bodies.
+    """
+
+    direction: NDArray[np.float64]
+    up: NDArray[np.float64]
+    right: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    half: NDArray[np.float64]
+
+    @property
+    def light(self) -> NDArray[np.float64]:
+        """Unit vector (3,) to the light: above the eye, on its left."""
+        towards = self.direction + 0.7 * self.up - 0.35 * self.right
+        return towards / np.linalg.norm(towards)
+
+
+def draw_space(
+    stored: Stored,
+    fields: tuple[str, ...],
+    labels: dict[str, str],
+    exaggeration: float,
+    target: Path,
+    caption: str,
+    camera: tuple[float, float, float] | None = None,
+    between: bool = False,
+) -> str | None:
+    """Write a picture with a panel for each field.
+
+    Parameters
+    ----------
+    between
+        Whether bodies touch each other: then they are translucent where pressure is shown.
+
+    Returns
+    -------
+    str or None
+        Why VTK did not draw it, if it did not.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    skin = stored.skin()
+    faces = [sides for sides, _ in skin]
+    rows = np.concatenate([owners for _, owners in skin])
+    moved = stored.points + exaggeration * stored.point_data.get("displacement", 0.0)
+    seen = np.unique(np.concatenate([sides.ravel() for sides in faces]))
+    outline = _sharp_edges(stored.points, faces)
+    direction = _towards(stored) if camera is None else np.asarray(camera, dtype=float)
+    view = _view(direction, np.concatenate([stored.points[seen], moved[seen]]))
+    panels = [_panel(stored, name, labels.get(name, name), faces, rows, between) for name in fields]
+
+    wide = WIDTH
+    tall = min(max(wide * view.half[1] / view.half[0], 0.35 * wide), 1.6 * wide)
+    try:
+        images = _by_vtk(
+            moved, faces, stored.points[outline], panels, view, (wide, tall), SHARPNESS
+        )
+        note = None
+    except VTKError as error:
+        images, note = None, str(error)
+    figure = Figure(figsize=(wide * len(panels), tall + 1.3), layout="constrained")
+    FigureCanvasAgg(figure)
+    places = np.ravel(figure.subplots(1, len(panels)))
+    for number, (axes, panel) in enumerate(zip(places, panels, strict=True)):
+        if images is not None:
+            axes.imshow(images[number], interpolation="antialiased")
+        else:
+            _by_matplotlib(axes, moved, faces, stored.points[outline], panel, view)
+        axes.set_axis_off()
+        shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
+        bar = figure.colorbar(
+            shades, ax=axes, location="bottom", label=panel.label, shrink=0.75, aspect=30,
+            pad=0.02, extend="max" if panel.beyond else "neither",
+        )  # fmt: skip
+        bar.formatter.set_powerlimits((-3, 4))
+    figure.suptitle(caption, fontsize=12)
+    figure.savefig(target, dpi=150, format="png")
+    return note
+
+
+def _panel(
+    stored: Stored,
+    name: str,
+    label: str,
+    faces: list[NDArray[np.int64]],
+    rows: NDArray[np.int64],
+    between: bool,
+) -> Panel:
+    at_nodes = name in stored.point_data
+    values = stored.point_data[name] if at_nodes else stored.cell_data[name]
+    if values.ndim == 2:
+        values = np.linalg.norm(values, axis=1)
+    largest = float(np.nanmax(values, initial=-np.inf))
+    if not at_nodes:
+        values = values[rows]
+        shown = values
+    else:
+        values = np.array(values, dtype=float)
+        if name == "contact_pressure":
+            values[~touchable(stored)] = np.nan
+        shown = values[np.unique(np.concatenate([sides.ravel() for sides in faces]))]
+    low, high = limits(shown)
+    most = float(np.quantile(shown, 1.0 - EXTREME)) if not at_nodes else high
+    if high - low > 1.3 * (most - low) > 0.0:
+        high = most
+    beyond = bool(np.isfinite(largest) and largest > high * (1.0 + 1e-12))
+    if beyond:
+        label = f"{label} (largest {largest:.4g})"
+    colours = "magma_r" if at_nodes else "viridis"
+    through = between and name in ("contact_pressure", "gap")
+    return Panel(values, (low, high), beyond, colours, label, through)
+
+
+def limits(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Range of the colours; of a field that is the same everywhere, from 0, not its round-off."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 0.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    if high - low > UNIFORM * max(abs(low), abs(high)):
+        return low, high
+    return min(low, 0.0), max(high, 0.0) or 1.0
+
+
+def _towards(stored: Stored) -> NDArray[np.float64]:
+    """Direction to the eye, from where the bodies and what touches is seen."""
+    direction = np.array([1.2, -1.0, 0.6])
+    touched = touchable(stored) if "contact_pressure" in stored.point_data else np.zeros(0, bool)
+    if touched.any():
+        low, high = stored.points.min(axis=0), stored.points.max(axis=0)
+        half = np.maximum(0.5 * (high - low), 1e-12)
+        side = (stored.points[touched].mean(axis=0) - 0.5 * (low + high)) / half
+        # Where a whole face may touch its mean is at ±1; several faces share what is left.
+        beside = np.abs(side) > 0.5 * np.abs(side).max()
+        direction = np.where(beside, 1.4 * np.sign(side) * np.abs(direction), direction)
+    return direction
+
+
+def _view(direction: NDArray[np.float64], points: NDArray[np.float64]) -> View:
+    """The closest look from a direction that shows all points; z is up where it can be."""
+    direction = direction / np.linalg.norm(direction)
+    upwards = np.array([0.0, 0.0, 1.0] if abs(direction[2]) < 1.0 - 1e-9 else [0.0, 1.0, 0.0])
+    right = np.cross(upwards, direction)
+    right /= np.linalg.norm(right)
+    up = np.cross(direction, right)
+    across = points @ np.stack([right, up], axis=1)
+    low, high = across.min(axis=0), across.max(axis=0)
+    middle = 0.5 * (low + high)
+    depth = float((points @ direction).mean())
+    centre = middle[0] * right + middle[1] * up + depth * direction
+    return View(direction, up, right, centre, np.maximum(0.51 * (high - low), 1e-12))
+
+
+def _sharp_edges(points: NDArray[np.float64], faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Edges (n, 2) between faces at an angle of more than `SHARP`, or of one face alone."""
+    pairs, owners, normals = [], [], []
+    start = 0
+    for sides in faces:
+        around = np.stack([sides, np.roll(sides, -1, axis=1)], axis=2)
+        pairs.append(np.sort(around.reshape(-1, 2), axis=1))
+        owners.append(np.repeat(np.arange(start, start + len(sides)), sides.shape[1]))
+        normals.append(_normals(points, sides))
+        start += len(sides)
+    edges, owner, normal = (np.concatenate(part) for part in (pairs, owners, normals))
+    order = np.lexsort(edges.T[::-1])
+    edges, owner = edges[order], owner[order]
+    first = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
+    last = np.r_[first[1:], len(edges)] - 1
+    cosine = np.sum(normal[owner[first]] * normal[owner[last]], axis=1)
+    return edges[first[(first == last) | (cosine < np.cos(np.radians(SHARP)))]]
+
+
+def _normals(points: NDArray[np.float64], sides: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Unit normals (n, 3) of faces, outwards."""
+    a, b, c, d = (points[sides[:, i]] for i in (0, 1, 2, -1))
+    normals = np.cross(b - a, c - a) if sides.shape[1] == 3 else np.cross(c - a, d - b)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def _by_vtk(
+    points: NDArray[np.float64],
+    faces: list[NDArray[np.int64]],
+    outline: NDArray[np.float64],
+    panels: list[Panel],
+    view: View,
+    inches: tuple[float, float],
+    dots: int,
+) -> list[NDArray[np.float64]]:
+    """Images of the panels, (height, width, 3 or 4) each, drawn by another process.
+
+    Raises
+    ------
+    VTKError
+        pyvista is not installed, or the process failed.
+    """
+    from importlib.util import find_spec
+
+    from matplotlib.image import imread
+
+    if find_spec("pyvista") is None:
+        raise VTKError(f"pyvista, which draws smoother, is not installed ({HOW_TO_GET_PYVISTA})")
+    with tempfile.TemporaryDirectory(prefix="contact-plot-") as name:
+        folder = Path(name)
+        wide, tall = 2 * view.half
+        scale = dots * min(inches[0] / wide, inches[1] / tall)
+        arrays: dict[str, NDArray[Any]] = {"points": points, "outline": outline}
+        arrays |= {f"faces{i}": sides for i, sides in enumerate(faces)}
+        arrays |= {f"values{i}": panel.values for i, panel in enumerate(panels)}
+        np.savez(folder / "skin.npz", **arrays)  # type: ignore[arg-type]
+        instructions = {
+            "size": [max(int(scale * wide), 50), max(int(scale * tall), 50)],
+            "centre": view.centre.tolist(),
+            "direction": view.direction.tolist(),
+            "up": view.up.tolist(),
+            "half_height": float(view.half[1]),
+            "edges": sum(map(len, faces)) <= EDGES_UP_TO,
+            "light": view.light.tolist(),
+            "ambient": AMBIENT,
+            "diffuse": DIFFUSE,
+            "bare": BARE,
+            "veil": VEIL,
+            "panels": [
+                {"limits": p.limits, "colours": p.colours, "through": p.through} for p in panels
+            ],
+        }
+        (folder / "view.json").write_text(json.dumps(instructions), encoding="utf-8")
+        command = [sys.executable, "-P", str(Path(vtk_panels.__file__)), name]
+        try:
+            ran = subprocess.run(
+                command, capture_output=True, text=True, errors="replace", timeout=PATIENCE
+            )
+        except subprocess.TimeoutExpired:
+            raise VTKError(f"VTK did not draw within {PATIENCE:g} s") from None
+        made = [folder / f"panel{i}.png" for i in range(len(panels))]
+        if ran.returncode != 0 or not all(path.is_file() for path in made):
+            raise VTKError(_what_went_wrong(ran))
+        return [imread(path) for path in made]
+
+
+def _what_went_wrong(ran: subprocess.CompletedProcess[str]) -> str:
+    """One line for the user: what a failed VTK said last, and what usually is missing."""
+    said = [line.strip() for line in ran.stderr.splitlines() if line.strip()]
+    telling = [line for line in said if "rror" in line or "what()" in line] or said
+    last = f": {telling[-1][:200]}" if telling else ""
+    ended = f"signal {-ran.returncode}" if ran.returncode < 0 else f"exit code {ran.returncode}"
+    return (
+        f"VTK could not draw ({ended}{last}); without a screen it needs "
+        "'apt-get install libegl1 libgl1'"
+    )
+
+
+def _by_matplotlib(
+    axes: Any,
+    points: NDArray[np.float64],
+    faces: list[NDArray[np.int64]],
+    outline: NDArray[np.float64],
+    panel: Panel,
+    view: View,
+) -> None:
+    """Draw the faces that look to the eye, each in its mean colour, the farthest first."""
+    from matplotlib import colormaps
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    plane = np.stack([view.right, view.up], axis=1)
+    corners, colours, depths = [], [], []
+    start = 0
+    for sides in faces:
+        normals = _normals(points, sides)
+        if len(panel.values) == len(points):
+            values = panel.values[sides].mean(axis=1)
+        else:
+            values = panel.values[start : start + len(sides)]
+        start += len(sides)
+        # What is looked through is seen from both sides.
+        seen = (normals @ view.direction > 0.0) | (panel.through & np.isfinite(values))
+        near = np.flatnonzero(seen)
+        values = values[near]
+        bright = AMBIENT + DIFFUSE * np.maximum(normals[near] @ view.light, 0.0)
+        low, high = panel.limits
+        shades = colormaps[panel.colours](np.clip((values - low) / (high - low), 0.0, 1.0))[:, :3]
+        bare = ~np.isfinite(values)
+        shades[bare] = BARE
+        hides = np.where(bare & panel.through, VEIL, 1.0)
+        colours.append(np.column_stack([np.minimum(shades * bright[:, None], 1.0), hides]))
+        shape = (points - view.centre)[sides[near]] @ plane
+        # One array for triangles and quadrilaterals: a triangle has its last corner twice.
+        corners.append(shape if sides.shape[1] == 4 else shape[:, [0, 1, 2, 2]])
+        depths.append(points[sides[near]].mean(axis=1) @ view.direction)
+    order = np.argsort(np.concatenate(depths))
+    shapes, shades = np.concatenate(corners)[order], np.concatenate(colours)[order]
+    lines = {"edgecolors": shades * (0.8, 0.8, 0.8, 1.0), "linewidths": 0.3}
+    if sum(map(len, faces)) > EDGES_UP_TO:
+        lines = {"edgecolors": shades, "linewidths": 0.1}
+    axes.add_collection(
+        LineCollection((outline - view.centre) @ plane, colors="grey", linewidths=0.8)
+    )
+    axes.add_collection(PolyCollection(shapes, facecolors=shades, zorder=2, **lines))
+    axes.set_xlim(-view.half[0], view.half[0])
+    axes.set_ylim(-view.half[1], view.half[1])
+    axes.set_aspect("equal")

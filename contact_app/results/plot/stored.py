@@ -1,0 +1,207 @@
+"""What a run left in ``solution.xdmf``, read back: mesh, fields, and the sides of its cells.
+
+Reads the files `contact_app.results.xdmf` writes with h5py alone, so that pictures in the plane
+need no pyvista.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.errors import ContactError
+from contact_app.results.xdmf import CELL_TYPES
+from meshes.quadratic import EDGES, facet_table
+
+SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "triangle": EDGES["triangle"],
+    "quadrilateral": EDGES["quadrilateral"],
+    "tetrahedron": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hexahedron": (
+        (0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7),
+    ),
+}  # fmt: skip
+"""Vertices of the sides of a cell, seen from outside against the clock in space."""
+
+
+class StoredError(ContactError):
+    """There is no result, or not one of this application."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """The grid of a result.
+
+    Attributes
+    ----------
+    points : (nodes, 3)
+    cells : {name: (cells, nodes of a cell)}
+        By the names of `contact_app.results.xdmf.CELL_TYPES`; numbers in VTK's order.
+    numbers : {name: (cells,)}
+        Rows of the cells in `cell_data`.
+    point_data, cell_data : {name: (n,) or (n, 3) or (n, 9)}
+    """
+
+    points: NDArray[np.float64]
+    cells: dict[str, NDArray[np.int64]]
+    numbers: dict[str, NDArray[np.int64]]
+    point_data: dict[str, NDArray[np.float64]]
+    cell_data: dict[str, NDArray[np.float64]]
+
+    @property
+    def plane(self) -> bool:
+        """Whether the cells are of the plane."""
+        return all(_base(name) in ("triangle", "quadrilateral") for name in self.cells)
+
+    def boundary(self) -> list[NDArray[np.int64]]:
+        """Sides that only one cell has, one array for each number of nodes, cut at middle nodes.
+
+        Returns
+        -------
+        list of (sides, 2) in the plane, of (sides, 3) or (sides, 4) in space
+        """
+        return [sides for sides, _ in self.skin()]
+
+    def skin(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """The same, and the row in `cell_data` of the cell each side belongs to (sides,)."""
+        return [_single(sides, rows) for sides, rows in self._sides() if len(sides)]
+
+    def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Cells of the plane as triangles (n, 3), and the row in `cell_data` of each (n,)."""
+        corners, rows = [], []
+        for name, cells in self.cells.items():
+            for pick in _TRIANGLES[name]:
+                corners.append(cells[:, pick])
+                rows.append(self.numbers[name])
+        return np.concatenate(corners), np.concatenate(rows)
+
+    def _sides(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        found: dict[int, list[NDArray[np.int64]]] = {}
+        rows: dict[int, list[NDArray[np.int64]]] = {}
+        for name, cells in self.cells.items():
+            base = _base(name)
+            for pieces in _pieces(base, quadratic=name != base):
+                found.setdefault(len(pieces), []).append(cells[:, list(pieces)])
+                rows.setdefault(len(pieces), []).append(self.numbers[name])
+        for corners, parts in found.items():
+            yield np.concatenate(parts), np.concatenate(rows[corners])
+
+
+def read(directory: Path | str) -> Stored:
+    """Read the result in a directory.
+
+    Raises
+    ------
+    StoredError
+        There is none, or its files are not whole.
+    """
+    source = Path(directory) / "solution.xdmf"
+    if not source.is_file():
+        raise StoredError(f"{source} is not there: run the scene first, with output.xdmf: true")
+    try:
+        topology = ElementTree.parse(source).getroot().find(".//Topology")
+        with h5py.File(source.with_suffix(".h5"), "r") as file:
+            points = file["points"][:]
+            numbers = file["cells"][:]
+            data = {
+                centre: {name: item[:] for name, item in file[centre].items()}
+                for centre in ("node", "cell")
+                if centre in file
+            }
+    except (OSError, KeyError, ElementTree.ParseError) as error:
+        raise StoredError(f"{source} cannot be read: {error}") from error
+    if topology is None:
+        raise StoredError(f"{source} names no cells: it is not a result of this application")
+    cells, rows = _split(topology.get("TopologyType", ""), numbers)
+    return Stored(points, cells, rows, data.get("node", {}), data.get("cell", {}))
+
+
+def _split(
+    topology: str, numbers: NDArray[np.int64]
+) -> tuple[dict[str, NDArray[np.int64]], dict[str, NDArray[np.int64]]]:
+    """Cells and their rows by type."""
+    if topology != "Mixed":
+        for name, kind in CELL_TYPES.items():
+            if kind.topology == topology:
+                return {name: numbers.astype(np.int64)}, {name: np.arange(len(numbers))}
+        raise StoredError(f"cells of type {topology!r} are not drawn")
+    kinds = {kind.number: (name, kind.vertices) for name, kind in CELL_TYPES.items()}
+    parts: dict[str, list[NDArray[np.int64]]] = {}
+    rows: dict[str, list[NDArray[np.int64]]] = {}
+    at = row = 0
+    while at < len(numbers):  # once a run of cells of one type
+        name, vertices = kinds[int(numbers[at])]
+        width = vertices + 1
+        rest = numbers[at : at + (len(numbers) - at) // width * width].reshape(-1, width)
+        other = np.flatnonzero(rest[:, 0] != numbers[at])
+        count = int(other[0]) if len(other) else len(rest)
+        parts.setdefault(name, []).append(rest[:count, 1:].astype(np.int64))
+        rows.setdefault(name, []).append(np.arange(row, row + count))
+        at, row = at + count * width, row + count
+    return (
+        {name: np.concatenate(p) for name, p in parts.items()},
+        {name: np.concatenate(r) for name, r in rows.items()},
+    )
+
+
+def _base(name: str) -> str:
+    return name.rstrip("0123456789")
+
+
+def _pieces(cell: str, quadratic: bool) -> Iterator[tuple[int, ...]]:
+    """Nodes of the sides of a cell; of second order cut into as many as nodes allow."""
+    if not quadratic:
+        yield from SIDES[cell]
+        return
+    for side, nodes in zip(SIDES[cell], facet_table(SIDES[cell], cell), strict=True):
+        middles = _middles(cell, side)
+        if len(side) == 2:
+            yield side[0], middles[0]
+            yield middles[0], side[1]
+        elif len(side) == 3:
+            a, b, c = side
+            ab, bc, ca = middles
+            yield from ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        else:
+            a, b, c, d = side
+            ab, bc, cd, da = middles
+            (centre,) = set(map(int, nodes)) - set(side) - set(middles)
+            yield from ((a, ab, centre, da), (ab, b, bc, centre))
+            yield from ((centre, bc, c, cd), (da, centre, cd, d))
+
+
+def _middles(cell: str, side: tuple[int, ...]) -> list[int]:
+    """Nodes amid the edges of a side, in the order of its vertices."""
+    known = {frozenset(edge): i for i, edge in enumerate(EDGES[cell], start=_CORNERS[cell])}
+    around = zip(side, side[1:] + side[:1], strict=True)
+    pairs = [frozenset(pair) for pair in around]
+    return [known[pair] for pair in (pairs[:1] if len(side) == 2 else pairs)]
+
+
+def _single(
+    sides: NDArray[np.int64], rows: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sides that occur once, whichever way round, and their rows."""
+    _, first, count = np.unique(
+        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    once = first[count == 1]
+    return sides[once], rows[once]
+
+
+_CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+
+_TRIANGLES: dict[str, tuple[list[int], ...]] = {
+    "triangle": ([0, 1, 2],),
+    "quadrilateral": ([0, 1, 2], [0, 2, 3]),
+    "triangle6": ([0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]),
+    "quadrilateral9": tuple(
+        [8, a, b] for a, b in ((0, 4), (4, 1), (1, 5), (5, 2), (2, 6), (6, 3), (3, 7), (7, 0))
+    ),
+}

@@ -1,0 +1,307 @@
+"""Contact pressure at the nodes of the surface, from the forces of contact rows.
+
+What a multiplier is depends on the rows. Those of bodies on bodies, and of second-order
+tetrahedra on obstacles, are mean pressures about a vertex times an area: p_j = λ_j / W_j. Those at
+nodes are nodal forces f_k = ∫ p φ_k, and the pressure is the force over the node's share of the
+boundary, q_k = f_k / ∫ φ_k.
+
+With degree 2 that is not enough. Corners and middles see the pressure through different functions,
+and where the boundary is a polygon, or the material nearly incompressible, q alternates between
+them about the right mean, however fine the mesh. What alternates is taken out (`alternation`); the
+values at all nodes are then as good as those of degree 1 on as many.
+
+Near ν = 0.5 it is a large part of the pressure, opens nodes that should touch, and cannot be
+told from the edge of the contact. There the pressure is taken linear on each facet, with the values
+at the vertices
+
+    P q = Σ_k ψ_j(x_k) f_k / ∫ ψ_j,     ψ_j the hat function of vertex j:
+
+the mean of the pressure about the vertex, in which alternations cancel. It flattens a smooth peak
+by h²p''/12; the mean of what it took away is given back, p = P q + P(q - P q) (twicing, J. W.
+Tukey, *Exploratory Data Analysis*, 1977, chapter 16), which leaves errors of fourth order.
+
+What would take p below zero is cut off and as much left out of the rest, so that ∫ p is the force.
+Constant pressures are exact, linear ones are inside the boundary. Beside a jump means about
+vertices overshoot by at most 3 % of it; at the end of the boundary the last of them is off by a
+ninth of the change over the last facet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.facets import between_vertices, hats_at_nodes
+from contact_app.model.model import Model, boundary_nodes, facets_of
+from contact_app.results.alternation import Lines, alternation
+from contact_app.results.division import ContactLoads, contact_loads
+from contact_app.results.mirror import on_planes
+from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
+from contact_app.scene.scene import BodyContact, Contact
+from solver.contact.solution import Solution
+
+Array = NDArray[np.float64]
+
+STRONG = 0.05
+"""Alternation over pressure, both in the mean, from which on means about vertices are taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class NodesInContact:
+    """One contact at those nodes of its boundary that this rank owns.
+
+    Attributes
+    ----------
+    nodes : (n,)
+        Ascending numbers.
+    pressure : (n,)
+    shares : (n,)
+        ∫ φ_k over the boundary.
+    carriers : (n,)
+        Where the contact law is kept: at all nodes, or at the vertices of facets whose rows are
+        means about them.
+    closed : (n,)
+        Carriers with a contact force.
+    areas : (n,)
+        Area that the force at a closed node acts on; 0 at others.
+    forces, moments : (n, 3)
+        Force on the body of `on`, and its moment about the node.
+    """
+
+    nodes: NDArray[np.int64]
+    pressure: Array
+    shares: Array
+    carriers: NDArray[np.bool_]
+    closed: NDArray[np.bool_]
+    areas: Array
+    forces: Array
+    moments: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ContactForces:
+    """What obstacles and other bodies do to the surface, at the nodes this rank owns.
+
+    Attributes
+    ----------
+    nodes : (owned,)
+        Numbers of surface nodes.
+    pressure : (owned,)
+        The largest over the contacts of a node.
+    contacts
+        Each contact alone, as `Scene.touching` counts them.
+    without_area
+        Rows that carry force at a node no facet of the contact boundary has.
+    """
+
+    nodes: NDArray[np.int64]
+    pressure: Array
+    contacts: tuple[NodesInContact, ...]
+    without_area: int
+
+    @property
+    def resultants(self) -> Array:
+        """Force on the body of `on` of each contact, of this rank's nodes, (contacts, 3)."""
+        return np.array([c.forces.sum(axis=0) for c in self.contacts]).reshape(-1, 3)
+
+
+def contact_forces(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactForces:
+    """Pressures and forces of an answer, contact by contact (collective)."""
+    loads = contact_loads(model, solution, surface)
+    pressure = np.zeros(len(surface.owned))
+    contacts, lost = [], 0
+    for number in range(len(model.scene.touching)):
+        found, missed = _in_contact(model, surface, loads, number)
+        at = np.searchsorted(surface.owned, found.nodes)
+        pressure[at] = np.maximum(pressure[at], found.pressure)
+        contacts.append(found)
+        lost += missed
+    return ContactForces(surface.owned, pressure, tuple(contacts), lost)
+
+
+def _in_contact(
+    model: Model, surface: SurfaceNodes, loads: ContactLoads, number: int
+) -> tuple[NodesInContact, int]:
+    """One contact at its nodes, and how many of its rows have force but no area (collective)."""
+    touching = model.scene.touching[number]
+    body = model.scene.bodies[touching.body]
+    at_nodes = isinstance(touching, Contact) and not has_averaged_rows(body)
+    boundary = _Boundary(model, surface, touching)
+    on = boundary.nodes(with_single=at_nodes)
+    mine = np.flatnonzero(loads.sources == number)
+    at = np.searchsorted(surface.owned, loads.nodes[mine])
+    force, area = loads.force[mine], loads.areas[mine]
+    area = np.where(np.isnan(area), boundary.shares[at], area)
+    loaded = force > 0.0
+    usable = loaded & (area > 0.0)
+
+    def at_owned(rows: NDArray[np.bool_], values: Array) -> Array:
+        result = np.zeros((len(surface.owned), *values.shape[1:]))
+        result[at[rows]] = values
+        return result
+
+    pressure = at_owned(usable, force[usable] / area[usable])
+    if body.degree == 2:
+        pressure = boundary.recovered(pressure) if at_nodes else boundary.at_all_nodes(pressure)
+    every = np.ones(len(mine), bool)
+    carriers = on if at_nodes else boundary.areas > 0.0
+    of_owned = NodesInContact(
+        nodes=surface.owned,
+        pressure=pressure,
+        shares=boundary.shares,
+        carriers=carriers,
+        closed=at_owned(loaded, force[loaded]) > 0.0,
+        areas=at_owned(usable, area[usable]),
+        forces=at_owned(every, loads.vectors[mine]),
+        moments=at_owned(every, loads.moments[mine]),
+    )
+    found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
+    return found, int((loaded & ~usable).sum())
+
+
+def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Array) -> Array:
+    """Distance left at the owned surface nodes, (owned,); NaN where no row is (collective).
+
+    Known about vertices only, it is continued to the middles between them.
+
+    Parameters
+    ----------
+    far : (rows,)
+        Distance along the rows that were left out.
+    """
+    left_out = model.left_out
+    scene, problem, contact = model.scene, model.problem, model.problem.contact
+    rows = problem.inequality
+    distance = -problem.residual(problem.on_interface(solution.displacements))[rows]
+    distance /= contact.spread
+    distance = np.concatenate([distance, far])
+    sources = np.concatenate([contact.sources, left_out.sources])
+    areas = np.concatenate([contact.areas, left_out.areas])
+    at = np.searchsorted(surface.owned, np.concatenate([contact.nodes, left_out.nodes]))
+    gap = np.full(len(surface.owned), np.nan)
+    for i, touching in enumerate(scene.touching):
+        mine = sources == i
+        part = np.full(len(gap), np.nan)
+        np.fmin.at(part, at[mine], distance[mine])
+        at_nodes = model.comm.allreduce(int(np.isnan(areas[mine]).sum()))
+        if scene.bodies[touching.body].degree == 2 and not at_nodes:
+            boundary = _Boundary(model, surface, touching)
+            part = boundary.at_all_nodes(part)
+        gap = np.fmin(gap, part)
+    return gap
+
+
+def boundary_shares(model: Model, surface: SurfaceNodes, touching: Contact | BodyContact) -> Array:
+    """∫ φ_k over the boundary of a contact at the owned surface nodes, (owned,) (collective)."""
+    chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+    return surface.shares(model, chosen)
+
+
+class _Boundary:
+    """The facets of one contact and what is averaged over them; all methods are collective.
+
+    Attributes
+    ----------
+    shares, areas : (owned,)
+        ∫ φ_k over the boundary, and ∫ ψ_j of the hat functions of vertices.
+    """
+
+    def __init__(
+        self, model: Model, surface: SurfaceNodes, touching: Contact | BodyContact
+    ) -> None:
+        self._model, self._surface, self._scene = model, surface, model.scene
+        self._touching = touching
+        copies = surface.starts[-1]
+        shares, areas = np.zeros(copies), np.zeros(copies)
+        self._points = np.zeros((copies, 3))
+        self._parts: list[tuple[NDArray[np.int64], Array]] = []  # copies, weights (v, nodes)
+        chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+        for s, rows, nodes, share in facet_shares(model, surface, chosen):
+            np.add.at(shares, nodes, share)
+            self._points[nodes] = s.points()[s.reference.facets[rows]]
+            weights = hats_at_nodes(model.scene.dimension, nodes.shape[1])[None] * share[:, None]
+            np.add.at(areas, nodes[:, : weights.shape[1]], weights.sum(axis=2))
+            self._parts.append((nodes, weights))
+        self.shares = surface.sums(shares)
+        self.areas = surface.sums(areas)
+
+    def nodes(self, with_single: bool) -> NDArray[np.bool_]:
+        """Which nodes are on the boundary, (owned,).
+
+        Parameters
+        ----------
+        with_single
+            Whether nodes count that no whole facet of the boundary has.
+        """
+        surface, partition = self._surface, self._model.partition
+        marks = np.zeros(surface.starts[-1])
+        for nodes, _ in self._parts:
+            marks[nodes] = 1.0
+        if with_single:
+            body = self._scene.bodies[self._touching.body]
+            for start, s, local in zip(
+                surface.starts, partition.subdomains, surface.local, strict=False
+            ):
+                if s.body == self._touching.body:
+                    chosen = boundary_nodes(s, body, self._touching.boundary)
+                    marks[start + np.searchsorted(local, chosen)] = 1.0
+        return surface.sums(marks) > 0.0
+
+    def recovered(self, pressure: Array) -> Array:
+        """The pressure at all nodes from forces over shares (owned,), nothing alternating in it."""
+        surface = self._surface
+        q = surface.copies(pressure)
+        lines = Lines.of([nodes for nodes, _ in self._parts], self._points)
+        folded = np.zeros((3, len(q)), bool)
+        planes = on_planes(self._scene, self._points)
+        for mirror, on in zip(self._scene.mirrors, planes, strict=True):
+            if self._touching.source not in dict(mirror.partners):  # else it ends at the plane
+                folded[mirror.axis] = on
+        off = alternation(lines, q, lambda values: surface.copies(surface.sums(values)), folded)
+        part = surface.sums(off) / surface.sums(np.ones(len(q)))
+        found = np.maximum(pressure - part, 0.0)
+        every = np.stack([pressure, np.abs(part), found]) @ self.shares
+        force, alternating, left = surface.exchange.comm.allreduce(every)
+        if alternating > STRONG * force:
+            return self.at_all_nodes(self.smoothed(pressure))
+        return found * (force / left if left > 0.0 else 1.0)
+
+    def smoothed(self, pressure: Array) -> Array:
+        """Means about vertices of the pressure from forces over shares (owned,)."""
+        copies = self._surface.copies(pressure)
+        mean = self.about_vertices(copies)
+        change = self.about_vertices(copies - self.extended(mean))
+        taken, given = np.minimum(change, 0.0), np.maximum(change, 0.0)
+        cut = np.maximum(taken, -mean)
+        sums = self._surface.exchange.comm.allreduce(np.stack([taken, cut]) @ self.areas)
+        return mean + cut + given * (sums[1] / sums[0] if sums[0] < 0.0 else 1.0)
+
+    def about_vertices(self, copies: Array) -> Array:
+        """P: means about the vertices of values at copies, (owned,); 0 elsewhere."""
+        sums = np.zeros(len(copies))
+        for nodes, weights in self._parts:
+            np.add.at(
+                sums, nodes[:, : weights.shape[1]], np.einsum("fjk,fk->fj", weights, copies[nodes])
+            )
+        total = self._surface.sums(sums)
+        some = self.areas > 0.0
+        return np.divide(total, self.areas, out=np.zeros(len(total)), where=some)
+
+    def extended(self, values: Array) -> Array:
+        """Values (owned,) at vertices, continued to the middles: at the copies of facets here."""
+        copies = self._surface.copies(values)
+        for nodes, _ in self._parts:
+            between_vertices(nodes, copies)
+        return copies
+
+    def at_all_nodes(self, values: Array) -> Array:
+        """Values (owned,) at vertices, continued to the middles, at their owners."""
+        known = np.zeros(sum(map(len, self._surface.local)))
+        for nodes, _ in self._parts:
+            known[nodes] = 1.0
+        found = self._surface.sums(np.where(known > 0.0, self.extended(values), 0.0))
+        count = self._surface.sums(known)
+        return np.divide(found, count, out=values.copy(), where=count > 0.0)

@@ -1,0 +1,290 @@
+"""What is left of a run to read: ``run.log``, ``summary.json``, and the table at its end."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import platform
+import sys
+import traceback
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from contact_app.machine.exits import is_own_failure, mark_logged, message_of, tell
+from contact_app.machine.result_directory import whole
+
+log = logging.getLogger("contact_app")
+
+
+class _LogFile(logging.FileHandler):
+    """A log file that a full disk cuts short, which is told once and ends nothing."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, mode="w", encoding="utf-8")
+        self.fault: BaseException | None = None
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        self.fault = self.fault or sys.exc_info()[1]
+
+    def close(self) -> None:
+        try:
+            super().close()
+        except OSError as error:
+            self.fault = self.fault or error
+
+
+@contextmanager
+def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
+    """Keep what is logged meanwhile, warnings of Python included, in a text file.
+
+    Other packages' messages are kept from the terminal, their warnings in the file: compiling a
+    form tells the root logger every command it runs. An exception that passes is logged, one that
+    is a failure of the program itself with its traceback, by whichever rank meets it.
+
+    Parameters
+    ----------
+    path
+        ``run.log``; None where there is none.
+    first
+        Whether this rank writes it.
+    """
+    handler: logging.Handler = logging.NullHandler()
+    if path is not None and first:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handler = _LogFile(path)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
+    handler.addFilter(_is_told)
+    root = logging.getLogger()
+    handlers, level = root.handlers, log.level
+    root.handlers = [handler]
+    log.setLevel(logging.INFO)
+    try:
+        log.info("command: %s", " ".join(sys.argv))
+        log.info("python %s on %s", platform.python_version(), platform.platform())
+        with warnings.catch_warnings():
+            warnings.showwarning = _log_warning
+            yield log
+    except BaseException as error:
+        if path is not None:
+            _log_end(error, path, first)
+        raise
+    finally:
+        root.handlers = handlers
+        log.setLevel(level)
+        handler.close()
+        fault = getattr(handler, "fault", None)
+        if fault is not None:
+            tell(f"{path} is not whole: {getattr(fault, 'strerror', None) or fault}")
+
+
+def _log_end(error: BaseException, path: Path, first: bool) -> None:
+    """Log the exception that ends a run; other ranks add theirs to the file of the first."""
+    own = is_own_failure(error)
+    if first:
+        log.error("%s", message_of(error), exc_info=error if own else None)
+    elif own:
+        try:
+            with path.open("a", encoding="utf-8") as file:
+                file.write("on another rank:\n" + "".join(traceback.format_exception(error)))
+        except OSError:
+            return
+    if own:
+        mark_logged(error, path)
+
+
+def _log_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Python's warnings as lines of the log; the signature is `warnings.showwarning`'s."""
+    log.warning("%s: %s (%s:%d)", category.__name__, message, filename, lineno)
+
+
+def _is_told(record: logging.LogRecord) -> bool:
+    """This package's messages, and what others warn of."""
+    return record.name == log.name or record.levelno >= logging.WARNING
+
+
+def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
+    """Write ``summary.json`` at once: it is never seen half-written.
+
+    JSON knows neither NaN nor infinity: they become null.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    with whole(path) as part:
+        part.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """The same in types that JSON has."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+#: Contacts that the table shows, each on a line.
+MOST_CONTACTS = 12
+
+#: The certificate's numbers and what they are called in the table.
+CERTIFICATE = {
+    "max_penetration": "penetration / largest displacement",
+    "max_gluing_jump": "gluing jump / largest displacement",
+    "min_multiplier": "most negative contact force / load",
+    "complementarity": "complementarity / (load × displacement)",
+    "equilibrium": "equilibrium residual / load",
+    "duality_gap": "duality gap / energy",
+}
+
+
+def print_summary(
+    summary: Mapping[str, Any],
+    tolerance: float | None = None,
+    files: Iterable[Path | str] = (),
+    console: Console | None = None,
+) -> None:
+    """Print a summary as a short table.
+
+    Parameters
+    ----------
+    summary
+        What ``summary.json`` holds.
+    tolerance
+        ``solver.tolerance``: with it each line of the certificate says whether it is met.
+    files
+        What was written.
+    console
+        Where to; standard output when not given.
+    """
+    console = console or Console(highlight=False)
+    console.print(summary_table(summary, tolerance))
+    solver = summary["solver"]
+    if not solver["converged"]:
+        text = Text.assemble(("not converged: ", "bold red"), str(solver["reason"]))
+        console.print(text, soft_wrap=True)
+    for warning in summary["certificate"]["warnings"]:
+        console.print(Text.assemble(("warning: ", "bold yellow"), str(warning)), soft_wrap=True)
+    for path in files:
+        console.print(Text(f"wrote {path}"), soft_wrap=True)
+
+
+def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) -> Table:
+    """Make the table of `print_summary`."""
+    mesh, pieces = summary["mesh"], summary["decomposition"]
+    solver, solution = summary["solver"], summary["solution"]
+    certificate, timings = summary["certificate"], summary["timings"]
+    environment = summary["environment"]
+    table = Table(
+        title=Text(str(summary["scene"]["title"])),
+        title_justify="left",
+        show_header=False,
+        box=None,
+        pad_edge=False,
+    )
+    table.add_column("quantity")
+    table.add_column("value")
+    table.add_column("verdict")
+
+    def row(name: str, value: str, verdict: Text | str = "") -> None:
+        table.add_row(name, Text(value), verdict)
+
+    row("nodes", f"{mesh['nodes']:,}")
+    row("degrees of freedom", f"{mesh['dofs']:,}")
+    row("subdomains", f"{pieces['subdomains']:,}")
+    row("Hessian multiplications", f"{solver['hessian_multiplications']:,}")
+    row("largest displacement", _number(solution["max_displacement"]))
+    if pieces["contact"]:
+        row("nodes in contact", f"{solution['active_contacts']:,} of {pieces['contact']:,}")
+        force = ", ".join(_number(component) for component in solution["contact_force"])
+        row("contact force", f"({force})")
+        row("largest contact pressure", _number(solution["max_contact_pressure"]))
+        for name, value in _contact_rows(summary.get("contacts", [])):
+            row(name, value)
+    for key, name in CERTIFICATE.items():
+        value = certificate.get(key)
+        met = None
+        if certificate["passed"]:
+            met = True
+        elif tolerance is not None:
+            met = value is not None and abs(value) <= tolerance
+        row(name, _number(value), _verdict(met))
+    decides = f"decided by {certificate['decided_by']}" if "decided_by" in certificate else ""
+    row("certificate", decides, _verdict(bool(certificate["passed"])))
+    accuracy = summary["accuracy"]
+    row("error of the mesh (estimate)", _percent(accuracy["discretisation"]))
+    row("error of the solver (bound)", _percent(accuracy["algebraic"]))
+    if "guaranteed" in accuracy:
+        bound = accuracy["guaranteed"]
+        row(
+            "error of both (guaranteed bound)",
+            "none" if bound is None else at_most(bound),
+            _verdict(bound is not None),
+        )
+    if "target" in accuracy:
+        row("error of both", _percent(accuracy["total"]), _verdict(bool(accuracy["met"])))
+        for level in summary["levels"]:
+            error = _percent(level.get("guaranteed", level["total"]))
+            row(
+                f"  {level['dofs']:,} degrees of freedom",
+                f"{error}, {level['hessian_multiplications']:,} Hessian multiplications, "
+                f"{level['seconds']:.1f} s" + (", from the last" if level["warm"] else ""),
+            )
+    row("time", f"{timings['total']:.1f} s, {timings['solve']:.1f} s of it solving")
+    ranks = environment["ranks"]
+    row("memory", f"{environment['peak_rss_gb']:.2f} GB" + (" on a rank" if ranks > 1 else ""))
+    return table
+
+
+def _contact_rows(contacts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Force and largest pressure of each contact, where there are several."""
+    if len(contacts) < 2:
+        return
+    yield "of each contact", "force, largest pressure"
+    for contact in contacts[:MOST_CONTACTS]:
+        force = ", ".join(_number(component) for component in contact["force"])
+        pressure = _number(contact["max_pressure"])
+        yield f"  {contact['on']} on {contact['with']}", f"({force}), {pressure}"
+    more = len(contacts) - MOST_CONTACTS
+    if more > 0:
+        yield f"  and {more} more", "in summary.json"
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.4g}"
+
+
+def _percent(value: float | None) -> str:
+    return "unknown" if value is None else f"{100.0 * value:.2g} %"
+
+
+def at_most(value: float) -> str:
+    """A bound in percent, three digits, rounded up."""
+    digits = 2 - math.floor(math.log10(100.0 * value)) if value > 0.0 else 0
+    return f"{math.ceil(100.0 * value * 10.0**digits) / 10.0**digits:.3g} %"
+
+
+def _verdict(met: bool | None) -> Text:
+    if met is None:
+        return Text("")
+    return Text("passed", style="green") if met else Text("failed", style="bold red")

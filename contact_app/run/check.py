@@ -1,0 +1,404 @@
+"""What a scene will be modelled as, what is left out, and what it costs, without solving it.
+
+The outline of the model (subdomains, conditions, loads, what balances them) is the one a run
+begins with, so whatever a run would refuse before it assembles a matrix, `check` refuses too.
+
+Time is estimated from the sizes of the subdomains by the model that chooses the decomposition
+(`solver.tfeti.subdomain.costs`), for the Hessian multiplications that bodies of such a shape were
+seen to need; a badly conditioned scene needs several times as many. Each cell adds its share of
+error estimate and output. `python -m contact_app.studies.estimates` holds estimates against runs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from rich.console import Console
+
+from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed, stress_bytes
+from contact_app.machine.memory import available_bytes, needed_bytes
+from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
+from contact_app.model.far_obstacles import distant
+from contact_app.model.model import (
+    Outline,
+    boundary_facets,
+    boundary_nodes,
+    left_out_notes,
+    outline,
+)
+from contact_app.model.symmetry import halved
+from contact_app.run.repeated_sentences import said_once
+from contact_app.scene.scene import (
+    BodyContact,
+    Contact,
+    DisplacementCondition,
+    Pressure,
+    Scene,
+    Traction,
+)
+from meshes import Subdomain
+from solver.tfeti.subdomain.costs import Group, run_seconds
+
+CELL_RATE = {2: 8e-7, 3: 2e-6}
+"""Seconds for error estimate, fields and output of a cell, by dimension."""
+
+PACE = 0.6
+"""Seconds of runs in an ordinary hour over those of the cost model, fitted in a slow one."""
+
+STEP_SECONDS = 7e-4
+"""Calls of a product with its share of a face's, where there is gluing; however a body is cut."""
+
+STARTED = 0.022
+"""Seconds of a run beside, whatever its size."""
+
+LEFT_OUT = (
+    "friction: contact forces are normal to the obstacle",
+    "large strains and rotations: strains are linear in the displacement",
+    "motion of the contact point: the gap is the signed distance of the undeformed node along the "
+    "obstacle's normal there, between bodies along the normal of the undeformed surface",
+    "contact of a body with itself, and between bodies that no contact names",
+    "time: the answer is the static equilibrium",
+)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Estimated peak memory (bytes) and time (seconds) of a run on one process."""
+
+    memory: float
+    seconds: float
+
+
+def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
+    """Print what a run would model and what it would cost (collective).
+
+    Raises
+    ------
+    ConfigurationError, NoEquilibriumError
+        What a run would refuse, too.
+    """
+    halving = halved(scene)
+    if scene.symmetry:
+        scene = halving.scene
+    known = outline(scene, comm, needed="estimated")
+    refuse_unguaranteed(scene, known.partition)
+    lines = describe(scene, known)
+    if scene.symmetry:
+        lines = [*halving.notes, "", *lines]
+    elif halving.scene.mirrors:
+        share = 2 ** len(halving.scene.mirrors)
+        lines.append(f"symmetry: `symmetry: allow` would solve one of {share} equal parts")
+    if scene.guaranteed:
+        lines.append(
+            "error: a guaranteed bound, whose stresses take about "
+            f"{stress_bytes(scene) / 1e9:.2g} GB and some time on top of the above"
+        )
+    if comm.rank == 0:
+        console = Console(highlight=False, markup=False, soft_wrap=True)
+        for line in lines:
+            console.print(line)
+
+
+def describe(scene: Scene, known: Outline) -> list[str]:
+    """Lines of the report (collective)."""
+    return [*modelled_lines(scene, known), "", *_cost_lines(scene, known)]
+
+
+def modelled_lines(scene: Scene, known: Outline) -> list[str]:
+    """What is modelled, how, and what is left out (collective)."""
+    return [
+        *_modelled(scene, known),
+        "",
+        *_decomposed(scene, known),
+        "",
+        *_left_out(scene, known),
+    ]
+
+
+def estimate(scene: Scene, known: Outline) -> Cost:
+    """What a run costs, by the formulas of this module and of `memory` (collective)."""
+    partition, d = known.partition, scene.dimension
+    gluing, groups = _gluing_rows(scene, known), _groups(scene, known)
+    contact = partition.comm.allreduce(len(known.contact.gaps))
+    held = partition.comm.allreduce(int(known.held.held.sum()))
+    rows = gluing + contact + (0 if known.eliminated.all() else held)
+    dofs = partition.nodes * d
+    memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
+    seconds = STARTED + CELL_RATE[d] * partition.cells
+    products = _products(scene, bool(gluing))
+    seconds += PACE * run_seconds(groups, rows, products, bool(gluing))
+    seconds += STEP_SECONDS * products if gluing else 0.0
+    return Cost(memory, seconds)
+
+
+def _products(scene: Scene, glued: bool) -> float:
+    """Applications of the dual operator expected: more for slender bodies and more digits."""
+    slenderness = 1.0
+    for body in scene.bodies:
+        edges = np.subtract(body.mesh.upper, body.mesh.lower)[: scene.dimension]
+        slenderness = max(slenderness, float(edges.max() / edges.min()))
+    digits = max(-math.log10(scene.solver.expected_tolerance), 2.0) / 6.0
+    products = PRODUCTS_GLUED if glued else PRODUCTS_WHOLE
+    return float(products * math.sqrt(slenderness) * digits**0.6)
+
+
+def _modelled(scene: Scene, known: Outline) -> list[str]:
+    kind = {"strain": "2D, plane strain", "stress": "2D, plane stress", None: "3D"}[scene.plane]
+    partition = known.partition
+    dofs = partition.nodes * scene.dimension
+    lines = [
+        f"{scene.title or scene.source.name} ({kind})",
+        f"  {partition.cells:,} cells, {partition.nodes:,} nodes, {dofs:,} degrees of freedom",
+    ]
+    for i, body in enumerate(scene.bodies):
+        materials = "; ".join(
+            f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}" for m in body.materials
+        )
+        element = ", degree 2" if body.degree == 2 else ""
+        if body.materials[0].mean_dilatation:
+            element = ", change of volume as its mean over cells"
+        lines.append(f"body {body.name}: {body.mesh.describe()}{element}, {materials}")
+        ends = (_vector(corner) for corner in (body.mesh.lower, body.mesh.upper))
+        lines.append("  from {} to {}".format(*ends))
+        lines += [f"  {note}" for note in body.mesh.notes]
+        lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
+    for condition in scene.displacements:
+        held = ", ".join(
+            f"{axis} = {value:g}"
+            for axis, value in zip("xyz", condition.values, strict=False)
+            if value is not None
+        )
+        lines.append(
+            f"{condition.source}: {_on(scene, condition)} displaced by {held} "
+            f"({_count_nodes(scene, known, condition):,} nodes)"
+        )
+    for traction in scene.tractions:
+        lines.append(
+            f"{traction.source}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
+            f"area ({_count_facets(scene, known, traction):,} facets)"
+        )
+    for pressure in scene.pressures:
+        lines.append(
+            f"{pressure.source}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
+            f"({_count_facets(scene, known, pressure):,} facets)"
+        )
+    for force in scene.forces:
+        lines.append(
+            f"{force.source}: {scene.bodies[force.body].name} loaded by {_vector(force.vector)} "
+            "per volume"
+        )
+    for i, contact in enumerate(scene.contacts):
+        obstacle = contact.obstacle.describe(scene.dimension)
+        lines.append(
+            f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
+            f"({_candidates(known, i, _count_nodes(scene, known, contact))})"
+        )
+    gaps, sources = known.candidates
+    lines += [f"warning: {hint}" for hint in distant(scene, gaps, sources, partition.comm)]
+    for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
+        other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
+        lines.append(
+            f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
+            f"({_candidates(known, i)})"
+        )
+    return lines
+
+
+def _decomposed(scene: Scene, known: Outline) -> list[str]:
+    partition = known.partition
+    groups = _groups(scene, known)
+    many = partition.count > 1
+    lines = [
+        f"decomposition: {partition.count} subdomain{'s' * many} of about "
+        f"{partition.nodes * scene.dimension / partition.count:,.0f} unknowns, {len(groups)} of "
+        f"them different on this process: one factor each; {_gluing_rows(scene, known):,} rows "
+        "glue them"
+    ]
+    for body, found, eliminated in zip(scene.bodies, known.balances, known.eliminated, strict=True):
+        if eliminated:
+            how = "one held subdomain: no gluing and no coarse problem"
+        elif found.held:
+            how = "held by its conditions; its subdomains float (Total FETI)"
+        elif found.free_motions.shape[1]:
+            how = (
+                f"free along {found.free_motions.shape[1]} rigid motions no load works on: it is "
+                "held where it is"
+            )
+        else:
+            how = "kept by what it touches alone, or by that and its conditions"
+        lines.append(f"  {body.name}: {how}")
+    if not scene.touching:
+        lines.append("  no contacts: plain conjugate gradients")
+    return lines
+
+
+def _left_out(scene: Scene, known: Outline) -> list[str]:
+    notes = [*left_out_notes(scene, known), *_repeated(scene), *_unloaded(scene, known)]
+    notes = said_once(notes, [body.name for body in scene.bodies])
+    lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
+    lines += [f"  {sentence}" for sentence in LEFT_OUT]
+    if scene.plane:
+        lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")
+    if any(contact.obstacle.curvature_radius for contact in scene.contacts):
+        lines.append(
+            "  curvature of the obstacles under sliding nodes: the run warns where it matters"
+        )
+    return lines
+
+
+def _repeated(scene: Scene) -> list[str]:
+    """Contacts that add no rows because another says the same."""
+    contacts = scene.contacts
+    return [
+        f"{later.source}: repeats {earlier.source} and adds no rows"
+        for j, later in enumerate(contacts)
+        for earlier in contacts[:j]
+        if replace(later, source=earlier.source) == earlier
+    ]
+
+
+def _unloaded(scene: Scene, known: Outline) -> list[str]:
+    """Bodies that nothing loads, moves or overlaps."""
+    comm = known.partition.comm
+    acted = np.zeros(len(scene.bodies), bool)
+    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+        acted[s.body] |= load is not None and bool(load.any())
+    for condition in scene.displacements:
+        acted[condition.body] |= any(condition.values)
+    gaps, sources = known.candidates
+    touched = np.array([c.body for c in scene.touching], int)
+    acted[touched[sources[gaps < 0.0]]] = True
+    for pair in scene.pairs:  # what the one does the other feels
+        acted[[pair.body, pair.other]] = True
+    acted = comm.allreduce(acted.astype(int)) > 0
+    return [
+        f"{body.name}: nothing loads, moves or overlaps it; it stays as it is"
+        for body, some in zip(scene.bodies, acted, strict=True)
+        if not some
+    ]
+
+
+def _cost_lines(scene: Scene, known: Outline) -> list[str]:
+    cost = estimate(scene, known)
+    lines = [
+        f"memory: about {cost.memory / 1e9:.2g} GB of {available_bytes() / 1e9:.3g} GB available",
+        f"time: about {_duration(cost.seconds)} on one process of two cores, within a factor of "
+        "two or three on other machines; several times longer where the scene is badly "
+        "conditioned (thin cells, Poisson's ratio near 0.5, bodies of unlike stiffness)",
+        "checked: names, sizes, boundaries, contradictions and equilibrium; nothing was solved",
+    ]
+    if cost.memory > available_bytes():
+        lines.insert(1, "  which is more than there is: use a coarser mesh or more subdomains")
+    return lines
+
+
+def _groups(scene: Scene, known: Outline) -> list[Group]:
+    """Subdomains of this rank by shape and material."""
+    members: dict[tuple, list[int]] = {}
+    for local, s in enumerate(known.partition.subdomains):
+        key: tuple = (id(s.reference), scene.bodies[s.body].materials)
+        if known.eliminated[s.body]:
+            key = (*key, s.body)
+        members.setdefault(key, []).append(local)
+    groups = []
+    for numbers in members.values():
+        s = known.partition.subdomains[numbers[0]]
+        interface = len(known.surface.local[numbers[0]])
+        if known.eliminated[s.body]:
+            first, last = known.partition.first_node[s.body : s.body + 2]
+            nodes = known.contact.entries.node
+            interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
+        d = scene.dimension
+        unknowns = len(s.reference.points) * d
+        groups.append(
+            Group(d, unknowns, interface * d, len(numbers), _reflections(scene, known, s))
+        )
+    return groups
+
+
+def _reflections(scene: Scene, known: Outline, s: Subdomain) -> int:
+    """Reflections, their products and the identity that a subdomain is expected to have."""
+    graph = isinstance(scene.decomposition.subdomains, int)
+    if known.eliminated[s.body] or graph or not scene.bodies[s.body].mesh.congruent:
+        return 1
+    return 2**scene.dimension if s.reference.cell in ("quadrilateral", "hexahedron") else 2
+
+
+def _gluing_rows(scene: Scene, known: Outline) -> int:
+    """Rows of B that glue: one less than the copies of each shared unknown."""
+    comm = known.partition.comm
+    distinct = comm.allreduce(len(_unique(known, [known.surface.nodes])))
+    return int((comm.allreduce(len(known.surface.nodes)) - distinct) * scene.dimension)
+
+
+def _unique(known: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Distinct node numbers of all ranks on rank 0, none elsewhere."""
+    here = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
+    parts = known.partition.comm.gather(here)
+    return here[:0] if parts is None else np.unique(np.concatenate(parts))
+
+
+def _count_nodes(scene: Scene, known: Outline, condition: DisplacementCondition | Contact) -> int:
+    body = scene.bodies[condition.body]
+    nodes = [
+        s.nodes[boundary_nodes(s, body, condition.boundary)]
+        for s in known.partition.subdomains
+        if s.body == condition.body
+    ]
+    return int(known.partition.comm.allreduce(len(_unique(known, nodes))))
+
+
+def _count_facets(scene: Scene, known: Outline, load: Traction | Pressure) -> int:
+    body = scene.bodies[load.body]
+    here = sum(
+        len(boundary_facets(s, body, load.boundary))
+        for s in known.partition.subdomains
+        if s.body == load.body
+    )
+    return int(known.partition.comm.allreduce(here))
+
+
+def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:
+    """How many nodes may touch of those on the boundary, and how near they are."""
+    comm = known.partition.comm
+    gaps, sources = known.candidates
+    smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
+    if np.isinf(smallest):
+        return "no candidate nodes left: other conditions decide on all of them"
+    count = comm.allreduce(int((known.contact.sources == contact).sum()))
+    if count == 0:
+        return f"none of its nodes can come that far, smallest gap {smallest:.4g}"
+    others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
+    decided = f" and {others:,} that are held or decided by other contacts" if others else ""
+    return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}"
+
+
+def _resultant(known: Outline, body: int, dimension: int) -> tuple[float, ...]:
+    """Sum of the loads on a body."""
+    total = np.zeros(dimension)
+    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+        if s.body == body and load is not None:
+            total += load.reshape(-1, dimension).sum(axis=0)
+    total = known.partition.comm.allreduce(total)
+    total[np.abs(total) < 1e-12 * np.abs(total).max(initial=0.0)] = 0.0
+    return tuple(total)
+
+
+def _on(
+    scene: Scene, item: DisplacementCondition | Traction | Pressure | Contact | BodyContact
+) -> str:
+    return f"{scene.bodies[item.body].name}.{item.boundary}"
+
+
+def _vector(vector: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in vector) + ")"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.1g} s" if seconds < 10.0 else f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

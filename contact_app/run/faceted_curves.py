@@ -1,0 +1,101 @@
+"""How far the straight edges of a round body are from the curve its corners lie on.
+
+Nodes amid such edges, of degree 2 or where they were halved, keep a distance from a round obstacle
+that corners do not, the sagitta h θ/8 where edges of length h meet at an angle θ. Beside
+displacements much larger that is nothing; beside smaller ones corners alone touch, or what was
+halved does inside a hole, and what is solved for is the polygon.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from contact_app.model.model import Model
+from contact_app.results.fields import NodeFields
+from contact_app.scene.scene import Body, Contact, Scene
+from meshes import CellMesh
+
+SMOOTH = np.deg2rad(30.0)
+"""Angle between facets above which the body has a corner there and is not meant to be round."""
+
+FLAT = 1e-6
+"""Angle below which facets lie in one plane."""
+
+
+def sagittas(model: Model, nodes: NodeFields) -> list[float]:
+    """Largest sagitta where a body of straight edges is that near to each obstacle (collective).
+
+    Zero for boxes, bodies with curved edges, and those of degree 1 whose edges were not halved.
+    """
+    scene = model.scene
+    straight = {c.body for c in scene.contacts if _straight(scene, c)}
+    if not straight:
+        return [0.0] * len(scene.contacts)
+    known = np.isfinite(nodes.gap)
+    parts = model.comm.allgather((nodes.points[known], nodes.gap[known]))
+    points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return [
+        _sagitta(scene.bodies[c.body], c, points, gaps) if c.body in straight else 0.0
+        for c in scene.contacts
+    ]
+
+
+def _straight(scene: Scene, contact: Contact) -> bool:
+    """Whether the body of a contact came from a file and has nodes amid straight edges."""
+    body = scene.bodies[contact.body]
+    if not isinstance(body.mesh, CellMesh) or body.mesh.middles is not None:
+        return False
+    return body.degree == 2 or body.mesh.given is not None
+
+
+def _sagitta(
+    body: Body, contact: Contact, watched: NDArray[np.float64], gaps: NDArray[np.float64]
+) -> float:
+    """Largest sagitta near watched points whose gap is no larger than one."""
+    mesh = body.mesh
+    assert isinstance(mesh, CellMesh)
+    mesh = mesh.given or mesh
+    d = mesh.dimension
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
+    facets = mesh.topology.facets
+    if contact.boundary in body.boundaries:
+        inside = body.boundaries[contact.boundary](points)[facets].all(axis=1)
+        for name in set(body.cuts) & set(mesh.sides):
+            inside[mesh.sides[name]] = False
+        facets = facets[inside]
+    else:
+        facets = facets[mesh.sides[contact.boundary]]
+    first, second = _neighbours(facets, d)
+    if len(first) == 0:
+        return 0.0
+    x = points[facets]
+    along = x[:, 1] - x[:, 0]
+    normals = np.cross(along, [0.0, 0.0, 1.0] if d == 2 else x[:, 2] - x[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cosine = np.abs(np.einsum("ij,ij->i", normals[first], normals[second]))
+    angle = np.arccos(np.minimum(cosine, 1.0))
+    centres = x.mean(axis=1)
+    length = np.linalg.norm(centres[first] - centres[second], axis=1)
+    sagitta = np.where((angle > FLAT) & (angle < SMOOTH), 0.125 * length * angle, 0.0)
+    closing = watched[gaps <= sagitta.max()]
+    if len(closing) == 0:
+        return 0.0
+    near = cKDTree(closing).query(0.5 * (centres[first] + centres[second]))[0] < length
+    return float(sagitta[near].max(initial=0.0))
+
+
+def _neighbours(
+    facets: NDArray[np.int64], dimension: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of facets that share a node in the plane, an edge in space."""
+    v = facets.shape[1]
+    joints = facets[:, :, None]
+    if dimension == 3:
+        joints = np.sort(np.stack([facets, np.roll(facets, -1, axis=1)], axis=2), axis=2)
+    joints = joints.reshape(len(facets) * v, -1)
+    order = np.lexsort(joints.T)
+    same = (joints[order][1:] == joints[order][:-1]).all(axis=1)
+    owner = order // v
+    return owner[:-1][same], owner[1:][same]

@@ -1,0 +1,256 @@
+"""Where the model itself is too coarse for the answer it gave.
+
+The gap is linearised: the distance of the undeformed node along the obstacle's normal there. That
+is right for small strains and rotations, and on curved obstacles for small sliding.
+
+First-order cells lock, that is, answer far too stiffly, in bending (their shear strain cannot
+vanish together with a curvature) and as ν nears 0.5 (their volume cannot be kept point by point).
+Quadrilaterals and hexahedra show it: the strain energy lies in strains that vary within cells,
+
+    1 - Σ |T| σ̄ : ε̄ / a(u, u)    with the means σ̄, ε̄ over each cell T,
+
+which falls with the square of the size of the cells where they resolve the answer and stays near
+one where they lock. Strains of triangles and tetrahedra do not vary; they are told by ν
+and by the estimated error of the mesh.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.accuracy.trust import few_cells
+from contact_app.model.model import Model
+from contact_app.results.fields import CellFields, NodeFields
+from contact_app.run.contact_limits import (
+    FEWEST_FACETS,
+    entered_beside,
+    facets_across,
+    slipped_through,
+)
+from contact_app.run.faceted_curves import sagittas
+from contact_app.run.repeated_sentences import said_once
+from solver.contact.certificate import EQUILIBRIUM_FLOOR
+from solver.contact.driver import reason_text
+from solver.contact.sizes import STRAINLESS
+from solver.contact.solution import Solution
+from solver.tfeti.constraints.exchange import NodeExchange
+
+SMALL_STRAIN = 0.05
+SMALL_ROTATION = 0.1
+SMALL_SAGITTA = 0.01
+LARGE_SAGITTA = 0.05
+LOCKING_POISSON = 0.48
+SIMPLICES = ("triangle", "tetrahedron")
+LARGE_ERROR = 0.4
+ROUNDED_STRAINS = 1e-3
+"""Rounding errors over strains from which on the user is told of them."""
+
+VARYING_ENERGY = 0.3
+"""Share of the energy in strains that vary within first-order cells above which they are too few:
+in bending 1/n² for n cells across the thickness, about as long as thick."""
+
+
+def model_warnings(
+    model: Model, solution: Solution, nodes: NodeFields, cells: CellFields
+) -> list[str]:
+    """Sentences for the certificate (collective)."""
+    comm, scene = model.comm, model.scene
+    warnings = []
+    strain = comm.allreduce(cells.largest_strain, op=MPI.MAX)
+    rotation = comm.allreduce(cells.largest_rotation, op=MPI.MAX)
+    if strain > SMALL_STRAIN:
+        warnings.append(
+            f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
+        )
+    if rotation > SMALL_ROTATION:
+        warnings.append(
+            f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
+            "normals are those of the undeformed shape"
+        )
+    warnings += _yielding(model, cells)
+    for contact, sagitta in zip(scene.contacts, sagittas(model, nodes), strict=True):
+        moved = solution.measures.displacements[contact.body]
+        if sagitta > LARGE_SAGITTA * moved > 0.0:
+            share, body = sagitta / moved, scene.bodies[contact.body]
+            second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+            remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
+            warnings.append(
+                f"{contact.source}: {body.name} is round there and has straight edges: their "
+                f"middles lie up to {sagitta:.2g} off the curve of their ends, {100.0 * share:.2g} "
+                f"% of the largest displacement, and the mesh answers for the polygon; {remedy}"
+            )
+    for i, contact in enumerate(scene.contacts):
+        radius = getattr(contact.obstacle, "curvature_radius", None)
+        if radius:
+            sliding = _largest_sliding(model, solution, nodes, i)
+            sagitta = sliding**2 / (2.0 * radius)
+            if sagitta > SMALL_SAGITTA * solution.measures.displacements[contact.body] > 0.0:
+                warnings.append(
+                    f"{contact.source}: nodes in contact slide by up to {sliding:.3g} along an "
+                    f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
+                    f"{sagitta:.2g}, which the linearised gap leaves out"
+                )
+        entered, depth = entered_beside(model, solution, i)
+        if entered:
+            warnings.append(
+                f"{contact.source}: {entered:,} surface nodes of {scene.bodies[contact.body].name} "
+                f"beside {contact.boundary} enter the obstacle, by up to {depth:.3g}: contact "
+                "leaves the boundary it is given on; give it a larger one"
+            )
+    warnings += slipped_through(model, solution)
+    for item, across in zip(scene.touching, facets_across(model, nodes), strict=True):
+        if across < FEWEST_FACETS:
+            warnings.append(
+                f"{item.source}: the pressure varies within single facets, as where about "
+                f"{max(across, 1.0):.0f} across carry the contact: its largest value is that of "
+                "the mesh; use smaller cells there"
+            )
+    for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
+        sliding, facet = _sliding_on_each_other(model, solution, nodes, i)
+        if sliding > facet:
+            warnings.append(
+                f"{pair.source}: the bodies slide along each other by up to {sliding:.3g}, more "
+                f"than a facet ({facet:.2g}); which parts meet is decided on the undeformed shape"
+            )
+    for body in scene.bodies:
+        poisson = max(material.poisson for material in body.materials)
+        if scene.plane != "stress" and poisson > LOCKING_POISSON and body.plain:
+            remedy = "degree: 2"
+            if body.mesh.cell in ("quadrilateral", "hexahedron"):
+                remedy = "mean_dilatation: true or degree: 2"
+            warnings.append(
+                f"{body.name}: first-order cells lock as Poisson's ratio nears 0.5 "
+                f"(it is {poisson:g}): displacements come out too small; use {remedy}"
+            )
+    for body, share in zip(scene.bodies, _varying_energy(model, solution, cells), strict=True):
+        if body.degree == 1 and share > VARYING_ENERGY:
+            near = " or near ν = 0.5" if body.plain else ""
+            warnings.append(
+                f"{body.name}: {100.0 * share:.0f} % of its strain energy lies in strains that "
+                f"vary within cells, as where first-order cells lock in bending{near}: "
+                "displacements come out too small; use degree: 2 or several times as many cells "
+                "across"
+            )
+    warnings += _moved_far(model, solution)
+    error = solution.accuracy.discretisation if solution.accuracy else np.nan
+    warnings += few_cells(scene, error)
+    simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
+    if error > LARGE_ERROR and simplices:
+        warnings.append(
+            f"the error of the mesh is estimated at {100.0 * error:.0f} % in energy norm: "
+            f"first-order triangles and tetrahedra ({', '.join(simplices)}) are stiff in bending; "
+            "use degree: 2 or a finer mesh"
+        )
+    lost = comm.allreduce(nodes.without_area)
+    if lost:
+        warnings.append(
+            f"{lost} touching nodes lie on no whole facet of their contact boundary: their force "
+            "counts, their pressure is not shown"
+        )
+    certificate = solution.certificate
+    if certificate.passed and certificate.equilibrium > max(solution.tolerance, EQUILIBRIUM_FLOOR):
+        warnings.append(
+            f"forces balance to {certificate.equilibrium:.1g} of the load only, as far as the last "
+            "digit of the displacements lets them: a stiff body moves far and is hardly strained, "
+            "so its stresses have few digits"
+        )
+    if not certificate.passed:
+        warnings.append(f"not certified: {reason_text(solution)}")
+    for note in model.notes:
+        if "can move freely" in note:
+            warnings.append(note)
+    return said_once(warnings, [body.name for body in scene.bodies])
+
+
+def _yielding(model: Model, cells: CellFields) -> list[str]:
+    """Bodies whose stress exceeds a yield stress that was given (collective)."""
+    comm, scene = model.comm, model.scene
+    above, total, worst = (np.zeros(len(scene.bodies)) for _ in range(3))
+    start = 0
+    for s in model.partition.subdomains:
+        limits = np.array([m.yield_stress or np.inf for m in scene.bodies[s.body].materials])
+        tags = s.reference.tags
+        share = cells.von_mises[start : start + len(tags)] / limits[tags]
+        above[s.body] += (share > 1.0).sum()
+        total[s.body] += len(tags)
+        worst[s.body] = max(worst[s.body], float(share.max(initial=0.0)))
+        start += len(tags)
+    above, total = comm.allreduce(np.stack([above, total]))
+    worst = np.max(comm.allgather(worst), axis=0)
+    return [
+        f"{body.name}: von Mises stress reaches {worst[b]:.3g} times the yield stress, above it in "
+        f"{100.0 * above[b] / total[b]:.3g} % of its cells: the material would flow there, and the "
+        "model is elastic"
+        for b, body in enumerate(scene.bodies)
+        if worst[b] > 1.0
+    ]
+
+
+def _moved_far(model: Model, solution: Solution) -> list[str]:
+    """Bodies whose strains or contact forces are small beside rounding errors."""
+    measures, said = solution.measures, []
+    for body, moved, scale, rounding, force in zip(
+        model.scene.bodies, measures.displacements, measures.scales, measures.roundings,
+        measures.pressed, strict=True,
+    ):  # fmt: skip
+        share = float(np.sqrt(rounding / scale)) if scale > 0.0 else 0.0
+        if share > ROUNDED_STRAINS:
+            said.append(
+                f"{body.name} moves by {moved:.3g} and is hardly strained: rounding errors of its "
+                f"displacements come to {100.0 * share:.2g} % of its strains; let its conditions "
+                "and obstacles move it less"
+            )
+        elif scale == 0.0 and force > 0.0:
+            said.append(
+                f"{body.name} is moved by {moved:.3g} and not strained beyond rounding errors: its "
+                f"contact forces, {force:.2g} in all, are no more than these make"
+            )
+    return said
+
+
+def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDArray[np.float64]:
+    """Share of each body's strain energy in strains that vary within cells, (bodies,)."""
+    measures = solution.measures
+    means = model.comm.allreduce(cells.energy_of_means)
+    strained = measures.strains > STRAINLESS * measures.roundings
+    total = np.where(strained, measures.strains, 1.0)
+    return np.where(strained, 1.0 - means / total, 0.0)
+
+
+def _largest_sliding(model: Model, solution: Solution, nodes: NodeFields, source: int) -> float:
+    """Largest tangential displacement of touching nodes of one contact."""
+    contact = model.problem.contact
+    touching = (solution.multiplier[model.problem.inequality] > 0.0) & (contact.sources == source)
+    u = nodes.displacement[contact.nodes[touching] - nodes.first]
+    normal = contact.normals[touching]
+    along = u - np.einsum("ij,ij->i", u, normal)[:, None] * normal
+    largest = float(np.linalg.norm(along, axis=1).max(initial=0.0))
+    return float(model.comm.allreduce(largest, op=MPI.MAX))
+
+
+def _sliding_on_each_other(
+    model: Model, solution: Solution, nodes: NodeFields, source: int
+) -> tuple[float, float]:
+    """Largest tangential motion of a touching row of a pair of bodies, and its facets' size.
+
+    A row weighs nodes by Σ_c value_c n_c, its entries being weights times the mean normal.
+    """
+    comm, d = model.comm, model.scene.dimension
+    contact = model.problem.contact
+    pushed = solution.multiplier[model.problem.inequality] > 0.0
+    rows = contact.of(pushed & (contact.sources == source))
+    entries, normals = rows.entries, rows.normals
+    query = NodeExchange(comm, entries.node, model.node_exchange.total)
+    u = query.from_owners(nodes.displacement[query.nodes - nodes.first])
+    weight = entries.value * -normals[entries.row, entries.component]
+    motion = np.zeros((len(rows.nodes), d))
+    np.add.at(motion, entries.row, weight[:, None] * u)
+    motion -= np.einsum("ij,ij->i", motion, normals)[:, None] * normals
+    size = np.linalg.norm(motion, axis=1)
+    worst = int(np.argmax(size)) if len(size) else -1
+    mine = (
+        (float(size[worst]), float(rows.areas[worst] ** (1 / (d - 1)))) if len(size) else (0.0, 0.0)
+    )
+    return max(comm.allgather(mine))

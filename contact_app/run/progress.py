@@ -1,0 +1,167 @@
+"""What is seen of a run while it goes on: a live line on a terminal, plain lines in a pipe.
+
+A monitor is a callable that gets every step of the solver and may answer True to stop it. Progress
+and `Interruption` are monitors, as is `contact_app.results.history.History`; `together` makes one
+of many.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import time
+from types import FrameType, TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from solver.qp.result import Monitor, Step
+
+LIVE_SECONDS = 0.1
+PLAIN_SECONDS = 2.0
+OUTER_SECONDS = 0.2
+
+log = logging.getLogger("contact_app")
+
+
+def together(*monitors: Monitor | None) -> Monitor:
+    """One monitor of several: all see every step, and it stops when one asks for it."""
+    asked = [monitor for monitor in monitors if monitor is not None]
+
+    def monitor(event: Step) -> bool:
+        answers = [bool(each(event)) for each in asked]  # all of them: each is to see the step
+        return any(answers)
+
+    return monitor
+
+
+class Progress:
+    """Shows stages and solver steps; used as a context manager.
+
+    Parameters
+    ----------
+    show
+        False on ranks other than the first, where it does nothing.
+    console
+        Where to; standard error when not given. A terminal gets one line that is rewritten, any
+        other file a line every few seconds and one for each outer iteration that is not over at
+        once; the log has them all.
+    """
+
+    def __init__(self, show: bool = True, console: Console | None = None) -> None:
+        self._show = show
+        self._console = console or Console(stderr=True, highlight=False)
+        self._live: Live | None = None
+        self._shown = -PLAIN_SECONDS
+        self._last: Step | None = None
+        self._waiting = False
+
+    def __enter__(self) -> Progress:
+        console = self._console
+        if self._show and console.is_terminal and not console.is_dumb_terminal:
+            self._live = Live(console=self._console, transient=True, auto_refresh=False)
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._say_last()
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def stage(self, name: str) -> None:
+        """Say that a stage of the run begins, such as "assembling"."""
+        if not self._show:
+            return
+        log.info("%s", name)
+        self._say_last()
+        self._line(f"{name} ...")
+
+    def __call__(self, event: Step) -> None:
+        """Show a step, unless another was shown a moment ago."""
+        if not self._show:
+            return
+        begins = self._last is None or event.outer != self._last.outer
+        if begins and self._last is not None:
+            log.info("%s", _sentence(self._last))
+        self._last = event
+        now = time.monotonic()
+        elapsed = now - self._shown
+        if self._live is not None:
+            due = elapsed >= LIVE_SECONDS
+        else:
+            due = elapsed >= (OUTER_SECONDS if begins else PLAIN_SECONDS)
+        self._waiting = not due
+        if due:
+            self._shown = now
+            self._line(_sentence(event))
+
+    def _say_last(self) -> None:
+        """In a pipe, the step that a stage ended with, if it came too soon after another."""
+        if self._waiting and self._last is not None and self._live is None:
+            self._line(_sentence(self._last))
+        self._waiting = False
+
+    def _line(self, text: str) -> None:
+        if self._live is not None:
+            self._live.update(Text(text, overflow="ellipsis", no_wrap=True), refresh=True)
+        else:
+            self._console.print(text, soft_wrap=True, markup=False)
+
+
+def _sentence(event: Step) -> str:
+    """One line, short enough for a terminal."""
+    parts = [f"outer {event.outer}"] if event.outer else []
+    parts += [f"iteration {event.iteration}", f"residual {event.projected_gradient_norm:.1e}"]
+    if event.equality_residual:
+        parts.append(f"equalities {event.equality_residual:.1e}")
+    parts += [f"active {event.active}", f"{event.seconds:.1f} s"]
+    return ", ".join(parts)
+
+
+class Interruption:
+    """A monitor that stops the solve after Ctrl-C or a polite kill, so that results are written.
+
+    The second signal ends the program at once, as it would without this.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> Interruption:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            try:
+                self._before[number] = signal.signal(number, self._ask)
+            except ValueError:  # not in the main thread: signals are someone else's
+                break
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._restore()
+
+    def __call__(self, event: Step) -> bool:
+        """Whether to stop."""
+        return self.asked
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+        log.warning("asked to stop by signal %d: writing what there is", number)
+        self._restore()
+
+    def _restore(self) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        self._before.clear()

@@ -1,0 +1,6 @@
+"""A scene: bodies, materials, conditions and contacts by name, numbers checked; it knows no mesh.
+
+Input is a YAML file or a mapping of the same keys. `yaml_reader` keeps the line of each key,
+`configuration` is the schema, `expressions` reads arithmetic in x, y and z, `obstacles` are the
+rigid shapes. The product is a `scene.Scene`, whose errors name file, line, key and what is allowed.
+"""

@@ -1,0 +1,312 @@
+"""Commands of the studies: ``svm``, ``reproduce``, ``bench``, ``effectivity``."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+
+class Loss(StrEnum):
+    """Loss of the support vector machine."""
+
+    l1 = "l1"
+    l2 = "l2"
+
+
+class Scale(StrEnum):
+    """Size of the paper's cube."""
+
+    small = "small"
+    paper = "paper"
+
+
+OutputOption = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Directory of the results.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("svm")(svm)
+    reproduce = typer.Typer(help="The paper's tables and figures, ours beside theirs.")
+    reproduce.command("svm")(reproduce_svm)
+    reproduce.command("cube")(reproduce_cube)
+    reproduce.command("figure1")(reproduce_figure1)
+    reproduce.command("rules")(reproduce_rules)
+    reproduce.command("warm-starts")(reproduce_warm_starts)
+    app.add_typer(reproduce, name="reproduce")
+    app.command("bench")(bench)
+    app.command("effectivity")(effectivity)
+    app.command("stability")(stability)
+    app.command("growth")(growth)
+    app.command("chart")(chart)
+    app.command("verify")(verify)
+
+
+def verify(
+    cases: Annotated[
+        list[str] | None, typer.Argument(help="Names of cases; all unless given.")
+    ] = None,
+    output: OutputOption = None,
+) -> None:
+    """Solve contact problems with known answers on rows of meshes: tables, rates, a figure."""
+    from contact_app.studies.verification import verify as run
+
+    for line in run(cases or [], output or Path("results/verify")):
+        typer.echo(line)
+
+
+def svm(
+    data: Annotated[Path, typer.Argument(help="Samples in LIBSVM format.")],
+    loss: Annotated[Loss, typer.Option(help="Hinge (l1) or squared hinge (l2) loss.")] = Loss.l1,
+    penalty: Annotated[float, typer.Option("--C", help="Penalty of misclassification.")] = 1.0,
+    expansion: Annotated[str, typer.Option(help="Expansion of the active set.")] = "projcg",
+    alpha_u: Annotated[float, typer.Option(help="Multiple of the expansion's step.")] = 1.9,
+    rtol: Annotated[float, typer.Option(help="Relative tolerance of MPRGP.")] = 0.1,
+) -> None:
+    """Train the no-bias support vector machine; print JSON."""
+    from contact_app.studies.svm_training import train
+
+    try:
+        report = train(data, loss.value, penalty, expansion, alpha_u, rtol)
+    except ValueError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from error
+    typer.echo(json.dumps(report, indent=2))
+    if not report["converged"]:
+        raise typer.Exit(1)
+
+
+def reproduce_svm(
+    output: OutputOption = None,
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Directory with australian, diabetes, ionosphere .libsvm."),
+    ] = None,
+) -> None:
+    """Run the paper's 219 SVM rows: CSV, Figures 4 to 6, how many rows agree."""
+    from contact_app.studies.svm import reproduce_svm as run
+
+    try:
+        report = run(output or Path("results/reproduce-svm"), data)
+    except ValueError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from error
+    for line in (*report.summary(), *(f"wrote {path}" for path in report.files)):
+        typer.echo(line)
+
+
+def reproduce_cube(
+    scale: Annotated[
+        Scale, typer.Option(help="10x10x10 subdomains of 4³ or of 30³.")
+    ] = Scale.small,
+    output: OutputOption = None,
+    expansion: Annotated[
+        str | None,
+        typer.Option(help="Small scale: only the rows of this expansion, e.g. projcg."),
+    ] = None,
+    settings: Annotated[
+        str, typer.Option(help="Paper scale: whose rules, of paper and ours, comma-separated.")
+    ] = "paper,ours",
+    full_field: Annotated[
+        bool, typer.Option("--full-field", help="Paper scale: write all displacements, too.")
+    ] = False,
+) -> None:
+    """Run the paper's contact benchmark.
+
+    Small: its 73 rows, CSV, Figure 3, a summary.json for each. Paper: its own problem of 81,812,703
+    unknowns, under its rules and under ours; stopped, it goes on where it was when run again.
+    """
+    from contact_app.studies.cube import cube_scene, reproduce_cube
+    from contact_app.studies.paper_run import PAPER_CELLS, Settings, paper_run
+
+    directory = output or Path("results/reproduce-cube")
+    if scale is Scale.small:
+        lines = reproduce_cube(directory, expansion)
+    else:
+        try:
+            chosen = tuple(Settings(name) for name in settings.split(","))
+        except ValueError:
+            typer.echo(f"error: --settings is {settings!r}; allowed: paper, ours", err=True)
+            raise typer.Exit(2) from None
+        lines = paper_run(directory, cube_scene(PAPER_CELLS, surface_only=True), chosen, full_field)
+    for line in lines:
+        typer.echo(line)
+
+
+def reproduce_rules(
+    subdomains: Annotated[int, typer.Option(help="Along an edge of the cube.", min=2)] = 10,
+) -> None:
+    """Print the multiplications of SMALBE's rules, the published ones and ours, on the cube."""
+    from contact_app.studies.rules import compare_rules, table
+
+    for line in table(compare_rules(subdomains)):
+        typer.echo(line)
+
+
+def reproduce_warm_starts(
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Directory with australian, diabetes, ionosphere .libsvm."),
+    ] = None,
+) -> None:
+    """Print what guesses of the active set are worth to MPRGP."""
+    from contact_app.studies.svm import find_data
+    from contact_app.studies.warm_starts import compare
+
+    try:
+        found = None if data is None else find_data(data)
+    except ValueError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from error
+    for line in compare(found):
+        typer.echo(line)
+
+
+def reproduce_figure1(output: OutputOption = None) -> None:
+    """Draw the paper's Figure 1: the projected CG step that raises the cost, and the safeguard."""
+    from contact_app.studies.safeguard import draw_figure_1, search
+
+    typer.echo(str(search()))
+    typer.echo(f"wrote {draw_figure_1(output or Path('results/reproduce-figure1'))}")
+
+
+def bench(
+    output: OutputOption = None,
+    cells: Annotated[
+        str, typer.Option(help="Cells along an edge of each cube of hexahedra; none leaves it out.")
+    ] = "10,20,30,40,60",
+    unstructured: Annotated[
+        str, typer.Option(help="The same for tetrahedra of a file, inner nodes moved at random.")
+    ] = "10,20,30,36",
+    tolerance: Annotated[float, typer.Option(help="Relative tolerance of all methods.")] = 1e-8,
+    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 60.0,
+    methods: Annotated[
+        str, typer.Option(help="Methods to run, separated by commas; all unless given.")
+    ] = "",
+) -> None:
+    """Run ours and PETSc's solvers on the paper's cube, side by side: table, CSV and figure."""
+    from contact_app.studies import bench as study
+
+    sizes = [_numbers("--cells", cells), _numbers("--unstructured", unstructured)]
+    chosen = [m.strip() for m in methods.split(",") if m.strip()]
+    known = (study.OURS, *study.CONTACT, *study.LINEAR)
+    for method in chosen:
+        if method not in known:
+            _refuse(f"--methods names {method!r}; known are {', '.join(known)}")
+    directory = output or Path("results/bench")
+    typer.echo(study.HEADING)
+    for row in study.bench(directory, sizes[0], sizes[1], tolerance, limit, chosen or None):
+        typer.echo(study.line(row))
+    typer.echo(f"wrote {directory / 'bench.csv'} and bench.png")
+
+
+def growth(
+    output: OutputOption = None,
+    cells: Annotated[
+        str, typer.Option(help="Cells along an edge of each cube; none runs nothing.")
+    ] = "14,20,30,40,60,80,100",
+    summaries: Annotated[
+        list[Path] | None,
+        typer.Option(help="summary.json of further runs, or directories of them."),
+    ] = None,
+    tolerance: Annotated[float, typer.Option(help="Tolerance of the runs.")] = 1e-6,
+    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 600.0,
+) -> None:
+    """Measure how time and memory grow with the degrees of freedom: table, CSV and figure."""
+    from contact_app.studies import growth as study
+
+    directory = output or Path("results/growth")
+    sizes = _numbers("--cells", cells)
+    rows = []
+    typer.echo(f"{'dofs':>11} {'subdomains':>10} {'seconds':>9} {'GB':>6} {'products':>8}")
+    for row in study.growth(directory, sizes, summaries or [], tolerance, limit):
+        if "note" in row:
+            typer.echo(f"{row['dofs']:11,} {row['note']}")
+            continue
+        rows.append(row)
+        typer.echo(
+            f"{row['dofs']:11,} {row['subdomains']:10,} {row['seconds']:9.2f} "
+            f"{row['peak_rss_gb']:6.2f} {row['products']:8}"
+        )
+    if len(rows) > 1:
+        dofs = [row["dofs"] for row in rows]
+        for key, what in (("seconds", "time"), ("peak_rss_gb", "memory")):
+            growth_rate = study.slope(dofs, [row[key] for row in rows])
+            typer.echo(f"slope of {what}: {growth_rate:.2f}")
+    typer.echo(f"wrote {directory / 'growth.csv'} and growth.png")
+
+
+def chart(
+    config: Annotated[Path, typer.Argument(help="The scene, a YAML file.", show_default=False)],
+    output: OutputOption = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a key: path.to.key=value.", show_default=False),
+    ] = None,
+    largest: Annotated[
+        int, typer.Option(help="Degrees of freedom of the finest mesh of the sweep.")
+    ] = 250_000,
+    limit: Annotated[float, typer.Option(help="Seconds a point may take.")] = 30.0,
+    peers: Annotated[bool, typer.Option(help="Run PETSc's solvers, too.")] = True,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep the points of an earlier run and go on.")
+    ] = False,
+) -> None:
+    """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, peers."""
+    from contact_app.studies import chart as study
+
+    directory = output or Path("results") / f"chart-{config.stem}"
+    changes = overrides or []
+    sweep = study.plan(config, changes, largest, peers)
+    for progress in study.chart(config, directory, sweep, changes, limit, resume):
+        row = progress.row
+        if row is None:
+            typer.echo(progress.text)
+        else:
+            errors = (f"{name[6:]} {row[name]:.1e}" for name in study.COLUMNS[-3:])
+            typer.echo(f"{progress.text}: {row['seconds']:.2f} s, errors: {', '.join(errors)}")
+    typer.echo(f"wrote {directory / 'frontier.csv'} and frontier.png")
+
+
+def _numbers(option: str, text: str) -> list[int]:
+    """Positive whole numbers separated by commas; an empty list for ``none``."""
+    if text == "none":
+        return []
+    numbers = [int(n) if n.strip().isdigit() else 0 for n in text.split(",")]
+    if not numbers or min(numbers) < 1:
+        _refuse(f"{option} is {text!r}; it has the form 10,20,30")
+    return numbers
+
+
+def _refuse(message: str) -> NoReturn:
+    typer.echo(f"error: {message}", err=True)
+    raise typer.Exit(2)
+
+
+def stability(output: OutputOption = None) -> None:
+    """Run ours and PETSc's solvers where methods fail: a table of verdicts (some minutes)."""
+    from contact_app.studies.stability import stability as run
+
+    for path in run(output or Path("results/stability"), typer.echo):
+        typer.echo(f"wrote {path}")
+
+
+def effectivity(
+    configs: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Scenes: say what `tolerance: auto` saves on them instead."),
+    ] = None,
+    output: OutputOption = None,
+) -> None:
+    """Compare the error estimate with known errors, and runs to an accuracy with what they met."""
+    from contact_app.studies.effectivity import effectivity as run
+    from contact_app.studies.savings import savings
+
+    lines = savings(configs) if configs else run(output or Path("results/effectivity"))
+    for line in lines:
+        typer.echo(line)

@@ -1,0 +1,175 @@
+"""Fields of different meshes of one body from a file, brought to the nodes of the finest of them.
+
+Meshes from files have no lattice of points. The answers are compared in the space of the finest
+reference instead: a field of another mesh is evaluated at its nodes, and squares are integrated
+over its cells as they are, curved edges included. Where the other mesh is a coarser one that the
+finest refines that is exact; of a mesh refined here and there it is the interpolant, and what such
+a mesh has between two nodes of the finest is not seen.
+
+dolfinx's trees of bounding boxes find the cell that holds a point, or the nearest one, and Newton's
+method its place in the cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact_app.model.assembly import lame
+from contact_app.scene.scene import Material
+from meshes import dolfinx_compat as versions
+from meshes.quadratic import VERTICES
+from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+BATCH = 20_000
+"""Cells worked on at once."""
+SHARES = {2: (1, 1), 3: (1, 1, 2), (3, 3): (1, 1, 1), 6: (1, 1, 1, 3, 3, 3),
+          4: (1, 1, 1, 1), 9: (1, 1, 1, 1, 2, 2, 2, 2, 4)}  # fmt: skip
+"""Parts of a facet's area by its nodes: those of the first-order facets between all of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyNodes:
+    """Nodes and cells of one body's mesh.
+
+    Attributes
+    ----------
+    points : (nodes, 3)
+    cells : (cells, nodes a cell)
+        In VTK order.
+    tags : (cells,)
+        Numbers of materials.
+    facets : (facets, nodes of a facet)
+        Of the contact boundary, in dolfinx's order, vertices first.
+    """
+
+    cell: str
+    degree: int
+    points: Array
+    cells: Numbers
+    tags: NDArray[np.int32]
+    facets: Numbers
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes."""
+        return 2 if self.cell in ("triangle", "quadrilateral") else 3
+
+
+class Cloud:
+    """The nodes of a finest mesh, at which fields of a body are compared."""
+
+    def __init__(self, finest: BodyNodes) -> None:
+        self._finest = finest
+        self._known: dict[bytes, sparse.csr_matrix] = {}
+
+    def sample(self, body: BodyNodes, values: Array, first_order: bool = False) -> Array:
+        """Evaluate a field (nodes, k) of a body, or its first-order interpolant, at the points."""
+        kind = b"first" if first_order else b"own"
+        key = sha256(body.points.tobytes() + body.cells.tobytes() + kind).digest()
+        if key not in self._known:
+            self._known[key] = interpolation(body, self._finest.points, first_order)
+        return np.asarray(self._known[key] @ values.reshape(len(body.points), -1))
+
+    @property
+    def areas(self) -> Array:
+        """Area of the contact boundary that falls to each point, (points,)."""
+        finest, d = self._finest, self._finest.dimension
+        result = np.zeros(len(finest.points))
+        facets = finest.facets
+        if len(facets):
+            x = finest.points[facets[:, : _corners(d, facets.shape[1])]]
+            share = np.array(_shares(d, facets.shape[1]), float)
+            np.add.at(result, facets, _sizes(x, d)[:, None] * (share / share.sum()))
+        return result
+
+    def energy(self, field: Array, materials: Sequence[Material], plane: str | None) -> float:
+        """a(e, e) of a field (points, dimension)."""
+        lam, mu = np.array([lame(material, plane) for material in materials]).T
+        total = 0.0
+        cell, degree = self._finest.cell, self._finest.degree
+        simplex = cell in ("triangle", "tetrahedron")
+        for rows, weights, _, jacobian, slopes in self._batches(2 * (degree - simplex)):
+            gradients = np.linalg.inv(jacobian) @ slopes
+            strain = gradients @ field[self._finest.cells[rows]][:, None]
+            strain = 0.5 * (strain + np.swapaxes(strain, 2, 3))
+            tags = self._finest.tags[rows]
+            density = lam[tags][:, None] * np.trace(strain, axis1=2, axis2=3) ** 2
+            density += 2.0 * mu[tags][:, None] * (strain**2).sum(axis=(2, 3))
+            total += float((weights * density).sum())
+        return total
+
+    def volume(self, field: Array) -> float:
+        """∫ |e|² of a field (points, dimension)."""
+        total = 0.0
+        for rows, weights, values, *_ in self._batches(2 * self._finest.degree):
+            u = values @ field[self._finest.cells[rows]]
+            total += float((weights * (u**2).sum(axis=2)).sum())
+        return total
+
+    def _batches(self, rule: int) -> Iterator[tuple[slice, Array, Array, Array, Array]]:
+        """Rows of cells, weights (c, q), shapes (q, k), Jacobians (c, q, d, d), slopes (q, d, k).
+
+        At the points of a quadrature rule of a degree.
+        """
+        finest, d = self._finest, self._finest.dimension
+        points, weights = versions.quadrature(finest.cell, rule)
+        values, slopes = vtk_shapes(finest.cell, finest.degree, points)
+        for start in range(0, len(finest.cells), BATCH):
+            rows = slice(start, start + BATCH)
+            jacobian = slopes @ finest.points[finest.cells[rows]][:, None, :, :d]
+            yield rows, np.abs(np.linalg.det(jacobian)) * weights, values, jacobian, slopes
+
+
+def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> sparse.csr_matrix:
+    """Evaluation of functions on a mesh at points (n, 3), (n, nodes).
+
+    Of first order they are linear, or linear along each axis, between vertices.
+    """
+    d, corners = mesh.dimension, VERTICES[mesh.cell]
+    vertices, local = np.unique(mesh.cells[:, :corners], return_inverse=True)
+    local = local.reshape(-1, corners)
+    order = np.argsort(vtk_order(mesh.cell, 1))
+    grid = versions.create_mesh(
+        local[:, order].astype(np.int64), mesh.points[vertices][:, :d].copy(), mesh.cell
+    )
+    cell = versions.original_cells(grid)[versions.cells_at(grid, at)]
+    x = mesh.points[mesh.cells[cell]][..., :d]
+    place = vtk_places(mesh.cell, mesh.degree, x, at[:, :d])
+    values = vtk_shapes(mesh.cell, mesh.degree, place)[0]
+    columns = mesh.cells[cell]
+    if first_order:
+        columns = columns[:, :corners]
+        values = vtk_shapes(mesh.cell, 1, place)[0]
+    rows = np.broadcast_to(np.arange(len(at))[:, None], columns.shape)
+    shape = (len(at), len(mesh.points))
+    return sparse.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def _corners(dimension: int, nodes: int) -> int:
+    """Vertices of a facet with so many nodes."""
+    return 2 if dimension == 2 else 3 if nodes in (3, 6) else 4
+
+
+def _shares(dimension: int, nodes: int) -> tuple[int, ...]:
+    return SHARES[3, 3] if (dimension, nodes) == (3, 3) else SHARES[nodes]
+
+
+def _sizes(x: Array, dimension: int) -> Array:
+    """Lengths or areas of facets between vertices (facets, vertices, 3), dolfinx's order."""
+    if dimension == 2:
+        return np.asarray(np.linalg.norm(x[:, 1] - x[:, 0], axis=1))
+    first, second = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+    size = 0.5 * np.linalg.norm(np.cross(first, second), axis=1)
+    if x.shape[1] == 4:
+        first, second = x[:, 1] - x[:, 3], x[:, 2] - x[:, 3]
+        size += 0.5 * np.linalg.norm(np.cross(first, second), axis=1)
+    return np.asarray(size)

@@ -1,0 +1,82 @@
+"""Strong scaling: the same cube on one rank and on several, with one thread each.
+
+``python -m contact_app.studies.strong_scaling [SERIES [CELLS [RANKS…]]]`` prints the tables of
+docs/scaling.md: a series of `contact-app bench` (hexahedra), cells along an edge of the cube (60)
+and numbers of ranks (1 2). Every run is one of its own; seconds are from the mesh to the certified
+solution, the least of `REPEATS` or of as many as are begun in `PATIENCE` seconds.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from contact_app.studies.bench import SERIES, Series, config
+from contact_app.studies.processes import python
+from contact_app.studies.runs import STAGES, from_summary
+
+REPEATS = 20
+PATIENCE = 240.0
+
+
+def strong(
+    series: Series, cells: int, ranks: Sequence[int], tolerance: float = 1e-6
+) -> Iterator[dict[str, Any]]:
+    """Summaries of the fastest run on each number of ranks.
+
+    Numbers of ranks take turns, so that a machine whose speed changes changes it for all.
+    """
+    overrides = [
+        f"decomposition={series.decomposition(3 * (cells + 1) ** 3)}",
+        f"solver.tolerance={tolerance}",
+    ]
+    with tempfile.TemporaryDirectory() as directory:
+        overrides += series.mesh(cells, Path(directory))
+        given = [part for override in overrides for part in ("--set", override)]
+        found: list[list[dict[str, Any]]] = []
+        began = time.perf_counter()
+        while len(found) < REPEATS and time.perf_counter() < began + PATIENCE:
+            found.append(
+                [
+                    python(
+                        "-m", "contact_app.studies.single_run", str(config()), *given,
+                        ranks=n, threads=1,
+                    )
+                    for n in ranks
+                ]
+            )  # fmt: skip
+    for runs in zip(*found, strict=True):
+        yield min(runs, key=lambda summary: from_summary(summary)["seconds"])
+
+
+def main() -> None:
+    """Print the table."""
+    name, *numbers = sys.argv[1:] or ["hexahedra"]
+    series = next(series for series in SERIES if series.name == name)
+    cells, *ranks = [int(word) for word in numbers] or [60]
+    counts = ranks or [1, 2]
+    first = None
+    stages = " | ".join(f"{stage} (s)" for stage in STAGES)
+    print(f"| unknowns | ranks | {stages} | all (s) | speed-up | products | GB |")
+    print("|---:" * (len(STAGES) + 6) + "|")
+    for summary in strong(series, cells, counts):
+        row = from_summary(summary)
+        first = first or row["seconds"]
+        stages = " | ".join(f"{summary['timings'][stage]:.2f}" for stage in STAGES)
+        print(
+            f"| {row['dofs']:,} | {row['ranks']} | {stages} | {row['seconds']:.2f} "
+            f"| {first / row['seconds']:.2f} | {row['products']} | {row['peak_rss_gb']:.2g} |",
+            flush=True,
+        )
+    print("\n| ranks | dense products (10⁹/s) | vectors from memory (GB/s) |\n|---:|---:|---:|")
+    for n in counts:
+        found = python("-m", "contact_app.studies.machine_speed", ranks=n, threads=1)
+        print(f"| {n} | {found['dense']:.0f} | {found['memory']:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

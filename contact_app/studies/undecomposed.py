@@ -1,0 +1,366 @@
+"""A scene as one undecomposed system in PETSc, the way a FEniCSx user would assemble it.
+
+dolfinx distributes the mesh, the stiffness is assembled once with the same quadrature as the
+subdomains' (exact on undistorted boxes), held unknowns become rows of a scaled identity, and a
+contact row -nᵀu ≤ g becomes a bound on one unknown: where n is no coordinate direction the frame
+of its node is turned by a Householder reflection H (H e_k = ± n), A' = Qᵀ A Q, u = Q u'. PETSc's
+bound-constrained solvers can then take any scene whose nodes have one contact row at most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx import mesh as dmesh
+from dolfinx.fem.petsc import assemble_matrix, assemble_vector
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy.spatial import cKDTree
+
+from contact_app.model.assembly import lame, quadrature_degree
+from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.scene.scene import Body, Box, Scene
+from meshes import dolfinx_compat as versions
+from meshes.subdomains import VTK_ORDER
+from meshes.unstructured import CellMesh
+from solver.tfeti.subdomain.kernels import rigid_motions
+
+
+class UnsuitableError(ValueError):
+    """The scene is no bound-constrained problem of one body; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeSystem:
+    """min ½ xᵀ A x - bᵀ x + constant subject to lower ≤ x ≤ upper, distributed.
+
+    Attributes
+    ----------
+    turn
+        Q, u = Q x; None where no frame is turned.
+    constant
+        Energy of the prescribed displacements.
+    points : (nodes, 3)
+        Nodes of this rank.
+    contact
+        Unknowns (local) with a bound.
+    area : (bounds,)
+        Share of the contact boundary that falls to each of them; not known to the solvers.
+    mesh
+        dolfinx's: its communicator, on which the matrix lives, goes with it.
+    """
+
+    matrix: PETSc.Mat
+    load: PETSc.Vec
+    lower: PETSc.Vec
+    upper: PETSc.Vec
+    turn: PETSc.Mat | None
+    constant: float
+    dimension: int
+    points: NDArray[np.float64]
+    contact: NDArray[np.int64]
+    area: NDArray[np.float64]
+    mesh: Any
+
+    @property
+    def dofs(self) -> int:
+        """Unknowns, held ones included."""
+        return int(self.load.getSize())
+
+    def energy(self, x: PETSc.Vec) -> float:
+        """½ a(u, u) - l(u) (collective)."""
+        return 0.5 * x.dot(self.matrix * x) - x.dot(self.load) + self.constant
+
+    def penetration(self, x: PETSc.Vec) -> float:
+        """Largest violation of a bound over the largest displacement component (collective)."""
+        violation = np.maximum(x.array - self.upper.array, self.lower.array - x.array)
+        worst = self.load.comm.tompi4py().allreduce(violation.max(initial=0.0), op=MPI.MAX)
+        return float(worst) / (x.norm(PETSc.NormType.NORM_INFINITY) or 1.0)
+
+    def displacement(self, x: PETSc.Vec) -> NDArray[np.float64]:
+        """u at this rank's nodes, (nodes, dimension) (collective)."""
+        u = x if self.turn is None else self.turn * x
+        return u.array.reshape(-1, self.dimension).copy()
+
+    def pressure(self, x: PETSc.Vec) -> NDArray[np.float64]:
+        """Contact force over area at this rank's nodes, (nodes,) (collective)."""
+        force = np.abs((self.load - self.matrix * x).array[self.contact])
+        result = np.zeros(len(self.points))
+        some = self.area > 0.0
+        result[self.contact[some] // self.dimension] = force[some] / self.area[some]
+        return result
+
+
+def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
+    """Mesh a scene of one body and assemble it whole (collective).
+
+    Raises
+    ------
+    UnsuitableError
+        More than one body or material, curved cells, or a node with two contact rows.
+    """
+    if len(scene.bodies) != 1:
+        raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
+    body, d = scene.bodies[0], scene.dimension
+    if len(body.materials) > 1:
+        raise UnsuitableError(f"it has {len(body.materials)} materials")
+    if body.materials[0].mean_dilatation:
+        raise UnsuitableError("its change of volume is taken as a mean over cells")
+    if scene.contacts and has_averaged_rows(body):
+        raise UnsuitableError("its contact is kept in the mean about vertices, which is no bound")
+    mesh = _mesh(body, comm)
+    space = versions.vector_space(mesh, body.degree, d)
+    matrix = assemble_matrix(versions.compile_form(_stiffness(scene, body, mesh, space)))
+    matrix.assemble()
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    owned = space.dofmap.index_map.size_local
+    points = space.tabulate_dof_coordinates()[:owned]
+    load = _vector(comm, owned, d)
+    load.array[:] = _assembled(_load(scene, body, mesh, space))[: owned * d]
+    surface = _surface(space)
+    surface = surface[surface < owned]
+
+    held = np.zeros((owned, d), bool)
+    prescribed = np.zeros((owned, d))
+    for condition in scene.displacements:
+        nodes = surface[_on(body, condition.boundary, points[surface])]
+        for component, value in enumerate(condition.values):
+            if value is not None:
+                held[nodes, component] = True
+                prescribed[nodes, component] = value
+
+    lower, upper = _vector(comm, owned, d), _vector(comm, owned, d)
+    lower.set(PETSc.NINFINITY)
+    upper.set(PETSc.INFINITY)
+    bounds = lower.array.reshape(-1, d), upper.array.reshape(-1, d)
+    contact, frames, area = _bounds(scene, mesh, space, points, surface, held, prescribed, *bounds)
+    constant = _eliminate(matrix, load, held, prescribed)
+    turn = _turn(comm, owned, d, contact // d, frames)
+    if turn is not None:
+        matrix, load = matrix.ptap(turn), turn * load
+        matrix.setBlockSize(d)
+        matrix.setOption(PETSc.Mat.Option.SPD, True)
+    matrix.setNearNullSpace(_near_null_space(points, d, load, turn))
+    return WholeSystem(matrix, load, lower, upper, turn, constant, d, points, contact, area, mesh)
+
+
+_CELLS = {
+    "hexahedron": dmesh.CellType.hexahedron,
+    "tetrahedron": dmesh.CellType.tetrahedron,
+    "quadrilateral": dmesh.CellType.quadrilateral,
+    "triangle": dmesh.CellType.triangle,
+}
+
+
+def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
+    box = body.mesh
+    if isinstance(box, CellMesh) and box.middles is None:
+        cells, points = (
+            np.array_split(rows, comm.size)[comm.rank] for rows in (box.cells, box.points)
+        )
+        return versions.create_mesh(cells[:, VTK_ORDER[box.cell]], points, box.cell, comm=comm)
+    if not isinstance(box, Box):
+        raise UnsuitableError("its mesh is no box and has no straight cells")
+    corners = [np.array(box.lower), np.array(box.upper)]
+    make = dmesh.create_box if len(box.cells) == 3 else dmesh.create_rectangle
+    return make(comm, corners, list(box.cells), _CELLS[box.cell])
+
+
+def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    moduli = lame(body.materials[0], scene.plane)
+    lam, mu = (fem.Constant(mesh, PETSc.ScalarType(m)) for m in moduli)
+    rule = quadrature_degree(body.mesh.cell, body.degree)
+    strain = ufl.sym(ufl.grad(u))
+    stress = lam * ufl.tr(strain) * ufl.Identity(scene.dimension) + 2.0 * mu * strain
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": rule})
+    return ufl.inner(stress, ufl.sym(ufl.grad(v))) * dx
+
+
+def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
+    v, normal = ufl.TestFunction(space), ufl.FacetNormal(mesh)
+
+    def constant(value: Any) -> Any:
+        return fem.Constant(mesh, np.asarray(value, dtype=PETSc.ScalarType))
+
+    form = ufl.inner(constant(np.zeros(scene.dimension)), v) * ufl.dx(domain=mesh)
+    for force in scene.forces:
+        form += ufl.inner(constant(force.vector), v) * ufl.dx(domain=mesh)
+    for traction in scene.tractions:
+        ds = _facets(body, mesh, traction.boundary)
+        form += ufl.inner(constant(traction.vector), v) * ds
+    for pressure in scene.pressures:
+        ds = _facets(body, mesh, pressure.boundary)
+        form -= constant(pressure.value) * ufl.inner(normal, v) * ds
+    return form
+
+
+def _facets(body: Body, mesh: Any, boundary: str) -> Any:
+    """Measure on the surface facets all of whose vertices are on a boundary."""
+    dimension = mesh.topology.dim - 1
+    facets = dmesh.locate_entities_boundary(
+        mesh, dimension, lambda x: _on(body, boundary, np.ascontiguousarray(x.T))
+    )
+    tags = versions.meshtags(mesh, dimension, facets, 1)
+    return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
+
+
+def _on(body: Body, boundary: str, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (n, 3) lie on a boundary."""
+    if boundary in body.boundaries:
+        return np.asarray(body.boundaries[boundary](points), bool)
+    box = body.mesh
+    extent = max(b - a for a, b in zip(box.lower, box.upper, strict=True))
+    if isinstance(box, CellMesh):
+        shape = box.shape(body.degree)
+        nodes = np.unique(shape.topology.facets[shape.sides[boundary]])
+        away, _ = cKDTree(shape.points[nodes]).query(points[:, : shape.dimension])
+        return np.asarray(away < 1e-9 * extent)
+    axis = "xyz".index(boundary[0])
+    side = (box.lower if boundary[1] == "-" else box.upper)[axis]
+    return np.abs(points[:, axis] - side) < 1e-9 * extent
+
+
+def _surface(space: Any) -> NDArray[np.int64]:
+    """Nodes (local) on the surface."""
+    mesh = space.mesh
+    dimension = mesh.topology.dim
+    mesh.topology.create_connectivity(dimension - 1, dimension)
+    facets = dmesh.exterior_facet_indices(mesh.topology)
+    return np.unique(fem.locate_dofs_topological(space, dimension - 1, facets)).astype(np.int64)
+
+
+def _vector(comm: MPI.Intracomm, owned: int, d: int) -> PETSc.Vec:
+    return PETSc.Vec().createMPI((owned * d, PETSc.DETERMINE), bsize=d, comm=comm)
+
+
+def _assembled(form: Any) -> NDArray[np.float64]:
+    vector = assemble_vector(versions.compile_form(form))
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    values = vector.array.copy()
+    vector.destroy()
+    return values
+
+
+def _bounds(
+    scene: Scene,
+    mesh: Any,
+    space: Any,
+    points: NDArray[np.float64],
+    surface: NDArray[np.int64],
+    held: NDArray[np.bool_],
+    prescribed: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Write the bounds; bounded unknowns, the turned frames' directions ± n and their area."""
+    d = scene.dimension
+    body = scene.bodies[0]
+    bounded: list[NDArray[np.int64]] = []
+    directions: list[NDArray[np.float64]] = []
+    areas: list[NDArray[np.float64]] = []
+    for contact in scene.contacts:
+        nodes = surface[_on(body, contact.boundary, points[surface])]
+        gap, normal = contact.obstacle.gap_and_normal(points[nodes])
+        row = -normal[:, :d]
+        gap = gap - np.einsum("ni,ni->n", row, np.where(held[nodes], prescribed[nodes], 0.0))
+        row = np.where(held[nodes], 0.0, row)
+        length = np.linalg.norm(row, axis=1)
+        free = length > 1e-9
+        nodes, row, gap = nodes[free], row[free] / length[free, None], gap[free] / length[free]
+        k = np.abs(row).argmax(axis=1)
+        n = np.arange(len(nodes))
+        sign = np.sign(row[n, k])
+        upper[nodes[sign > 0], k[sign > 0]] = gap[sign > 0]
+        lower[nodes[sign < 0], k[sign < 0]] = -gap[sign < 0]
+        bounded.append(nodes * d + k)
+        directions.append(sign[:, None] * row)
+        first = ufl.as_vector([1.0] + [0.0] * (d - 1))
+        form = ufl.inner(first, ufl.TestFunction(space)) * _facets(body, mesh, contact.boundary)
+        areas.append(_assembled(form)[::d][nodes])
+    none = np.zeros(0, np.int64)
+    unknowns = np.concatenate([none, *bounded])
+    twice = len(np.unique(unknowns // d)) < len(unknowns)
+    if mesh.comm.allreduce(int(twice)):
+        raise UnsuitableError("it has nodes with two contact rows")
+    return (
+        unknowns,
+        np.concatenate([np.zeros((0, d)), *directions]),
+        np.concatenate([np.zeros(0), *areas]),
+    )
+
+
+def _eliminate(
+    matrix: PETSc.Mat,
+    load: PETSc.Vec,
+    held: NDArray[np.bool_],
+    prescribed: NDArray[np.float64],
+) -> float:
+    """Make held unknowns rows of a scaled identity; the energy they take with them."""
+    comm = load.comm.tompi4py()
+    diagonal = matrix.getDiagonal()
+    scale = diagonal.sum() / diagonal.getSize()
+    given = load.duplicate()
+    given.array[:] = np.where(held, prescribed, 0.0).ravel()
+    constant = 0.0
+    if comm.allreduce(float(np.abs(given.array).sum())):
+        constant = 0.5 * given.dot(matrix * given) - given.dot(load)
+        constant += 0.5 * scale * given.dot(given)
+    rows = np.flatnonzero(held.ravel()) + load.getOwnershipRange()[0]
+    matrix.zeroRowsColumns(rows.astype(PETSc.IntType), diag=scale, x=given, b=load)
+    return float(constant)
+
+
+def _turn(
+    comm: MPI.Intracomm,
+    owned: int,
+    d: int,
+    nodes: NDArray[np.int64],
+    frames: NDArray[np.float64],
+) -> PETSc.Mat | None:
+    """Q of the Householder reflections that take e_k to the frames' directions."""
+    largest = np.abs(frames).argmax(axis=1) if len(frames) else np.zeros(0, np.int64)
+    v = -frames
+    v[np.arange(len(v)), largest] += 1.0
+    square = np.einsum("ni,ni->n", v, v)
+    if not comm.allreduce(int((square > 1e-28).any())):
+        return None
+    blocks = np.tile(np.eye(d), (owned, 1, 1))
+    scaled = v * (2.0 / np.where(square > 1e-28, square, np.inf))[:, None]
+    blocks[nodes] -= np.einsum("ni,nj->nij", scaled, v)
+    first = comm.exscan(owned) or 0
+    columns = (first + np.arange(owned))[:, None, None] * d + np.arange(d)
+    indices = np.broadcast_to(columns, (owned, d, d)).ravel().astype(PETSc.IntType)
+    indptr = (np.arange(owned * d + 1) * d).astype(PETSc.IntType)
+    size = (owned * d, PETSc.DETERMINE)
+    matrix = PETSc.Mat().createAIJ(
+        (size, size), bsize=d, csr=(indptr, indices, blocks.ravel()), comm=comm
+    )
+    matrix.assemble()
+    return matrix
+
+
+def _near_null_space(
+    points: NDArray[np.float64], d: int, like: PETSc.Vec, turn: PETSc.Mat | None
+) -> PETSc.NullSpace:
+    """The rigid motions, orthonormal, in the turned frames."""
+    comm = like.comm.tompi4py()
+    centre = comm.allreduce(points.sum(axis=0)) / comm.allreduce(len(points))
+    length = float(comm.allreduce(np.abs(points - centre).max(initial=0.0), op=MPI.MAX)) or 1.0
+    motions = rigid_motions(points, d, centre, length).reshape(len(points) * d, -1)
+    basis: list[PETSc.Vec] = []
+    for motion in motions.T:
+        vector = like.duplicate()
+        vector.array[:] = motion
+        if turn is not None:
+            vector = turn * vector
+        for known in basis:
+            vector.axpy(-known.dot(vector), known)
+        vector.normalize()
+        basis.append(vector)
+    return PETSc.NullSpace().create(vectors=basis, comm=comm)

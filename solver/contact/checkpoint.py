@@ -1,0 +1,285 @@
+"""What a stopped run leaves to go on from: the state of the solver at one of its steps.
+
+A checkpoint is written every 30 seconds and when the run is asked to stop, whatever the algorithm
+does at that step. `Attention` decides at each step, on all ranks together, and the algorithm that
+is at work hands over its state. There are two kinds of states, told apart by the penalty ρ:
+
+- ρ > 0: SMALBE, within an outer iteration or at its end. x and μ, and all scalars.
+- ρ = 0: conjugate gradients on an active set, or MPRGP alone. x is λ itself, and the second vector
+  is 1 where a contact row is taken to touch and 0 elsewhere.
+
+Two files: the vectors (`vector_file`) and the scalars in JSON, written last and put in place at
+once, so that a run killed while it writes leaves the checkpoint before it whole. Rows have another
+order on another number of ranks, so a run goes on with as many as wrote its checkpoint.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+from contact_app.machine.result_directory import CHECKPOINT, VECTORS, remove_checkpoint, whole
+from solver import Counts
+from solver.contact.vector_file import read_vectors, write_vectors
+from solver.qp.result import Step
+from solver.qp.smalbe import Restart
+from solver.tfeti.constraints.rows import RowKind
+from solver.tfeti.dual import DualProblem
+
+EVERY_SECONDS = 30.0
+"""Time of solving between two checkpoints: what a run that is killed loses at most."""
+
+SAME = 1e-6
+"""Relative difference up to which the numbers that describe a problem are those of the same."""
+
+log = logging.getLogger("contact_app")
+
+
+class Checkpoint:
+    """Writes, reads and removes the checkpoint of one run; methods are collective.
+
+    Parameters
+    ----------
+    directory
+        Where ``checkpoint.json`` and its vectors live.
+    resume
+        Whether a checkpoint found there is gone on from.
+    every
+        Seconds between two writes.
+
+    Attributes
+    ----------
+    due
+        Whether the algorithm at work is to `save` its state now; the same on all ranks.
+    """
+
+    def __init__(
+        self, directory: Path, comm: MPI.Intracomm, resume: bool, every: float = EVERY_SECONDS
+    ) -> None:
+        self.comm, self.every, self.resume = comm, every, resume
+        self.path = directory / CHECKPOINT
+        self.due = False
+        self._written = time.monotonic()
+        self._held: Restart | None = None
+        self._problem: DualProblem | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether a wanted checkpoint is there, as rank 0 sees it (not collective)."""
+        return self.resume and self.path.is_file()
+
+    @property
+    def overdue(self) -> bool:
+        """Whether the last one is old enough, as this rank sees it (not collective)."""
+        return time.monotonic() - self._written >= self.every
+
+    def load(self, problem: DualProblem) -> Restart | None:
+        """The state to go on from; None where there is none or none is wanted.
+
+        Raises
+        ------
+        ConfigurationError
+            The checkpoint belongs to another problem, or cannot be read.
+        """
+        self._problem = problem
+        description = _description(problem)
+        saved = self._read(description) if self.comm.rank == 0 else None
+        saved = self.comm.bcast(saved)
+        if isinstance(saved, ConfigurationError):
+            raise saved
+        if saved is None:
+            return None
+        try:
+            path = self.path.with_name(saved["vectors"])
+            x, multiplier = read_vectors(path, self.comm, problem.size, 2)
+            state = saved["state"]
+            state["lagrangian"] = -math.inf if state["lagrangian"] is None else state["lagrangian"]
+            state["counts"] = Counts(**state["counts"])
+            return Restart(**{**state, "sizes": tuple(state["sizes"])}, x=x, multiplier=multiplier)
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise ConfigurationError(self._unreadable(error)) from error
+
+    def _read(self, here: dict[str, float]) -> dict[str, Any] | ConfigurationError | None:
+        """Rank 0: the scalars of the checkpoint, or why they cannot be used."""
+        if not self.found:
+            return None
+        try:
+            saved: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
+            there, ranks = saved["problem"], saved["ranks"]
+            if ranks != self.comm.size:
+                return ConfigurationError(
+                    f"{self.path}: the checkpoint was written on {ranks} ranks, and on "
+                    f"{self.comm.size} its rows have another order; resume on as many ranks, or "
+                    "run without --resume"
+                )
+            if set(here) == set(there) and all(
+                math.isclose(here[name], there[name], rel_tol=SAME, abs_tol=1e-300) for name in here
+            ):
+                return saved
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            return ConfigurationError(self._unreadable(error))
+        return ConfigurationError(
+            f"{self.path}: the checkpoint is of another problem (its scene, mesh or "
+            "decomposition differ); run without --resume, or into another directory"
+        )
+
+    def _unreadable(self, error: Exception) -> str:
+        return f"{self.path}: no readable checkpoint: {error}; run without --resume"
+
+    def save(self, state: Restart) -> None:
+        """Write a state; a disk that does not take it is no reason to end the run."""
+        self._held, self.due = None, False
+        self._written = time.monotonic()
+        try:
+            self._write(state)
+        except OSError as error:
+            if self.comm.rank == 0:
+                log.warning("no checkpoint could be written: %s", error)
+
+    def hold(self, state: Restart) -> None:
+        """Remember the state that a solve ended with, for `save_held` (not collective).
+
+        Vectors are not copied: the caller leaves them as they are.
+        """
+        self._held = state
+
+    def save_held(self) -> None:
+        """Write the state that was held, if no other was written since."""
+        if self._held is not None:
+            self.save(self._held)
+
+    def remove(self) -> None:
+        """Nothing is left to go on from."""
+        self._held = None
+        if self.comm.rank == 0:
+            remove_checkpoint(self.path.parent)
+
+    def _write(self, state: Restart) -> None:
+        problem = self._problem
+        if problem is None:
+            return
+        previous = sorted(self.path.parent.glob(VECTORS))
+        path = self.path.with_name(self.comm.bcast(_next_name(previous)))
+        write_vectors(path, self.comm, [state.x, state.multiplier])
+        scalars = {k: v for k, v in state.__dict__.items() if k not in ("x", "multiplier")}
+        scalars["counts"] = asdict(state.counts)
+        scalars["lagrangian"] = state.lagrangian if math.isfinite(state.lagrangian) else None
+        text = {
+            "problem": _description(problem), "ranks": self.comm.size, "vectors": path.name,
+            "state": scalars,
+        }  # fmt: skip
+        fault = None
+        if self.comm.rank == 0:
+            try:
+                with whole(self.path) as part:
+                    part.write_text(json.dumps(text, indent=2) + "\n", encoding="utf-8")
+                stale = previous
+            except OSError as error:
+                fault, stale = error, [path]
+            for old in stale:
+                old.unlink(missing_ok=True)
+        fault = self.comm.bcast(fault)
+        if fault is not None:
+            raise fault
+
+
+class Attention:
+    """A monitor that decides at each step whether to stop and whether to save (collective).
+
+    One sum over the ranks serves both: any rank may have been asked to stop, and rank 0 has the
+    clock. At a stop the state is saved, too.
+
+    Parameters
+    ----------
+    asked
+        Whether this rank was asked to stop.
+    """
+
+    STOP, SAVE = 1, 2
+
+    def __init__(
+        self, comm: MPI.Intracomm, asked: Callable[[], bool], checkpoint: Checkpoint
+    ) -> None:
+        self._comm, self._asked, self._checkpoint = comm, asked, checkpoint
+
+    def __call__(self, event: Step) -> bool:
+        """Whether to stop."""
+        mine = self.STOP if self._asked() else 0
+        if self._comm.rank == 0 and self._checkpoint.overdue:
+            mine |= self.SAVE
+        agreed = self._comm.allreduce(mine, op=MPI.BOR)
+        self._checkpoint.due = bool(agreed)
+        return bool(agreed & self.STOP)
+
+
+class Saver:
+    """What an algorithm is given to save its state: when, and with which work before its own.
+
+    Parameters
+    ----------
+    checkpoint
+        None where nothing is saved.
+    before
+        Work of algorithms before this one.
+    """
+
+    def __init__(self, checkpoint: Checkpoint | None, before: Counts | None = None) -> None:
+        self._checkpoint, self._before = checkpoint, before or Counts()
+
+    @property
+    def due(self) -> bool:
+        """Whether a state is wanted at this step; the same on all ranks."""
+        return self._checkpoint is not None and self._checkpoint.due
+
+    def __call__(self, state: Restart) -> None:
+        """Save a state, if one is wanted (collective)."""
+        if self._checkpoint is not None and self._checkpoint.due:
+            self._checkpoint.save(replace(state, counts=self._before + state.counts))
+
+    def after(self, counts: Counts) -> Saver:
+        """The same for an algorithm that begins after more work."""
+        return Saver(self._checkpoint, self._before + counts)
+
+
+def without_outer_iterations(
+    multiplier: NDArray[np.float64], touching: NDArray[np.bool_], counts: Counts
+) -> Restart:
+    """State of an algorithm without outer iterations.
+
+    Parameters
+    ----------
+    multiplier : (dual,)
+        λ.
+    touching : (dual,)
+        Contact rows that are taken to touch.
+    """
+    rows = touching.astype(np.float64)
+    return Restart(0, multiplier, rows, 0.0, 0.0, 0.0, -math.inf, (), counts)
+
+
+def _next_name(previous: list[Path]) -> str:
+    """Name of the next file of vectors: none that is there is written over."""
+    numbers = [int(file.stem.split("-")[1]) for file in previous if file.stem[11:].isdigit()]
+    return VECTORS.replace("*", str(max(numbers, default=0) + 1))
+
+
+def _description(problem: DualProblem) -> dict[str, float]:
+    """Numbers that tell one dual problem from another, the same on any number of ranks."""
+    squares = problem.comm.allreduce(
+        np.array(
+            [problem.size, problem.c @ problem.c, problem.d @ problem.d, problem.e @ problem.e]
+        )
+    )
+    kinds = {kind.name.lower(): float(problem.count(kind)) for kind in RowKind}
+    return {**kinds, **dict(zip(("rows", "c", "d", "e"), map(float, squares), strict=True))}

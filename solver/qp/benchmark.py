@@ -1,0 +1,279 @@
+"""MPRGP beside PETSc's TAO and OSQP on the same problems: ``python -m solver.qp.benchmark``.
+
+Prints, and with ``--write`` puts into ``solver/README.md``, one table a problem: products with the
+Hessian (or with its free part, where a solver takes submatrices), seconds, and the norm of the
+projected gradient relative to ‖b‖, evaluated afterwards from the solution alone. All solvers
+start from zero and are asked for 1e-6 with products alone: the Newton solvers of TAO run without
+preconditioner, for their default one factors A. Products of TAO are the calls of MatMult that PETSc
+logs; OSQP factors a matrix once and multiplies in other ways, so it has iterations instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+
+from solver.qp.box_qp import BoxQP
+from solver.qp.expansion import expansion_names
+from solver.qp.mprgp import MPRGP
+from solver.vectors import Vector
+
+RTOL = 1e-6
+TAO = ("bnls", "bntr", "tron", "bncg", "bqnls")
+MARK = "<!-- table of python -m solver.qp.benchmark -->"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A box-constrained QP as arrays."""
+
+    name: str
+    A: sparse.csr_array
+    b: Vector
+    lower: Vector
+    upper: Vector
+
+    def residual(self, x: Vector) -> float:
+        """‖g^P‖/‖b‖ at the projection of x; within 1e-9 of a bound counts as on it.
+
+        Where b = 0, relative to the gradient at the feasible point next to zero.
+        """
+        x = np.clip(x, self.lower, self.upper)
+        g = self.A @ x - self.b
+        near = 1e-9 * max(1.0, float(np.abs(x).max()))
+        g[(x - self.lower <= near) & (g > 0.0)] = 0.0
+        g[(self.upper - x <= near) & (g < 0.0)] = 0.0
+        start = self.A @ np.clip(np.zeros_like(x), self.lower, self.upper)
+        scale = np.linalg.norm(self.b) or np.linalg.norm(start) or 1.0
+        return float(np.linalg.norm(g) / scale)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of a table."""
+
+    solver: str
+    products: int | None
+    seconds: float
+    residual: float
+    note: str = ""
+
+
+def problems() -> list[Problem]:
+    """A string and a membrane over obstacles, random boxes, support vector machines."""
+    found = []
+    n = 400
+    i, h = np.arange(n), 1.0 / (n + 1)
+    string = sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
+    wavy = np.sin(4.0 * np.pi * i * h - np.pi / 6.0) / 2.0 - 2.0
+    found.append(
+        _problem(f"string over an obstacle, n = {n}", string, np.full(n, -30 * h**2), wavy)
+    )
+    m = 60
+    second = sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(m, m))
+    x, y = np.meshgrid(*2 * [np.linspace(0.0, 1.0, m + 2)[1:-1]])
+    hills = (-0.05 - 0.05 * np.sin(6.0 * x) * np.cos(9.0 * y)).ravel()
+    found.append(
+        _problem(
+            f"membrane over an obstacle, n = {m * m}",
+            sparse.kronsum(second, second),
+            np.full(m * m, -2.0 / m**2),
+            hills,
+        )
+    )
+    for condition in (1e3, 1e6):
+        found.append(random_box(400, condition))
+    found.append(random_box(400, 1e3, degenerate=True))
+    found += [support_vector_machine("l2", 300), support_vector_machine("l1", 300)]
+    return found
+
+
+def _problem(name, A, b, lower=None, upper=None) -> Problem:  # type: ignore[no-untyped-def]
+    n = b.size
+    return Problem(
+        name,
+        sparse.csr_array(A),
+        b,
+        np.full(n, -np.inf) if lower is None else lower,
+        np.full(n, np.inf) if upper is None else upper,
+    )
+
+
+def random_box(n: int, condition: float, degenerate: bool = False) -> Problem:
+    """Random dense problem between two bounds; `degenerate`: most multipliers vanish."""
+    rng = np.random.default_rng(7)
+    Q, _ = np.linalg.qr(rng.standard_normal((n, n)))
+    A = (Q * np.geomspace(1.0, condition, n)) @ Q.T
+    A = 0.5 * (A + A.T)
+    lower, upper = -np.abs(rng.standard_normal(n)), np.abs(rng.standard_normal(n))
+    x = np.clip(rng.standard_normal(n), lower, upper)
+    multiplier = np.where(x <= lower, 1.0, np.where(x >= upper, -1.0, 0.0)) * rng.random(n)
+    if degenerate:
+        multiplier[rng.random(n) < 0.7] = 0.0
+    b = A @ x - 10.0 * multiplier
+    kind = "random box, dual degenerate" if degenerate else "random box"
+    return _problem(f"{kind}, n = {n}, condition {condition:.0e}", A, b, lower, upper)
+
+
+def support_vector_machine(loss: str, samples: int) -> Problem:
+    """Dual of a support vector machine on random data; l1 is semidefinite."""
+    rng = np.random.default_rng(8)
+    X = np.c_[rng.uniform(-1.0, 1.0, (samples, 12)), np.ones(samples)]
+    y = np.sign(X @ rng.standard_normal(13) + 0.7 * rng.standard_normal(samples))
+    Z = y[:, None] * X
+    shift, upper = (1.0, None) if loss == "l2" else (0.0, np.ones(samples))
+    A = Z @ Z.T + shift * np.eye(samples)
+    name = f"support vector machine, {loss} loss, n = {samples}"
+    return _problem(name, A, np.ones(samples), np.zeros(samples), upper)
+
+
+def run_mprgp(problem: Problem, expansion: str, memory: int = 0, look: int = 0) -> Entry:
+    """One expansion strategy."""
+    qp = BoxQP(problem.A, problem.b, problem.lower, problem.upper)
+    began = time.perf_counter()
+    solver = MPRGP(expansion, rtol=RTOL, max_iterations=20_000, memory=memory, look=look)
+    result = solver.solve(qp)
+    seconds = time.perf_counter() - began
+    note = "" if result.converged else result.reason.name.lower().replace("_", " ")
+    if result.counts.norm_estimation:
+        note = f"{note} + {result.counts.norm_estimation} for ‖A‖".strip()
+    return Entry(
+        f"MPRGP {expansion}"
+        + (f", memory {memory}" if memory else "")
+        + (f", look {look}" if look else ""),
+        result.counts.hessian,
+        seconds,
+        problem.residual(result.x),
+        note,
+    )
+
+
+def run_tao(problem: Problem, kind: str) -> Entry:
+    """A bound-constrained solver of TAO with its default options."""
+    comm = PETSc.COMM_SELF
+    A = problem.A
+    matrix = PETSc.Mat().createAIJ(
+        A.shape,
+        csr=(A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType), A.data),
+        comm=comm,
+    )
+    b, lower, upper = (
+        PETSc.Vec().createWithArray(v.copy(), comm=comm)
+        for v in (
+            problem.b,
+            np.maximum(problem.lower, PETSc.NINFINITY),
+            np.minimum(problem.upper, PETSc.INFINITY),
+        )
+    )
+    x = b.duplicate()
+    x.set(0.0)
+    tao = PETSc.TAO().create(comm)
+    tao.setType(kind)
+    tao.setVariableBounds(lower, upper)
+
+    def objective_gradient(tao, x, g):  # type: ignore[no-untyped-def]
+        matrix.mult(x, g)
+        value = 0.5 * g.dot(x) - b.dot(x)
+        g.axpy(-1.0, b)
+        return value
+
+    tao.setObjectiveGradient(objective_gradient, b.duplicate())
+    tao.setHessian(lambda tao, x, H, P: None, matrix, matrix)
+    tao.setTolerances(gatol=RTOL * float(np.linalg.norm(problem.b)), grtol=0.0, gttol=0.0)
+    tao.setMaximumIterations(20_000)
+    tao.setSolution(x)
+    options = PETSc.Options()
+    if kind in ("bnls", "bntr", "tron"):  # products alone, as MPRGP has: no factors of A
+        for name in (f"tao_{kind}_pc_type", "pc_type"):
+            options.setValue(name, "none")
+        tao.setFromOptions()
+        for name in (f"tao_{kind}_pc_type", "pc_type"):
+            options.delValue(name)
+    tao.setUp()
+    event = PETSc.Log.Event("MatMult")
+    before = event.getPerfInfo()["count"]
+    began = time.perf_counter()
+    tao.solve()
+    seconds = time.perf_counter() - began
+    products = event.getPerfInfo()["count"] - before
+    note = "" if tao.getConvergedReason() > 0 else f"stopped: reason {tao.getConvergedReason()}"
+    entry = Entry(f"TAO {kind}", products, seconds, problem.residual(x.getArray().copy()), note)
+    tao.destroy()
+    return entry
+
+
+def run_osqp(problem: Problem) -> Entry | None:
+    """OSQP, if it is installed; polished, in double precision."""
+    try:
+        import osqp
+    except ImportError:
+        return None
+    solver = osqp.OSQP()
+    began = time.perf_counter()
+    solver.setup(
+        sparse.csc_matrix(sparse.triu(problem.A)),
+        -problem.b,
+        sparse.identity(problem.b.size, format="csc"),
+        problem.lower,
+        problem.upper,
+        eps_abs=1e-8,
+        eps_rel=1e-8,
+        max_iter=200_000,
+        verbose=False,
+        **{"polishing" if int(osqp.__version__.split(".")[0]) >= 1 else "polish": True},
+    )
+    found = solver.solve()
+    seconds = time.perf_counter() - began
+    note = f"{found.info.iter} iterations with one factorisation"
+    return Entry("OSQP", None, seconds, problem.residual(np.asarray(found.x)), note)
+
+
+def table(problem: Problem) -> str:
+    """Markdown table of all solvers on one problem."""
+    runs: list[Callable[[], Entry | None]] = [
+        *(lambda e=e: run_mprgp(problem, e) for e in expansion_names()),
+        *(lambda m=m: run_mprgp(problem, "projcg-safe", memory=m) for m in (5, 20)),
+        *(lambda m=m: run_mprgp(problem, "projcg-safe", memory=m, look=10) for m in (0, 5)),
+        *(lambda k=k: run_tao(problem, k) for k in TAO),
+        lambda: run_osqp(problem),
+    ]  # type: ignore[misc]
+    rows = [
+        f"**{problem.name}**\n",
+        "| solver | Hessian products | seconds | relative KKT residual | |",
+        "|---|---:|---:|---:|---|",
+    ]
+    for run in runs:
+        entry = run()
+        if entry is not None:
+            products = "" if entry.products is None else str(entry.products)
+            rows.append(
+                f"| {entry.solver} | {products} | {entry.seconds:.4f} | {entry.residual:.1e} "
+                f"| {entry.note} |"
+            )
+    return "\n".join(rows)
+
+
+def main() -> None:
+    """Make the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--write", action="store_true", help="put the tables into README.md")
+    arguments = parser.parse_args()
+    PETSc.Log.begin()
+    text = "\n\n".join(table(problem) for problem in problems())
+    print(text)
+    if arguments.write:
+        path = Path(__file__).parents[1] / "README.md"
+        before, _, rest = path.read_text(encoding="utf-8").partition(MARK)
+        _, _, after = rest.partition(MARK)
+        path.write_text(f"{before}{MARK}\n\n{text}\n\n{MARK}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,498 @@
+"""The point at which an active-set iteration stands, and the passes that move it.
+
+Every method makes one pass over the vectors and at most one collective. A CG step of MPRGP is
+:meth:`Iterate.probe`, :meth:`Iterate.advance`, :meth:`Iterate.conjugate`: one product with the
+Hessian, three passes, two collectives. All vectors are allocated when the iterate is made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg.blas import daxpy
+
+from solver.errors import IndefiniteError, NotFiniteError, UnboundedError
+from solver.qp.box_qp import BoxQP
+from solver.qp.gradients import Block, Scratch, activity_edges
+from solver.qp.memory import CurvatureMemory
+from solver.qp.operators import Operator, estimate_norm
+from solver.qp.result import Counts, Monitor, Step
+from solver.vectors import BLOCK, Mask, Vector, blocks
+
+#: Curvature pᵀAp/(‖A‖ pᵀp) at or below which a direction is taken to be in the kernel of A.
+ZERO_CURVATURE = 1e-14
+#: … and below which the Hessian is said to be indefinite.
+NEGATIVE_CURVATURE = -1e-12
+
+
+class Preconditioner(Protocol):
+    """An approximate inverse of the Hessian, symmetric positive definite."""
+
+    def apply(self, r: Vector, free_mask: Mask, out: Vector, /) -> None:
+        """Put the preconditioned free gradient r into out.
+
+        What it puts on components that are not free is cut away.
+        """
+
+
+#: Called with the iterate after each step; copies what it wants to keep.
+Watch = Callable[["Iterate"], None]
+
+
+class Iterate:
+    """Point x, gradient g = Ax - b and its splitting, direction p and product Ap.
+
+    Attributes
+    ----------
+    free_square, chopped_square, reduced_free : float
+        ‖g^f‖², ‖g^c‖² and g^rᵀg^f over all ranks; without a step length g^r is g^f.
+    largest : float
+        Largest ‖Ap‖/‖p‖ seen: a lower bound of ‖A‖.
+    alpha : float
+        Step length of the reduced gradient: the one that an expansion used last.
+    drift : float
+        Rounding errors that recurrences may have added to g since it was last evaluated.
+    image : ndarray or None
+        What an operator that has an ``image`` makes of x beside the product, carried along by
+        recurrence as g is.
+    watch : callable of Iterate or None
+        Sees the iterate after each step.
+    """
+
+    def __init__(
+        self,
+        qp: BoxQP,
+        x0: object = None,
+        *,
+        norm: float | None = None,
+        preconditioner: Preconditioner | None = None,
+        memory: int = 0,
+    ) -> None:
+        self.qp = qp
+        self.operator = qp.operator
+        self.reduction = qp.reduction
+        n = qp.size
+        self.memory = (
+            CurvatureMemory(n, memory, qp.reduction, preconditioner) if memory > 0 else None
+        )
+        self.preconditioner: Preconditioner | None = self.memory or preconditioner
+        self.x = qp.start(x0)
+        self.g, self.p, self.Ap = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._bounded = qp.lower is not None or qp.upper is not None
+        # without bounds the free gradient is the gradient, and nothing is ever chopped
+        self.free = np.zeros(n) if self._bounded else self.g
+        self.chopped = np.zeros(n)
+        self.is_free: Mask = np.ones(n, dtype=bool)
+        self.z = self.free if self.preconditioner is None else np.zeros(n)
+        lower_edge, upper_edge = activity_edges(qp.lower, qp.upper)
+        vectors = {
+            "x": self.x, "g": self.g, "p": self.p, "Ap": self.Ap, "b": qp.b,
+            "free": self.free, "chopped": self.chopped, "is_free": self.is_free, "z": self.z,
+            "lower": qp.lower, "upper": qp.upper,
+            "lower_edge": lower_edge, "upper_edge": upper_edge,
+        }  # fmt: skip
+        scratch = Scratch(min(n, BLOCK))
+        self.blocks = [Block(rows, vectors, scratch) for rows in blocks(n)]
+        self.counts = Counts()
+        self.iterations = 0
+        self.history: list[Step] = []
+        self.outer = 0
+        self.equality_residual = 0.0
+        self.free_square = self.chopped_square = self.reduced_free = self.x_square = 0.0
+        self.free_product = 0.0  # zᵀAp, numerator of the conjugation
+        self.active = 0
+        self.slope = self.curvature = 0.0  # gᵀp, pᵀAp
+        self.largest = 0.0
+        self.product_norm = 0.0  # ‖Ap‖
+        self.drift = 0.0
+        self.alpha = 0.0
+        self.b_norm = 0.0
+        self.image: np.ndarray | None = None
+        self._image_p: np.ndarray | None = None
+        self._image_beside: np.ndarray | None = None
+        self.watch: Watch | None = None
+        self._norm = norm
+        self._fresh = False  # p is the preconditioned free gradient itself
+        self._beside = (0.0, 0.0, 0.0)
+        self._marked: tuple[Vector, Vector] | None = None
+        self._began = perf_counter()
+
+    # ------------------------------------------------------------------ scalars
+
+    @property
+    def projected_gradient_norm(self) -> float:
+        """‖g^P‖; free and chopped gradient are orthogonal."""
+        return math.sqrt(self.free_square + self.chopped_square)
+
+    @property
+    def norm(self) -> float:
+        """‖A‖: given, or by the power method when first asked for; raised where a step saw more."""
+        if self._norm is None:
+            self._norm, products = estimate_norm(self.operator)
+            self.counts.norm_estimation += products
+        if self.largest > 1.01 * self._norm:
+            self._norm = self.largest
+        return self._norm or 1.0  # a zero Hessian: the half step alone moves to the bounds
+
+    @property
+    def largest_known(self) -> float:
+        """‖A‖ where it is known, else the largest ‖Ap‖/‖p‖ seen: no product is spent on it."""
+        return max(self.largest, self._norm or 0.0)
+
+    # ------------------------------------------------------------------ passes
+
+    def replace_operator(self, operator: Operator, norm: float | None) -> None:
+        """Go on with another Hessian, of another norm; the caller adapts the gradient."""
+        self.operator = operator
+        self._norm = norm
+
+    def evaluate(self) -> None:
+        """g = Ax - b by a product; split it and restart the directions at the free gradient."""
+        self.operator.apply(self.x, self.g)
+        image = self._image_of_last()
+        self.image = None if image is None else image.copy()
+        self.counts.hessian += 1
+        self.drift = 0.0
+        self.restart(subtract_b=True)
+
+    def begin(self) -> None:
+        """The gradient -b of x = 0, which takes no product, and the first directions."""
+        self.g.fill(0.0)
+        image = self._image_of_last()
+        self.image = None if image is None else np.zeros_like(image)
+        self.restart(subtract_b=True)
+
+    def restart(self, *, subtract_b: bool = False) -> None:
+        """Split the gradient g as it stands and restart the directions."""
+        sums = np.zeros(5)
+        for block in self.blocks:
+            if subtract_b:
+                np.subtract(block.g, block.b, out=block.g)
+            block.split()
+            np.copyto(block.p, block.free)
+            self._add_squares(sums, block)
+        self._take(sums)
+        self._precondition(restart=True)
+
+    def probe(self) -> tuple[float, float]:
+        """Product Ap; lengths α_cg of the minimum along -p and α_f to the bound.
+
+        A direction without curvature has α_cg = ∞.
+
+        Raises
+        ------
+        IndefiniteError, UnboundedError, NotFiniteError
+        """
+        self.operator.apply(self.p, self.Ap)
+        self._image_p = self._image_of_last()
+        self.counts.hessian += 1
+        slope = curvature = pp = ApAp = 0.0
+        steepest = 0.0
+        for block in self.blocks:
+            slope += float(np.dot(block.g, block.p))
+            curvature += float(np.dot(block.p, block.Ap))
+            pp += float(np.dot(block.p, block.p))
+            ApAp += float(np.dot(block.Ap, block.Ap))
+            steepest = max(steepest, block.inverse_longest_step())
+        (slope, curvature, pp, ApAp), least = self.reduction.sums_and_minimum(
+            (slope, curvature, pp, ApAp), -steepest
+        )
+        longest = -1.0 / least if least < 0.0 else math.inf
+        if not math.isfinite(slope + curvature + ApAp):
+            self._raise_not_finite(self.Ap)
+        self.slope, self.curvature = slope, curvature
+        self.product_norm = math.sqrt(ApAp)
+        self.largest = max(self.largest, math.sqrt(ApAp / pp) if pp > 0.0 else 0.0)
+        relative = curvature / (self.largest * pp) if self.largest * pp > 0.0 else 0.0
+        if relative < NEGATIVE_CURVATURE:
+            component = self.reduction.argmax(np.abs(self.p))
+            raise IndefiniteError(
+                "the Hessian is indefinite: the curvature p'Ap/(|A| p'p) is "
+                f"{relative:.3g} along a direction p that is largest in component {component}"
+            )
+        if relative <= ZERO_CURVATURE:
+            return math.inf, longest
+        if self.memory is not None:
+            self.memory.observe(self.p, self.Ap)
+        return slope / curvature, longest
+
+    def advance(self, alpha: float, *, restart: bool = False, snap: bool = False) -> None:
+        """x - αp with its gradient g - αAp by recurrence, split; optionally restart p there.
+
+        With ``snap``, components that the step brought to within rounding of a bound are put
+        on it, as the half step to the bound needs.
+        """
+        self._drift(alpha)
+        self._step_image(alpha)
+        sums = np.zeros(5)
+        free_product = 0.0
+        for block in self.blocks:
+            if snap:
+                block.step_to_bound(alpha)
+            else:
+                block.step(alpha)
+            np.multiply(block.Ap, alpha, out=block.t)
+            np.subtract(block.g, block.t, out=block.g)
+            block.split()
+            if restart:
+                np.copyto(block.p, block.free)
+            else:
+                free_product += float(np.dot(block.Ap, block.free))
+            self._add_squares(sums, block)
+        (self.free_product,) = self._take(sums, free_product)
+        self._precondition(restart)
+
+    def conjugate(self) -> None:
+        """p = z - βp with β = zᵀAp / pᵀAp, A-orthogonal to the last p; z = g^f if plain."""
+        self._fresh = False
+        beta = self.free_product / self.curvature
+        for block in self.blocks:
+            np.multiply(block.p, beta, out=block.p)
+            np.subtract(block.z, block.p, out=block.p)
+
+    def aim_chopped(self) -> None:
+        """p = g^c."""
+        np.copyto(self.p, self.chopped)
+
+    def project_step(self, alpha: float, direction: Vector) -> None:
+        """x = P(x - α direction): on the bounds exactly; g is not updated."""
+        for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
+            np.multiply(direction[rows], alpha, out=block.t)
+            np.subtract(block.x, block.t, out=block.x)
+            block.project()
+
+    def reduced_gradient(self, out: Vector) -> None:
+        """g^r for the last step length, into out."""
+        for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
+            block.reduced(self.alpha, out[rows])
+
+    def half_step_and_aim(self, alpha_f: float, target: float) -> tuple[float, float]:
+        """Take the half step; aim p from there at the projection of the step of length target.
+
+        Leaves p = x½ - P(x - target p) and returns gᵀp and g^rᵀg^f there, g^r for the length
+        1/``largest``.
+        """
+        self._drift(alpha_f)
+        self._step_image(alpha_f)
+        sums = np.zeros(5)
+        slope = standard = 0.0
+        for block in self.blocks:
+            block.project_into(target, out=block.trial)
+            block.step_to_bound(alpha_f)
+            np.multiply(block.Ap, alpha_f, out=block.t)
+            np.subtract(block.g, block.t, out=block.g)
+            block.split()
+            np.subtract(block.x, block.trial, out=block.p)
+            slope += float(np.dot(block.g, block.p))
+            block.reduced(1.0 / self.largest, out=block.s)
+            standard += float(np.dot(block.s, block.free))
+            self._add_squares(sums, block)
+        slope, standard = self._take(sums, slope, standard)
+        return slope, standard
+
+    def anticipate(self) -> bool:
+        """Whether a step of length 1 along the remembered curvature would leave the box."""
+        if self.memory is None or not self.memory.ready or not self._fresh:
+            return False
+        steepest = 0.0
+        for block in self.blocks:
+            steepest = max(steepest, block.inverse_longest_step())
+        _, least = self.reduction.sums_and_minimum((), -steepest)
+        return -least > 1.0
+
+    def aim_projected(self) -> tuple[float, float, float]:
+        """p = x - P(x - p); returns gᵀp, ‖p‖² and g^rᵀg^f, g^r for the length 1/``largest``."""
+        slope = square = standard = 0.0
+        for block in self.blocks:
+            block.project_into(1.0, out=block.trial)
+            np.subtract(block.x, block.trial, out=block.p)
+            slope += float(np.dot(block.g, block.p))
+            square += float(np.dot(block.p, block.p))
+            block.reduced(1.0 / self.largest, out=block.s)
+            standard += float(np.dot(block.s, block.free))
+        slope, square, standard = self.reduction.sums(slope, square, standard)
+        return slope, square, standard
+
+    def aim_preconditioned(self) -> None:
+        """p = z, the preconditioned free gradient."""
+        np.copyto(self.p, self.z)
+
+    def aim_reduced(self, alpha: float) -> None:
+        """p = α g^r: the standard expansion as a direction that may be followed to its end."""
+        for block in self.blocks:
+            block.reduced(alpha, out=block.p)
+            np.multiply(block.p, alpha, out=block.p)
+
+    def aim_reduced_beside(self, alpha: float) -> tuple[float, float]:
+        """p = α g^r, with what p and Ap were kept for :meth:`take_back`; gᵀp and pᵀAp_before.
+
+        They are kept where g^c and g^f stood, which the next step splits anew.
+        """
+        self._beside = self.slope, self.curvature, self.product_norm
+        self._image_beside = None if self._image_p is None else self._image_p.copy()
+        slope = mixed = 0.0
+        for block in self.blocks:
+            np.copyto(block.chopped, block.p)
+            block.reduced(alpha, out=block.p)
+            np.multiply(block.p, alpha, out=block.p)
+            np.copyto(block.free, block.Ap)
+            slope += float(np.dot(block.g, block.p))
+            mixed += float(np.dot(block.Ap, block.p))
+        slope, mixed = self.reduction.sums(slope, mixed)
+        return slope, mixed
+
+    def take_back(self) -> None:
+        """P and Ap as they were before :meth:`aim_reduced_beside`."""
+        self.slope, self.curvature, self.product_norm = self._beside
+        self._image_p = self._image_beside
+        np.copyto(self.p, self.chopped)
+        np.copyto(self.Ap, self.free)
+
+    # ------------------------------------------------------------------ bookkeeping
+
+    def record(self, step: str, monitor: Monitor | None) -> bool:
+        """Append to the history, tell the monitor; whether it asks to stop (on any rank).
+
+        The watch, which may save the iterate, sees it after the monitor.
+        """
+        event = Step(
+            self.outer,
+            self.iterations,
+            step,
+            self.projected_gradient_norm,
+            self.equality_residual,
+            self.active,
+            perf_counter() - self._began,
+        )
+        self.history.append(event)
+        stop = False
+        if monitor is not None:
+            stop = self.reduction.sums(float(bool(monitor(event))))[0] > 0.0
+        if self.watch is not None:
+            self.watch(self)
+        return stop
+
+    @property
+    def round_off(self) -> float:
+        """Size of the rounding errors in a gradient Ax - b."""
+        scale = self.largest * math.sqrt(self.x_square) + self.b_norm
+        return 2.0 * float(np.finfo(np.float64).eps) * scale
+
+    def _drift(self, alpha: float) -> None:
+        """Account for the rounding errors of g - αAp."""
+        size = abs(alpha) * self.product_norm + self.projected_gradient_norm
+        self.drift += float(np.finfo(np.float64).eps) * size
+
+    def _image_of_last(self) -> np.ndarray | None:
+        """The image of the last vector that the operator was applied to; the next overwrites it."""
+        image = getattr(self.operator, "image", None)
+        assert image is None or isinstance(image, np.ndarray)
+        return image
+
+    def _step_image(self, alpha: float) -> None:
+        """The image of x - αp."""
+        if self.image is not None and self._image_p is not None:
+            daxpy(self._image_p.ravel(), self.image.ravel(), a=-alpha)  # in place
+
+    def settle(self) -> None:
+        """Put active components on their bounds exactly."""
+        for block in self.blocks:
+            if block.lower is not None and block.lower_edge is not None:
+                np.less_equal(block.x, block.lower_edge, out=block.mask)
+                np.copyto(block.x, block.lower, where=block.mask)
+            if block.upper is not None and block.upper_edge is not None:
+                np.greater_equal(block.x, block.upper_edge, out=block.mask)
+                np.copyto(block.x, block.upper, where=block.mask)
+
+    def at_round_off(self) -> bool:
+        """Whether the projected gradient is no more than rounding errors."""
+        return self.projected_gradient_norm <= self.round_off
+
+    def measure_b(self) -> None:
+        """Take ‖b‖ anew."""
+        self.b_norm = self.reduction.norm(self.qp.b)
+
+    def mark(self) -> None:
+        """Remember where the iterate stands, for :meth:`diverges`."""
+        self._marked = (self.x.copy(), self.g.copy())
+
+    def diverges(self) -> bool:
+        """Whether x ran off since it was marked, downhill, without meeting curvature."""
+        if self._marked is None:
+            return False
+        x, g = self._marked
+        d = self.x - x
+        square, x_square, curvature, slope = self.reduction.sums(
+            float(np.dot(d, d)),
+            float(np.dot(x, x)),
+            float(np.dot(d, self.g - g)),
+            float(np.dot(d, self.g + g)),
+        )
+        return slope < 0.0 and square > 0.1 * x_square and curvature < 1e-6 * self.largest * square
+
+    def raise_unbounded(self) -> None:
+        """Say which component runs away along -p."""
+        component = self.reduction.argmax(np.abs(self.p))
+        raise UnboundedError(
+            "the cost is unbounded below: it falls without limit along a direction without "
+            f"curvature that no bound stops, largest in component {component}",
+            component,
+        )
+
+    def _take(self, sums: np.ndarray, *others: float) -> list[float]:
+        """Reduce the squares of the splitting, and other sums of the same pass."""
+        free, chopped, reduced, x_square, active, *others_total = self.reduction.sums(
+            *sums, *others
+        )
+        self.free_square, self.chopped_square = free, chopped
+        self.reduced_free, self.x_square = reduced, x_square
+        self.active = int(active)
+        if not math.isfinite(free + chopped):
+            self._raise_not_finite(self.g)
+        return others_total
+
+    def _raise_not_finite(self, product: Vector) -> None:
+        component = self.reduction.first(~np.isfinite(product))
+        raise NotFiniteError(
+            f"a product with the Hessian is not finite: component {component} (in step "
+            f"{self.iterations}); is the matrix free of NaN, or did the solve overflow?"
+        )
+
+    def _precondition(self, restart: bool) -> None:
+        if self.preconditioner is None:
+            return
+        if restart and self.memory is not None:
+            self.memory.restart(self.is_free)
+            self._fresh = True
+        self.preconditioner.apply(self.free, self.is_free, self.z)
+        product = 0.0
+        for block in self.blocks:
+            if self._bounded:
+                np.logical_not(block.is_free, out=block.mask)
+                np.copyto(block.z, 0.0, where=block.mask)
+            if restart:
+                np.copyto(block.p, block.z)
+            else:
+                product += float(np.dot(block.Ap, block.z))
+        if not restart:
+            self.free_product = self.reduction.sums(product)[0]
+
+    def _add_squares(self, sums: np.ndarray, block: Block) -> None:
+        """Add a block's ‖g^f‖², ‖g^c‖², g^rᵀg^f, ‖x‖² and number of active components."""
+        free = float(np.dot(block.free, block.free))
+        sums[0] += free
+        sums[3] += np.dot(block.x, block.x)
+        if not self._bounded:
+            sums[2] += free
+            return
+        sums[1] += np.dot(block.chopped, block.chopped)
+        if self.alpha > 0.0:
+            block.reduced(self.alpha, out=block.s)
+            sums[2] += np.dot(block.s, block.free)
+        else:
+            sums[2] += free
+        sums[4] += block.x.size - np.count_nonzero(block.is_free)

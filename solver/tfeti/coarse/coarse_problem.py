@@ -1,0 +1,527 @@
+"""The natural coarse space: G = Rᵀ Bᵀ, its factor and the projectors Q and P = I - Q.
+
+Gλ = e says that every floating subdomain is in equilibrium under its load and the multipliers.
+With positive weights W of the rows,
+
+    Q = W Gᵀ (G W Gᵀ)⁻¹ G
+
+projects onto the range of W Gᵀ, P = I - Q onto the kernel of G (C. Farhat, K. Pierson, M. Lesoinne,
+*The second generation FETI methods and their application to the parallel solution of large-scale
+linear and geometrically non-linear structural analysis problems*, 2000).
+
+W = I makes Q symmetric. As an equality constraint of the dual problem it then serves as the matrix
+C: with C = Cᵀ = C² the rows are orthonormal, the penalty product Cᵀ C x is one projection, and
+‖C x‖ measures ‖G x‖ in a norm that does not depend on the scaling of R. Conjugate gradients on a
+face need no symmetric projector: there W is what `crossings` chose, and G W Gᵀ has blocks between
+subdomains with a common face alone, a third of those of G Gᵀ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+from weakref import finalize
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from solver.openmp import one_openmp_thread
+from solver.tfeti.coarse.gram import Blocks, KernelRows
+from solver.tfeti.coarse.row_patterns import Kind, KindProduct, blocks_of, pays
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, petsc_rows
+from solver.vectors import on_arrays
+
+if TYPE_CHECKING:
+    from solver.tfeti.dual import DualOperator
+
+SHARED = 50_000
+"""Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather of the
+right-hand side costs less than the messages of a triangular solve in parts. Measured on two ranks:
+a solve takes 6 percent less at 48,000, 12 percent more at 94,000."""
+
+VANISHING = 1e-13
+"""Blocks of G W Gᵀ, over the largest entry, that are what rounding left of none."""
+
+
+class Restriction(Protocol):
+    """G, or with the metric G W.
+
+    Coarse vectors are as the layout of the coarse problem has them: whole, or this rank's part.
+    """
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """G, or G W, times a dual vector (collective)."""
+
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
+
+    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
+        """Subtract that from x (collective)."""
+
+    def weighted(self, weights: NDArray[np.float64]) -> Restriction:
+        """The same of the rows of B times weights, which differ from one on contact rows alone."""
+
+
+class CoarseProblem:
+    """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
+
+    G is applied kind by kind where rows of B repeat, else by way of the interface; its entries,
+    twelve a row, would take several times longer. The factor is made when it is first asked for.
+
+    Parameters
+    ----------
+    B : (dual, interface)
+        Constraint matrix on interface unknowns.
+    kernels : one (members, (m, k) array) pair a class
+        Kernel on the class's m interface unknowns, in the order of B's columns: a run of m for
+        each member.
+    inequality : (dual,)
+        Contact rows, which `weighted` may weigh down.
+    metric : (dual,)
+        W of the problems that `weighted` makes, one on contact rows; in this one W = I.
+    kinds
+        Of the rows of B.
+    """
+
+    def __init__(
+        self,
+        B: ConstraintMatrix,
+        kernels: Sequence[tuple[int, NDArray[np.float64]]],
+        inequality: NDArray[np.bool_],
+        metric: NDArray[np.float64],
+        kinds: Sequence[Kind] = (),
+    ) -> None:
+        self.comm = B.comm
+        self.B = B
+        self.size = B.rows
+        self.kernels = sum(members * R.shape[1] for members, R in kernels)
+        self.metric = metric
+        self._kernels = kernels
+        self._layout = _Layout(self.comm, self.kernels)
+        self._inequality = inequality
+        rows = KernelRows(B, kernels)
+        repeats = pays(self.comm, kinds, B.rows)
+        self._kinds = kinds if repeats else ()
+        self._contact = list(rows.alike(np.flatnonzero(inequality)))
+        self._weighed = self._gram(rows, metric)
+        self._oblique = False
+        self._spare: list[CoarseFactor] = []
+        self._product: Restriction
+        if repeats and self._layout.whole:
+            self._product = KindProduct(rows, self._kinds, self._layout.total, metric)
+        else:
+            self._product = _ThroughInterface(B, kernels, self._layout, metric)
+        self._coarse = np.empty(self._layout.rows)
+        self._solution = np.empty(self._layout.rows)
+
+    def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
+        """What G W Gᵀ is without contact rows, which are summed from `_contact` (collective)."""
+        repeated, inside = blocks_of(self._kinds, rows.motions, metric)
+        single = np.flatnonzero(~inside & ~self._inequality)
+        singles = Blocks.of(rows.alike(single), rows.motions, metric)
+        others = self._layout.brought(Blocks.join([repeated, singles]))
+        others = others.without(VANISHING * self._layout.largest(others))
+        places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
+        others = Blocks.join([others, self._layout.brought(places)]).summed()
+        return _Gram(others, self._layout.places(others))
+
+    @cached_property
+    def _factor(self) -> CoarseFactor:
+        one = np.ones(self.size)
+        return self._factored(self._gram(KernelRows(self.B, self._kernels), one), one)
+
+    @property
+    def entries(self) -> int:
+        """Stored entries of G W Gᵀ, over all ranks."""
+        return self._factor.entries
+
+    def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
+        """The coarse problem of the rows of B times weights, with W the metric.
+
+        Its factor takes the place of that of an earlier one that is no longer in use.
+
+        Parameters
+        ----------
+        weights : (dual,)
+            They differ from one on contact rows alone.
+
+        Raises
+        ------
+        ArithmeticError
+            Its G W Gᵀ is singular: some rigid motion is seen by no row with a weight.
+        """
+        result = copy(self)
+        result._oblique, result._product = True, self._product.weighted(weights)
+        factor = self._spare.pop() if self._spare else None
+        factor = self._factored(self._weighed, weights**2, factor)
+        vars(result)["_factor"] = factor
+        if self._layout.of_factor.size == 1:  # ranks may let go of it at different times
+            finalize(result, self._spare.append, factor)
+        return result
+
+    def _factored(
+        self, gram: _Gram, weights: NDArray[np.float64], factor: CoarseFactor | None = None
+    ) -> CoarseFactor:
+        """The factor with weights of contact rows, in place of one with the same pattern."""
+        contact = Blocks.of(self._contact, gram.others.motions, weights)
+        values = gram.others.plus(self._layout.brought(contact)).values
+        factor = factor or CoarseFactor(self._layout, gram.places)
+        factor.take(values.ravel())
+        return factor
+
+    def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """(G W Gᵀ)⁻¹ times a coarse vector."""
+        self._factor.solve(self._layout.spread(rhs), self._solution)
+        out[:] = self._solution[self._layout.own]
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """G times a dual vector."""
+        self._product.restrict(dual, self._coarse, metric=False)
+        out[:] = self._coarse[self._layout.own]
+
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Gᵀ times a coarse vector."""
+        self._product.extend(self._layout.spread(coarse), out, metric=False)
+
+    def carry(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector: the least multipliers whose G is that."""
+        self._factor.solve(self._layout.spread(coarse), self._solution)
+        self._product.extend(self._solution, out, self._oblique)
+
+    def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(G W Gᵀ)⁻¹ G W times a dual vector: the α whose Gᵀ α is closest to it."""
+        return self._solved(dual, self._oblique)[self._layout.own].copy()
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Q x."""
+        self._product.extend(self._solved(x, False), out, self._oblique)
+
+    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Qᵀ x."""
+        self._product.extend(self._solved(x, self._oblique), out, metric=False)
+
+    def project(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """P x = x - Q x; `out` may be `x`."""
+        motions = self._solved(x, False)
+        if out is not x:
+            np.copyto(out, x)
+        self._product.remove(motions, out, self._oblique)
+
+    def project_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Pᵀ x = x - Qᵀ x; `out` may be `x`."""
+        motions = self._solved(x, self._oblique)
+        if out is not x:
+            np.copyto(out, x)
+        self._product.remove(motions, out, metric=False)
+
+    def _solved(self, dual: NDArray[np.float64], metric: bool) -> NDArray[np.float64]:
+        """(G W Gᵀ)⁻¹ G, or with the metric G W, times a dual vector; overwritten by the next."""
+        self._product.restrict(dual, self._coarse, metric)
+        self._factor.solve(self._coarse, self._solution)
+        return self._solution
+
+
+@dataclass(frozen=True, eq=False)
+class _Gram:
+    """G W Gᵀ with zeros where contact rows belong, and where the entries of a matrix are."""
+
+    others: Blocks
+    places: sparse.csr_matrix
+
+
+class _Layout:
+    """Where G Gᵀ lives: whole on every rank up to `SHARED` unknowns, else each rank its rows.
+
+    Parameters
+    ----------
+    kernels
+        Coarse unknowns of this rank.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, kernels: int) -> None:
+        self.comm, self.counts = comm, comm.allgather(kernels)
+        self.starts = np.cumsum([0, *self.counts])
+        self.total = int(self.starts[-1])
+        first, last = (int(n) for n in self.starts[comm.rank :][:2])
+        self.gathered = 1 < comm.size and self.total <= SHARED
+        self.whole = comm.size == 1 or self.gathered
+        self.of_factor = MPI.COMM_SELF if self.gathered else comm
+        self._first, self.rows = (0, self.total) if self.gathered else (first, kernels)
+        self.own = slice(first, last) if self.gathered else slice(0, kernels)
+
+    def spread(self, own: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The vector as it is had here, from this rank's part (collective)."""
+        if not self.gathered:
+            return own
+        result = np.empty(self.total)
+        self.comm.Allgatherv(own, (result, self.counts))
+        return result
+
+    def brought(self, blocks: Blocks) -> Blocks:
+        """The sum of what all ranks have, of the rows that are wanted here (collective)."""
+        blocks = blocks.summed()
+        if self.comm.size == 1:
+            return blocks
+        if self.gathered:
+            return Blocks.join(self.comm.allgather(blocks)).summed()
+        exchange = NodeExchange(self.comm, blocks.starts[:, 0], self.total, self.starts)
+        return blocks.to_owners(exchange).summed()
+
+    def largest(self, blocks: Blocks) -> float:
+        """Largest magnitude on all ranks (collective)."""
+        own = float(np.abs(blocks.values).max(initial=0.0))
+        return float(self.comm.allreduce(own, op=MPI.MAX))
+
+    def places(self, blocks: Blocks) -> sparse.csr_matrix:
+        """Where entries of the matrix of what was brought are among its values."""
+        return blocks.places(self._first, self.rows, self.total)
+
+
+class CoarseFactor:
+    """The factor of G Gᵀ.
+
+    Parameters
+    ----------
+    places
+        Its rows, where `layout` wants them: entry k of the sparse matrix is ``values[places[k]]``
+        of the values it takes.
+    """
+
+    def __init__(self, layout: _Layout, places: sparse.csr_matrix) -> None:
+        self._layout = layout
+        self._places = places.data
+        self._local = sparse.csr_matrix(
+            (np.empty(places.nnz), places.indices, places.indptr), shape=places.shape
+        )
+        self._matrix = PETSc.Mat()
+        # a singular G Gᵀ is for the caller to tell; CHOLMOD would write to the terminal, too
+        PETSc.Options().setValue("mat_cholmod_print", 0)
+        self._pc = PETSc.PC().create(layout.of_factor)
+        self._pc.setType("cholesky")
+        self._pc.setFactorSolverType("cholmod" if layout.of_factor.size == 1 else "mumps")
+        self._source, self._target = (
+            PETSc.Vec().createWithArray(np.empty(layout.rows), comm=layout.of_factor)
+            for _ in range(2)
+        )
+
+    @property
+    def entries(self) -> int:
+        """Stored entries, over all ranks."""
+        return int(self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+
+    def take(self, values: NDArray[np.float64]) -> None:
+        """Factor values; what depends on the pattern alone is done the first time.
+
+        Only where the factor is this rank's alone can it be asked again.
+
+        Raises
+        ------
+        ArithmeticError
+            The matrix is singular.
+        """
+        np.take(values, self._places, out=self._local.data)
+        if not self._matrix:
+            self._matrix = petsc_rows(self._layout.of_factor, self._local, self._layout.rows)
+            self._matrix.setOption(PETSc.Mat.Option.SPD, True)
+            self._pc.setOperators(self._matrix)
+        else:  # it lives on these arrays
+            self._matrix.assemble()
+        try:
+            with one_openmp_thread():
+                self._pc.setUp()
+        except PETSc.Error as error:
+            raise ArithmeticError(
+                "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"
+            ) from error
+
+    def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """(G Gᵀ)⁻¹ times a coarse vector, both as the layout has them."""
+        on_arrays(self._pc.apply, self._source, rhs, self._target, out)
+
+
+class _ThroughInterface:
+    """G = Rᵀ Bᵀ as it is written (protocol `Restriction`).
+
+    B once, then one product with the small dense kernel of each class.
+    """
+
+    def __init__(
+        self,
+        B: ConstraintMatrix,
+        kernels: Sequence[tuple[int, NDArray[np.float64]]],
+        layout: _Layout,
+        metric: NDArray[np.float64],
+    ) -> None:
+        self._B, self._layout, self._metric = B, layout, metric
+        self._weights = RowWeights(np.ones(B.rows)), RowWeights(metric)
+        self._classes = _kernel_parts(kernels)
+        self._interface = np.empty(B.columns)
+        self._coarse = np.empty(layout.counts[layout.comm.rank])
+        self._dual = np.empty(B.rows)
+
+    def weighted(self, weights: NDArray[np.float64]) -> _ThroughInterface:
+        """The same of the rows of B times weights."""
+        result = copy(self)
+        result._weights = RowWeights(weights), RowWeights(weights * self._metric)
+        return result
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """G, or G W, times a dual vector (collective)."""
+        self._B.apply_transpose(self._weights[metric].times(dual, self._dual), self._interface)
+        for interface, coarse, members, R in self._classes:
+            forces = self._interface[interface].reshape(members, -1)
+            # wide results are multiplied faster than narrow ones
+            self._coarse[coarse].reshape(members, -1)[:] = (R.T @ forces.T).T
+        out[:] = self._layout.spread(self._coarse)
+
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
+        own = coarse[self._layout.own]
+        for interface, part, members, R in self._classes:
+            motions = self._interface[interface].reshape(members, -1)
+            np.matmul(own[part].reshape(members, -1), R.T, out=motions)
+        self._B.apply(self._interface, out)
+        self._weights[metric].scale(out)
+
+    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
+        """Subtract that from x (collective)."""
+        self.extend(coarse, self._dual, metric)
+        x -= self._dual
+
+
+def _kernel_parts(
+    kernels: Sequence[tuple[int, NDArray[np.float64]]],
+) -> list[tuple[slice, slice, int, NDArray[np.float64]]]:
+    """Places in interface and coarse vectors, members and kernel of each class."""
+    parts = []
+    interface = coarse = 0
+    for members, R in kernels:
+        ends = interface + members * R.shape[0], coarse + members * R.shape[1]
+        parts.append((slice(interface, ends[0]), slice(coarse, ends[1]), members, R))
+        interface, coarse = ends
+    return parts
+
+
+class ProjectorEquality:
+    """Gλ = 0 as the equality Q x = 0 of a SMALBE solve (protocol `Equalities`).
+
+    Parameters
+    ----------
+    on_penalty
+        Told of each penalty ρ the solver chooses; a preconditioner depends on it.
+    """
+
+    norm = 1.0
+
+    def __init__(
+        self, coarse: CoarseProblem, on_penalty: Callable[[float], None] | None = None
+    ) -> None:
+        self.coarse = coarse
+        self.comm = coarse.comm
+        self.rows = coarse.size
+        self._on_penalty = on_penalty
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Q x."""
+        self.coarse.apply(x, out)
+
+    def apply_transpose(self, multiplier: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Qᵀ times a multiplier; Q is symmetric."""
+        self.coarse.apply(multiplier, out)
+
+    def penalised(self, operator: ProjectedOperator, rho: float) -> PenalisedOperator:
+        """x to P F P x + ρ Q x, with two projections instead of three."""
+        if self._on_penalty is not None:
+            self._on_penalty(rho)
+        return PenalisedOperator(operator, rho)
+
+
+class ProjectedOperator:
+    """Pᵀ F P on dual vectors."""
+
+    def __init__(
+        self, F: Callable[[NDArray[np.float64], NDArray[np.float64]], None], coarse: CoarseProblem
+    ) -> None:
+        self.F = F
+        self.coarse = coarse
+        self.comm = coarse.comm
+        self.size = coarse.size
+        self._projected = np.empty(self.size)
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Pᵀ F P x."""
+        self.coarse.project(x, self._projected)
+        self.F(self._projected, out)
+        self.coarse.project_transpose(out, out)
+
+
+class RangeOperator:
+    """Pᵀ F on the range of P, where it is Pᵀ F P with one projection less.
+
+    Conjugate gradients that start there and are preconditioned within it stay there.
+
+    Attributes
+    ----------
+    image : (interface,)
+        K⁺ Bᵀ x of the last vector x the operator was applied to.
+    """
+
+    def __init__(self, F: DualOperator, coarse: CoarseProblem) -> None:
+        self.F = F
+        self.coarse = coarse
+        self.comm = coarse.comm
+        self.size = coarse.size
+
+    @property
+    def image(self) -> NDArray[np.float64]:
+        """Overwritten by the next product."""
+        return self.F.displacements
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Pᵀ F x."""
+        self.F.apply(x, out)
+        self.coarse.project_transpose(out, out)
+
+
+class PenalisedOperator:
+    """P F P + ρ Q on dual vectors, sharing the first projection.
+
+    Attributes
+    ----------
+    image : (2, kernels)
+        G x and (G Gᵀ)⁻¹ G x of the last vector x the operator was applied to: what ‖Q x‖ needs.
+    """
+
+    def __init__(self, projected: ProjectedOperator, rho: float) -> None:
+        self.projected = projected
+        self.rho = rho
+        self.comm = projected.comm
+        self.size = projected.size
+        self.image = np.empty((2, projected.coarse.kernels))
+        self._q = np.empty(self.size)
+        self._p = np.empty(self.size)
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """P F P x + ρ Q x."""
+        coarse = self.projected.coarse
+        coarse.restrict(x, self.image[0])
+        coarse.solve(self.image[0], self.image[1])
+        coarse.extend(self.image[1], self._q)
+        np.subtract(x, self._q, out=self._p)
+        self.projected.F(self._p, out)
+        coarse.project(out, out)
+        self._q *= self.rho
+        out += self._q
+
+    def image_norm(self, image: NDArray[np.float64]) -> float:
+        """‖Q x‖ = √((G x)ᵀ (G Gᵀ)⁻¹ G x) from the image of x."""
+        square = self.comm.allreduce(float(np.dot(image[0], image[1])))
+        return math.sqrt(max(square, 0.0))

@@ -1,0 +1,337 @@
+"""Sets of rows of B that repeat, and G applied to all of a kind at once.
+
+Rows that touch the same subdomains, those of a face, an edge or a corner, are a dense matrix V on
+the rigid motions of these subdomains: their rows of Gᵀ = B R. Between congruent subdomains V
+repeats, and with the rows of each kind one after another, kind after kind, Gᵀ is a dense product
+for each kind: it reads and writes dual vectors once and never makes one on the interface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+
+from solver.tfeti.coarse.gram import Blocks, KernelRows
+from solver.vectors import blocks, runs
+
+ROWS_OF_A_KIND = 2000
+"""Rows that have to belong to a kind, on average, for its calls to cost less than they save."""
+
+ON_RANKS = 1000
+"""The same on several ranks, where the way through the interface is two halos and a gather."""
+
+OTHERS = 0.2
+"""Share of rows outside all kinds up to which it pays to apply G kind by kind."""
+
+ROWS_AT_ONCE = 2**16
+"""Rows whose motions are subtracted from a vector at once: half a megabyte, which caches hold."""
+
+Hashes = NDArray[np.uint64]
+_Factors = tuple[Any, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """Sets of n rows that are alike, on m subdomains each, one set after another.
+
+    Attributes
+    ----------
+    first
+        The first of their rows.
+    starts : (sets, m)
+        First coarse unknown of each subdomain, over all ranks.
+    V : (n, m · motions)
+        Rows of Gᵀ of each set.
+    """
+
+    first: int
+    starts: NDArray[np.int64]
+    V: NDArray[np.float64]
+
+    @property
+    def rows(self) -> slice:
+        """Where they are."""
+        return slice(self.first, self.first + len(self.starts) * len(self.V))
+
+
+@dataclass(frozen=True, eq=False)
+class _Entries:
+    """Entries of the first components of nodal rows, one for each subdomain they touch.
+
+    Attributes
+    ----------
+    begins : (rows + 1,)
+        Where the entries of each row begin.
+    start, place : (entries,)
+        First coarse unknown of the subdomain, and the kernel of the node's first component.
+    value : (entries,)
+    """
+
+    begins: NDArray[np.int64]
+    start: NDArray[np.int64]
+    place: NDArray[np.int64]
+    value: NDArray[np.float64]
+
+    def of(self, rows: NDArray[np.int64]) -> _Entries:
+        """Those of some rows."""
+        counts = np.diff(self.begins)[rows]
+        begins = np.concatenate([[0], np.cumsum(counts)])
+        entry = runs(self.begins[rows], counts)
+        return _Entries(begins, self.start[entry], self.place[entry], self.value[entry])
+
+    @property
+    def nth(self) -> NDArray[np.int64]:
+        """Which entry of its row each is."""
+        return np.arange(self.begins[-1]) - np.repeat(self.begins[:-1], np.diff(self.begins))
+
+    def summed(self, hashes: Hashes) -> Hashes:
+        """One hash for each row, whose order of entries counts."""
+        return np.asarray(np.add.reduceat(_mixed(hashes, self.nth), self.begins[:-1]))
+
+
+def kinds_of(
+    kernels: KernelRows, rows: NDArray[np.int64], components: int, first: int = 0
+) -> tuple[NDArray[np.int64], list[Kind]]:
+    """The order in which rows of a kind follow one another, and the kinds.
+
+    Where nothing repeats that is the order of the subdomains.
+
+    Parameters
+    ----------
+    rows
+        First rows of runs of `components` rows that do the same to each component of some nodes.
+    first
+        Where the first of them will be among all rows.
+
+    Returns
+    -------
+    The order of the runs, those that belong to no kind last, and the kinds.
+    """
+    fits, entries = _entries(kernels, rows)
+    none = np.flatnonzero(~fits)
+    if not fits.any():
+        return none, []
+    begin, end = entries.begins[:-1], entries.begins[1:] - 1
+    touched = entries.summed(entries.start.view(np.uint64))
+    order = np.lexsort((entries.place[begin], touched, entries.start[end], entries.start[begin]))
+    entries = entries.of(order)
+
+    # sets of rows that touch the same subdomains, and what makes one like another
+    touched = touched[order]
+    sets = np.flatnonzero(np.concatenate([[True], touched[1:] != touched[:-1]]))
+    sizes = np.diff(sets, append=len(touched))
+    seen = kernels.signatures(components)[entries.place] ^ entries.value.view(np.uint64)
+    of_rows = entries.summed(seen)
+    within = np.arange(len(touched)) - np.repeat(sets, sizes)
+    alike = np.add.reduceat(_mixed(of_rows, within), sets)
+    _, one, kind = np.unique(alike, return_index=True, return_inverse=True)
+    appears = np.empty(len(one), np.int64)
+    appears[np.argsort(one)] = np.arange(len(one))
+    by_kind = np.argsort(appears[kind], kind="stable")
+
+    kinds: list[Kind] = []
+    for mine in np.split(by_kind, np.cumsum(np.bincount(appears[kind]))[:-1]):
+        one_set = entries.of(sets[mine[0]] + np.arange(sizes[mine[0]]))
+        width = one_set.begins[1]
+        place, value = one_set.place.reshape(-1, width), one_set.value.reshape(-1, width)
+        V = kernels.values(place, value, components)
+        starts = entries.start[entries.begins[sets[mine]][:, None] + np.arange(width)]
+        kinds.append(Kind(first, starts, V))
+        first = kinds[-1].rows.stop
+    nth = runs(sets[by_kind], sizes[by_kind])
+    return np.concatenate([np.flatnonzero(fits)[order[nth]], none]), kinds
+
+
+def _entries(kernels: KernelRows, rows: NDArray[np.int64]) -> tuple[NDArray[np.bool_], _Entries]:
+    """Which rows touch floating subdomains alone, each once; and the entries of these."""
+    begins, start, width, place, value = kernels.entries_of(rows)
+    row = np.repeat(np.arange(len(rows)), np.diff(begins))
+    bad = width < kernels.motions
+    bad[1:] |= (row[1:] == row[:-1]) & (start[1:] == start[:-1])
+    fits = np.ones(len(rows), bool)
+    fits[row[bad]] = False
+    entries = _Entries(begins, start, place, value)
+    return fits, entries if fits.all() else entries.of(np.flatnonzero(fits))
+
+
+def _mixed(hashes: Hashes, nth: NDArray[np.int64]) -> Hashes:
+    """Hashes whose sum depends on the order of what they were made of."""
+    mixed = (hashes ^ hashes >> np.uint64(32)) * np.uint64(0x9E3779B97F4A7C15)
+    mixed += nth.astype(np.uint64) * np.uint64(0xC2B2AE3D27D4EB4F)
+    mixed = (mixed ^ mixed >> np.uint64(29)) * np.uint64(0x165667B19E3779F9)
+    return np.asarray(mixed ^ mixed >> np.uint64(32))
+
+
+def pays(comm: MPI.Intracomm, kinds: Sequence[Kind], rows: int) -> bool:
+    """Whether to apply G kind by kind rather than by way of the interface (collective).
+
+    Parameters
+    ----------
+    rows
+        Of B on this rank.
+    """
+    inside = sum(k.rows.stop - k.rows.start for k in kinds)
+    least = ROWS_OF_A_KIND if comm.size == 1 else ON_RANKS
+    good = least * len(kinds) <= rows and rows - inside <= OTHERS * rows
+    return bool(comm.allreduce(int(good), op=MPI.MIN))
+
+
+def blocks_of(
+    kinds: Sequence[Kind], motions: int, weights: NDArray[np.float64]
+) -> tuple[Blocks, NDArray[np.bool_]]:
+    """G W Gᵀ of the kinds whose sets have the same weights, Vᵀ W V once for each kind.
+
+    Parameters
+    ----------
+    weights : (dual,)
+        W.
+
+    Returns
+    -------
+    The blocks, and which rows they have in them.
+    """
+    inside = np.zeros(len(weights), bool)
+    parts = [Blocks.of([], motions)]
+    for kind in kinds:
+        sets, m = kind.starts.shape
+        weight = weights[kind.rows].reshape(sets, -1)
+        if not _even(weight):
+            continue
+        inside[kind.rows] = True
+        product = (kind.V.T * weight[0]) @ kind.V
+        between = product.reshape(m, motions, m, motions).transpose(0, 2, 1, 3)
+        pairs = np.stack(np.broadcast_arrays(kind.starts[:, :, None], kind.starts[:, None]), -1)
+        values = np.broadcast_to(between, (sets, *between.shape)).reshape(-1, motions, motions)
+        starts = pairs.reshape(-1, 2)
+        parts.append(Blocks(starts, np.full_like(starts, motions), values))
+    return Blocks.join(parts), inside
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A kind's rows, n to a set, and the motions of its sets, (sets, m · motions).
+
+    Attributes
+    ----------
+    factors
+        V as it restricts and Vᵀ as it extends, and both with W: products with a narrow matrix as it
+        lies in memory are twice as fast as with its transpose.
+    """
+
+    rows: slice
+    motions: NDArray[np.float64]
+    factors: tuple[_Factors, _Factors]
+
+    def few(self, room: NDArray[np.float64]) -> Iterator[tuple[slice, slice, NDArray[np.float64]]]:
+        """Sets a few at a time, their rows, and room for what they have there."""
+        n = len(self.factors[0][0])
+        for sets in blocks(len(self.motions), max(len(room) // n, 1)):
+            begin, end = n * sets.start, n * sets.stop
+            rows = slice(self.rows.start + begin, self.rows.start + end)
+            yield sets, rows, room[: end - begin]
+
+
+class KindProduct:
+    """G and its transpose, kind by kind (protocol `Restriction`).
+
+    Coarse vectors are whole on every rank.
+
+    Parameters
+    ----------
+    kernels
+        The rows of Gᵀ, of the rows of B in the order of the kinds.
+    total
+        Coarse unknowns of all ranks.
+    metric : (dual,)
+        W. A kind whose sets differ in it is applied row by row, as what belongs to no kind.
+    """
+
+    def __init__(
+        self,
+        kernels: KernelRows,
+        kinds: Sequence[Kind],
+        total: int,
+        metric: NDArray[np.float64],
+    ) -> None:
+        self._comm = kernels.comm
+        kinds = [k for k in kinds if _even(metric[k.rows].reshape(len(k.starts), -1))]
+        inside = np.zeros(len(kernels.entries), bool)
+        for kind in kinds:
+            inside[kind.rows] = True
+        self._others = np.flatnonzero(~inside)
+        rest = kernels.matrix(self._others, total)
+        self._rest = _factors(rest), _factors(sparse.diags(metric[self._others]) @ rest)
+        # subdomains one after another, each with all motions
+        seen = [np.zeros(0, np.int64), *(k.starts.ravel() // kernels.motions for k in kinds)]
+        self._seen = np.concatenate(seen)
+        self._shape = total // kernels.motions, kernels.motions
+        places = (self._seen, np.arange(len(self._seen)))
+        shape = self._shape[0], len(self._seen)
+        self._sum = sparse.csr_matrix((np.ones(len(self._seen)), places), shape=shape)
+        self._motions = np.empty((len(self._seen), kernels.motions))
+
+        ends = np.cumsum([0, *(k.starts.size for k in kinds)])
+        self._parts = []
+        for k, a, b in zip(kinds, ends[:-1], ends[1:], strict=True):
+            motions = self._motions[a:b].reshape(len(k.starts), -1)
+            weights, plain = metric[k.rows][: len(k.V), None], _factors(k.V)
+            weighed = plain if (weights == 1.0).all() else _factors(weights * k.V)
+            self._parts.append(_Part(k.rows, motions, (plain, weighed)))
+        widest = max((len(k.V) for k in kinds), default=0)
+        self._room = np.empty(max(widest, min(ROWS_AT_ONCE, len(kernels.entries))))
+
+    def weighted(self, weights: NDArray[np.float64]) -> KindProduct:
+        """The same of the rows of B times weights that are one on the rows of all kinds."""
+        result = copy(self)
+        left = sparse.diags(weights[self._others])
+        plain, weighed = (_factors(left @ rest) for rest, _ in self._rest)
+        result._rest = plain, weighed
+        return result
+
+    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """G, or G W, times a dual vector (collective)."""
+        for p in self._parts:
+            V, _ = p.factors[metric]
+            np.matmul(dual[p.rows].reshape(len(p.motions), -1), V, out=p.motions)
+        out.reshape(self._shape)[:] = self._sum @ self._motions
+        out += self._rest[metric][1] @ dual[self._others]
+        if self._comm.size > 1:
+            self._comm.Allreduce(MPI.IN_PLACE, out)
+
+    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+        """Gᵀ, or W Gᵀ, times a coarse vector."""
+        self._spread(coarse)
+        for p in self._parts:
+            np.matmul(p.motions, p.factors[metric][1], out=out[p.rows].reshape(len(p.motions), -1))
+        out[self._others] = self._rest[metric][0] @ coarse
+
+    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
+        """Subtract that from x, without a vector of its size."""
+        self._spread(coarse)
+        for p in self._parts:
+            for sets, rows, room in p.few(self._room):
+                motions = p.motions[sets]
+                np.matmul(motions, p.factors[metric][1], out=room.reshape(len(motions), -1))
+                x[rows] -= room
+        x[self._others] -= self._rest[metric][0] @ coarse
+
+    def _spread(self, coarse: NDArray[np.float64]) -> None:
+        """The motions of the subdomains of each set."""
+        np.take(coarse.reshape(self._shape), self._seen, 0, out=self._motions, mode="clip")
+
+
+def _even(weights: NDArray[np.float64]) -> bool:
+    """Whether all sets have the same weights, (sets, n)."""
+    return bool((weights == weights[0]).all())
+
+
+def _factors(V: Any) -> tuple[Any, Any]:
+    """A matrix, and its transpose as it lies in memory."""
+    return (V, V.T.tocsr()) if sparse.issparse(V) else (V, V.T.copy())

@@ -1,0 +1,203 @@
+"""Congruence classes: subdomains of one stiffness, solved together.
+
+All members share K, its kernel R and its factor. On the interface, K⁺ acts either as one dense
+block, which makes the class's share of the dual operator a single matrix product, or through
+sparse solves with a column for each member.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+
+from solver.tfeti.subdomain.costs import BlockKind, choose_block, relaxing_pays
+from solver.tfeti.subdomain.generalised_inverse import (
+    Block,
+    DenseBlock,
+    GeneralisedInverse,
+    Inverse,
+    SymmetricInverse,
+)
+from solver.tfeti.subdomain.kernels import check_kernel, fixing_nodes, orthonormal_kernel
+from solver.tfeti.subdomain.reflections import find_symmetry
+
+DENSE_GAIN = 20.0
+"""How many times faster a dense product runs, a multiplication, than a sparse one."""
+
+MEMBERS_AT_ONCE = 128
+"""Members whose full vectors are worked on together."""
+
+
+@dataclass(frozen=True, eq=False)
+class SubdomainClass:
+    """Subdomains of equal stiffness on this rank.
+
+    Attributes
+    ----------
+    stiffness : (n, n)
+        K, before any condition is imposed.
+    kernel : (n, k)
+        Orthonormal rigid motions R; k = 0 where held unknowns are eliminated instead.
+    motions : (n, r)
+        The same where held unknowns are eliminated, too.
+    free : (m,)
+        Unknowns that are solved for; all of them unless held ones are eliminated.
+    interface : (i,)
+        Unknowns that B touches in some member, in the order in which K⁺ takes them.
+    members
+        How many subdomains share all this.
+    inverse
+        K⁺ on the free unknowns.
+    block : (i, i) or None
+        K⁺ between interface unknowns, where that pays.
+    relaxes
+        Whether a preconditioner of Schur complements pays.
+    """
+
+    stiffness: sparse.csr_matrix
+    kernel: NDArray[np.float64]
+    motions: NDArray[np.float64]
+    free: NDArray[np.int64]
+    interface: NDArray[np.int64]
+    members: int
+    inverse: Inverse
+    block: Block | None
+    relaxes: bool
+
+    @property
+    def unknowns(self) -> int:
+        """Unknowns of one member."""
+        return self.stiffness.shape[0]
+
+    @cached_property
+    def interface_stiffness(self) -> sparse.csr_matrix:
+        """K between interface unknowns, (i, i)."""
+        return self.stiffness[self.interface][:, self.interface].tocsr()
+
+    @cached_property
+    def row_sums(self) -> NDArray[np.float64]:
+        """Σ_j |K_ij| of each unknown, (n,)."""
+        return np.asarray(abs(self.stiffness).sum(axis=1)).ravel()
+
+    @cached_property
+    def preconditioning(self) -> Block | sparse.csr_matrix:
+        """What stands for K on the interface in a preconditioner, dense where that is faster.
+
+        A Schur complement is in single precision, where its condition allows it; certificates
+        need it in double.
+        """
+        if self.schur_complement is not None:
+            assert self.block is not None
+            return self.schur_complement.in_single(self.block)
+        S = self.interface_stiffness
+        return DenseBlock(S.toarray()) if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S
+
+    @cached_property
+    def schur_complement(self) -> Block | None:
+        """K on the interface with all other unknowns relaxed; None where it does not pay."""
+        if self.block is None or not self.relaxes:
+            return None
+        try:
+            return self.block.schur_complement(self.kernel[self.interface])
+        except np.linalg.LinAlgError:  # a body so slender that its block has no digits left
+            return None
+
+    def batches(self) -> Iterator[slice]:
+        """Members a few at a time, for work whose temporaries should stay small."""
+        for begin in range(0, self.members, MEMBERS_AT_ONCE):
+            yield slice(begin, min(begin + MEMBERS_AT_ONCE, self.members))
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """K⁺ on full vectors, (n, s) to (n, s); held unknowns stay zero."""
+        if len(self.free) == self.unknowns:
+            return self.inverse.solve(loads)
+        result = np.zeros(loads.shape, order="F")
+        result[self.free] = self.inverse.solve(loads[self.free])
+        return result
+
+    def apply_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """K⁺ on interface vectors, one row a member: (s, i) to (s, i)."""
+        if self.block is not None:
+            self.block.apply(loads, out)
+            return
+        full = np.zeros((len(self.free), len(loads)), order="F")
+        full[self._place] = loads.T
+        out[:] = self.inverse.solve(full)[self._place].T
+
+    @cached_property
+    def _place(self) -> NDArray[np.int64]:
+        """Of the interface among the free unknowns."""
+        return np.searchsorted(self.free, self.interface)
+
+
+def subdomain_class(
+    stiffness: sparse.csr_matrix,
+    points: NDArray[np.float64],
+    dimension: int,
+    touched: NDArray[np.int64],
+    members: int,
+    eliminated: NDArray[np.int64] | None,
+    sharing: MPI.Intracomm | None = None,
+) -> SubdomainClass:
+    """Factor the stiffness of a congruence class and choose how K⁺ is applied.
+
+    Parameters
+    ----------
+    stiffness : (n, n)
+        K; unknown ``node * dimension + component``.
+    points : (nodes, 3)
+    touched
+        Unknowns B touches in some member. Their mirror images join the interface where the class
+        is symmetric.
+    eliminated
+        Held unknowns that are eliminated; None where the members float.
+    sharing
+        All ranks, where all make this class now, with the same `touched`: they share the work.
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        The stiffness resists a rigid motion, or has further zero-energy modes.
+    """
+    # what is decided here is decided alike on all ranks that share
+    most = sharing.allreduce(members, op=MPI.MAX) if sharing else members
+    rigid = orthonormal_kernel(points, dimension)
+    check_kernel(stiffness, rigid)
+    every = np.arange(stiffness.shape[0])
+    inverse: Inverse
+    if eliminated is not None:
+        free = np.setdiff1d(every, eliminated)
+        kernel = np.zeros((len(every), 0))
+        inverse = GeneralisedInverse(stiffness[free][:, free], kernel[free], every[:0])
+        interface = touched
+        how = choose_block(len(free), len(touched), most, 1, dimension)
+    else:
+        free, kernel = every, rigid
+        nodes = fixing_nodes(points, dimension)
+        fixing = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
+        symmetry = find_symmetry(points, dimension, stiffness)
+        interface = np.unique(touched)
+        if symmetry is not None:
+            interface = symmetry.split(symmetry.closure(touched)).unknowns
+        order = symmetry.order if symmetry else 1
+        how = choose_block(len(free), len(interface), most, order, dimension)
+        if symmetry is None or how is BlockKind.NONE:
+            inverse = GeneralisedInverse(stiffness, kernel, fixing)
+        else:
+            stiffness = symmetry.average(stiffness)
+            inverse = SymmetricInverse(stiffness, kernel, fixing, symmetry, sharing)
+    block: Block | None = None
+    if how is not BlockKind.NONE:
+        block = inverse.restricted(np.searchsorted(free, interface))
+        if how is BlockKind.DENSE:
+            block = DenseBlock(block.toarray())
+    relaxes = block is not None and relaxing_pays(len(interface), most, block.order)
+    return SubdomainClass(
+        stiffness, kernel, rigid, free, interface, members, inverse, block, relaxes
+    )

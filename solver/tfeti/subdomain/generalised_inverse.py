@@ -1,0 +1,481 @@
+"""A generalised inverse K⁺ of a singular stiffness by sparse Cholesky factors.
+
+Fixing nodes carry the regularisation (Brzobohatý, Dostál, Kozubek, Kovář, Markopoulos, *Cholesky
+decomposition with fixing nodes to stable computation of a generalized inverse of the stiffness
+matrix of a floating structure*, 2011): with N the rows of the kernel R at the fixing nodes and
+zeros elsewhere,
+
+    K_ρ = K + ρ N (Nᵀ N)⁻¹ Nᵀ
+
+is positive definite, and K_ρ x = K u implies Rᵀ N (Nᵀ N)⁻¹ Nᵀ x = Nᵀ x = 0, hence K x = K u:
+K K_ρ⁻¹ K = K exactly, whatever ρ. Where the subdomain has reflections and the fixing nodes keep
+them, K_ρ falls into one block for each character, and so does everything made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, Protocol, Self
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+from scipy.linalg import lapack
+
+from solver.openmp import one_openmp_thread
+from solver.tfeti.subdomain.reflections import Split, Symmetry
+from solver.tfeti.subdomain.sharing import made_together
+from solver.vectors import on_arrays
+
+COLUMNS_AT_ONCE = 256
+"""Right-hand sides a sparse solve takes at once; more only cost memory."""
+
+DENSE = 0.035
+"""Share of nonzero entries from which a matrix is factored as a dense one: of cells in space up to
+some 1700 unknowns, where the part of its inverse on the interface takes a third of the time of
+sparse solves; near 2600 as long."""
+
+SINGLE_CONDITION = 1e5
+"""Condition up to which a preconditioner's matrices are kept in single precision: its products are
+twice as fast then, and their errors, 1e-7, stay far below its smallest eigenvalues."""
+
+NO_FACTOR = (
+    "a subdomain's stiffness has no Cholesky factor once its rigid motions are fixed: it has "
+    "further zero-energy modes, or cells of no volume"
+)
+
+Matrix = NDArray[np.floating[Any]]
+
+
+class Inverse(Protocol):
+    """K⁺ of one class."""
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> Block:
+        """K⁺ between some unknowns."""
+
+
+class Block(Protocol):
+    """A dense part of K⁺, symmetric, applied to many members at once.
+
+    Attributes
+    ----------
+    order : int
+        Blocks on its diagonal once vectors are split by reflections; 1 where they are not.
+    """
+
+    order: int
+
+    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """One row a member: (s, m) to (s, m)."""
+
+    def toarray(self) -> NDArray[np.float64]:
+        """The block as one matrix, (m, m)."""
+
+    def schur_complement(self, kernel: NDArray[np.float64]) -> Block:
+        """The stiffness between the same unknowns with all others relaxed.
+
+        Parameters
+        ----------
+        kernel : (m, k)
+            Rigid motions there, independent.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The block is not positive definite to working precision.
+        """
+
+    def in_single(self, inverse: Self) -> Block:
+        """The same stiffness in single precision where its condition allows that, or itself.
+
+        Parameters
+        ----------
+        inverse
+            The part of K⁺ that it was made of.
+        """
+
+
+class CholeskyFactor:
+    """CHOLMOD's factor of a sparse positive definite matrix, through PETSc.
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix is not positive definite.
+    """
+
+    def __init__(self, matrix: sparse.spmatrix) -> None:
+        rows = matrix.tocsr()
+        rows.sort_indices()
+        self.size = rows.shape[0]
+        if not self.size:  # all is held: PETSc factors no empty matrix
+            return
+        petsc = PETSc.Mat().createAIJWithArrays(
+            rows.shape,
+            (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+            comm=PETSc.COMM_SELF,
+        )
+        petsc.setOption(PETSc.Mat.Option.SPD, True)
+        self._pc = PETSc.PC().create(PETSc.COMM_SELF)
+        self._pc.setOperators(petsc)
+        self._pc.setType("cholesky")
+        self._pc.setFactorSolverType("cholmod")
+        try:
+            with one_openmp_thread():
+                self._pc.setUp()
+        except PETSc.Error as error:
+            raise ArithmeticError(NO_FACTOR) from error
+        self._factor = self._pc.getFactorMatrix()
+        # their own arrays are never touched: they only lend their shape
+        self._source, self._target = (
+            PETSc.Vec().createWithArray(np.empty(self.size), comm=PETSc.COMM_SELF) for _ in range(2)
+        )
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
+        result = np.empty(loads.shape, order="F")
+        loads = np.asfortranarray(loads)
+        if loads.shape[1] == 1 and self.size:
+            # without matrices made about it
+            on_arrays(self._factor.solve, self._source, loads[:, 0], self._target, result[:, 0])
+            return result
+        for begin in range(0, loads.shape[1] if self.size else 0, COLUMNS_AT_ONCE):
+            part = slice(begin, begin + COLUMNS_AT_ONCE)
+            b = PETSc.Mat().createDense(
+                loads[:, part].shape, array=loads[:, part], comm=PETSc.COMM_SELF
+            )
+            x = PETSc.Mat().createDense(
+                loads[:, part].shape, array=result[:, part], comm=PETSc.COMM_SELF
+            )
+            self._factor.matSolve(b, x)
+            b.destroy()
+            x.destroy()
+        return result
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The inverse between some unknowns, (m, m), symmetric."""
+        block = np.empty((len(unknowns), len(unknowns)))
+        for begin in range(0, len(unknowns), COLUMNS_AT_ONCE):
+            part = unknowns[begin : begin + COLUMNS_AT_ONCE]
+            unit = np.zeros((self.size, len(part)), order="F")
+            unit[part, np.arange(len(part))] = 1.0
+            block[:, begin : begin + len(part)] = self.solve(unit)[unknowns]
+        block += block.T.copy()
+        block *= 0.5
+        return block
+
+
+class DenseFactor:
+    """LAPACK's factor of a small symmetric positive definite matrix, made when it is first needed.
+
+    With some unknowns eliminated last, L of A = L Lᵀ ends in a factor of the Schur complement on
+    them, and their part of A⁻¹ is its inverse: a fraction of the work of solves.
+    """
+
+    def __init__(self, matrix: sparse.csr_matrix) -> None:
+        self.size = matrix.shape[0]
+        self._matrix = matrix
+        self._order: NDArray[np.int64] | None = None
+        self._lower = np.empty((0, 0))
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The inverse times each column: (n, columns) to (n, columns), both in Fortran order.
+
+        Raises
+        ------
+        ArithmeticError
+            The matrix is not positive definite; `restricted` raises it, too.
+        """
+        if self._order is None:
+            self._eliminate(np.zeros(0, np.int64))
+        ordered = loads.T[:, self._order].T
+        solved, _ = lapack.dpotrs(self._lower, ordered, lower=1, overwrite_b=1)
+        result = np.empty(loads.shape, order="F")
+        result.T[:, self._order] = solved.T
+        return result
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The inverse between some unknowns, (m, m), symmetric."""
+        self._eliminate(unknowns)
+        if not len(unknowns):
+            return np.empty((0, 0))
+        begin = self.size - len(unknowns)
+        block, _ = lapack.dpotri(self._lower[begin:, begin:], lower=1)
+        block = np.tril(block)
+        block += np.tril(block, -1).T
+        return block
+
+    def _eliminate(self, last: NDArray[np.int64]) -> None:
+        first = np.ones(self.size, bool)
+        first[last] = False
+        order = np.concatenate([np.flatnonzero(first), last])
+        place = np.empty(self.size, np.int64)
+        place[order] = np.arange(self.size)
+        entries = self._matrix.tocoo()
+        dense = np.zeros(entries.shape, order="F")
+        dense[place[entries.row], place[entries.col]] = entries.data
+        self._lower, failed = lapack.dpotrf(dense, lower=1, clean=0, overwrite_a=1)
+        if failed:
+            raise ArithmeticError(NO_FACTOR)
+        self._order = order
+
+
+class GeneralisedInverse:
+    """K⁺ of a symmetric positive semidefinite sparse matrix by one factor (protocol `Inverse`).
+
+    Parameters
+    ----------
+    stiffness : (n, n)
+        K.
+    kernel : (n, k)
+        Orthonormal basis of the null space; k = 0 for a definite matrix.
+    fixing : (m,)
+        Unknowns that carry the regularisation: the kernel restricted to them has full rank.
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix has a larger null space than the kernel, or is not positive semidefinite.
+    """
+
+    def __init__(
+        self,
+        stiffness: sparse.csr_matrix,
+        kernel: NDArray[np.float64],
+        fixing: NDArray[np.int64],
+    ) -> None:
+        self._factor = CholeskyFactor(_regularised(stiffness, kernel, fixing))
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
+        return self._factor.solve(loads)
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> DenseBlock:
+        """K⁺ between some unknowns."""
+        return DenseBlock(self._factor.restricted(unknowns))
+
+
+class SymmetricInverse:
+    """K⁺ of a subdomain with reflections: one factor for each character (protocol `Inverse`).
+
+    Parameters and errors are those of `GeneralisedInverse`; `fixing` may be any set, its mirror
+    images are added. Ranks that have the same class share the work on its blocks through `comm`.
+    """
+
+    def __init__(
+        self,
+        stiffness: sparse.csr_matrix,
+        kernel: NDArray[np.float64],
+        fixing: NDArray[np.int64],
+        symmetry: Symmetry,
+        comm: MPI.Intracomm | None = None,
+    ) -> None:
+        self.symmetry = symmetry
+        self._comm = comm
+        regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
+        self._split = symmetry.split(np.arange(stiffness.shape[0]))
+        self._factors: list[CholeskyFactor | DenseFactor] = []
+        bases = self._split.bases(stiffness.shape[0])
+        for V, (first, orbit) in zip(bases, self._split.orbits, strict=True):
+            # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
+            matrix = sparse.diags(orbit) @ (regular[first] @ V)
+            dense = 0.0 < DENSE * matrix.shape[0] ** 2 <= matrix.nnz
+            self._factors.append(DenseFactor(matrix) if dense else CholeskyFactor(matrix))
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
+        result = np.empty(loads.shape, order="F")
+        order = self._split.unknowns
+        back = np.argsort(order)
+        for begin in range(0, loads.shape[1], COLUMNS_AT_ONCE):
+            part = slice(begin, begin + COLUMNS_AT_ONCE)
+            rows = loads.T[part][:, order]
+            coordinates = self._split.forward(rows)
+            for factor, place in zip(self._factors, self._split.places, strict=True):
+                coordinates[:, place] = factor.solve(coordinates[:, place].T).T
+            self._split.backward(coordinates, rows)
+            result.T[part] = rows[:, back]
+        return result
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> SymmetricBlock:
+        """K⁺ between some unknowns, which are in the order of a split."""
+        inside = np.zeros(len(self._split.unknowns), bool)
+        inside[unknowns] = True
+        chosen = [np.flatnonzero(inside[first]) for first, _ in self._split.orbits]
+        blocks = made_together(
+            self._comm,
+            [partial(f.restricted, c) for f, c in zip(self._factors, chosen, strict=True)],
+            [(len(c), len(c)) for c in chosen],
+        )
+        return SymmetricBlock(blocks, self.symmetry.split(unknowns), self._comm)
+
+
+class DenseBlock:
+    """A dense part of K⁺ as one matrix (protocol `Block`), in whose precision it is applied."""
+
+    order = 1
+
+    def __init__(self, matrix: Matrix) -> None:
+        self.matrix = matrix
+
+    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """One row a member: (s, m) to (s, m)."""
+        if self.matrix.dtype == out.dtype:
+            np.matmul(loads, self.matrix, out=out)
+        else:
+            out[:] = loads.astype(self.matrix.dtype) @ self.matrix
+
+    def toarray(self) -> NDArray[np.float64]:
+        """The block as one matrix, (m, m)."""
+        return self.matrix.astype(np.float64, copy=False)
+
+    def schur_complement(self, kernel: NDArray[np.float64]) -> DenseBlock:
+        """The stiffness between the same unknowns with all others relaxed."""
+        return DenseBlock(_relaxed(self.matrix, _range(kernel, np.linalg.norm(kernel))))
+
+    def in_single(self, inverse: DenseBlock) -> DenseBlock:
+        """The same in single precision, where its inverse says that it may be."""
+        fits = _fits_single(inverse.matrix, self.matrix, np.ones(len(self.matrix)))
+        return DenseBlock(self.matrix.astype(np.float32)) if fits else self
+
+
+class SymmetricBlock:
+    """A dense part of K⁺ as one matrix for each character (protocol `Block`).
+
+    Parameters
+    ----------
+    blocks : one (m_χ, m_χ) array a character
+        (V_χᵀ K V_χ)⁻¹ between coordinates of the interface; applied in their precision.
+    split
+        The coordinates; loads and displacements are in the order of its unknowns.
+    comm
+        Ranks that hold the same block and share work on it.
+    """
+
+    MEMBERS_AT_ONCE = 128
+    """Members transformed together: few enough for small temporaries, enough for a fast product."""
+
+    def __init__(
+        self,
+        blocks: Sequence[Matrix],
+        split: Split,
+        comm: MPI.Intracomm | None = None,
+    ) -> None:
+        self.blocks, self.split = blocks, split
+        self._comm = comm
+        self._precision = np.result_type(*blocks) if blocks else np.dtype(np.float64)
+        self.order = split.order
+
+    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """One row a member: (s, m) to (s, m)."""
+        for begin in range(0, len(loads), self.MEMBERS_AT_ONCE):
+            members = slice(begin, begin + self.MEMBERS_AT_ONCE)
+            coordinates = self.split.forward(loads[members].astype(self._precision, copy=False))
+            solved = np.empty_like(coordinates)
+            for place, block in zip(self.split.places, self.blocks, strict=True):
+                np.matmul(coordinates[:, place], block, out=solved[:, place])
+            if self._precision == out.dtype:
+                self.split.backward(solved, out[members])
+            else:
+                self.split.backward(solved, coordinates)
+                out[members] = coordinates
+
+    def toarray(self) -> NDArray[np.float64]:
+        """The block as one matrix, (m, m)."""
+        identity = np.eye(len(self.split.unknowns))
+        result = np.empty_like(identity)
+        self.apply(identity, result)
+        return result
+
+    def schur_complement(self, kernel: NDArray[np.float64]) -> SymmetricBlock:
+        """The stiffness between the same unknowns with all others relaxed."""
+        coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
+        makers = []
+        for block, place, (_, orbit) in zip(
+            self.blocks, self.split.places, self.split.orbits, strict=True
+        ):
+            # the bases are orthogonal, their squares the sizes of the orbits
+            motions = _range(coordinates[:, place].T, np.linalg.norm(coordinates))
+            makers.append(partial(_relaxed, block, motions, 1.0 / orbit))
+        shapes = [block.shape for block in self.blocks]
+        return SymmetricBlock(made_together(self._comm, makers, shapes), self.split, self._comm)
+
+    def in_single(self, inverse: SymmetricBlock) -> SymmetricBlock:
+        """The same in single precision, where its inverse says that it may be."""
+        orbits = [orbit.astype(np.float64) for _, orbit in self.split.orbits]
+        if not all(map(_fits_single, inverse.blocks, self.blocks, orbits)):
+            return self
+        blocks = [block.astype(np.float32) for block in self.blocks]
+        return SymmetricBlock(blocks, self.split, self._comm)
+
+
+def _fits_single(inverse: Matrix, stiffness: Matrix, scale: NDArray[np.float64]) -> bool:
+    """Whether rounding to single precision leaves a stiffness definite, by its condition.
+
+    Parameters
+    ----------
+    inverse
+        On the same coordinates, whose squares are `scale`.
+    """
+    if not len(scale):
+        return True
+    row_sums = scale * (np.abs(stiffness) @ scale)
+    return bool(np.linalg.norm(inverse, 1) * row_sums.max() < SINGLE_CONDITION)
+
+
+def _relaxed(
+    block: NDArray[np.float64],
+    kernel: NDArray[np.float64],
+    weights: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """S = A⁻¹ - Y (Rᵀ Y)⁻¹ Yᵀ with Y = A⁻¹ R, from A = K⁺ on the interface; its kernel is R.
+
+    A force g = S w does no work on R, and A g = w + R c for some c; so A⁻¹ (w + R c) = g, and what
+    is subtracted makes R the kernel and vanishes at w + R c, for Yᵀ (w + R c) = Rᵀ g = 0.
+
+    Parameters
+    ----------
+    weights : (m,)
+        Scale of the result on both sides, where coordinates are not normalised; R is given in
+        them as a force is.
+    """
+    inverse, failed = lapack.dpotrf(block, lower=0, clean=1)
+    if not failed:
+        inverse, failed = lapack.dpotri(inverse, lower=0, overwrite_c=1)
+    if failed:
+        raise np.linalg.LinAlgError("K⁺ on the interface is not positive definite")
+    inverse += np.triu(inverse, 1).T
+    if weights is not None:
+        inverse *= weights
+        inverse *= weights[:, None]
+    if kernel.shape[1]:
+        forces = inverse @ kernel
+        inverse -= forces @ np.linalg.solve(kernel.T @ forces, forces.T)
+    return np.ascontiguousarray(inverse)
+
+
+def _range(motions: NDArray[np.float64], size: np.floating) -> NDArray[np.float64]:
+    """Orthonormal basis of the columns' span but for rounding, (m, k) to (m, rank)."""
+    basis, sizes, _ = np.linalg.svd(motions, full_matrices=False)
+    return basis[:, sizes > 1e-10 * size]
+
+
+def _regularised(
+    stiffness: sparse.csr_matrix, kernel: NDArray[np.float64], fixing: NDArray[np.int64]
+) -> sparse.csr_matrix:
+    """K + ρ N (Nᵀ N)⁻¹ Nᵀ; K itself where there is no kernel."""
+    if not kernel.shape[1]:
+        return stiffness
+    basis = np.linalg.qr(kernel[fixing])[0]
+    ρ = float(stiffness.diagonal().mean())
+    rows, columns = np.meshgrid(fixing, fixing, indexing="ij")
+    block = sparse.csr_matrix(
+        ((ρ * basis @ basis.T).ravel(), (rows.ravel(), columns.ravel())), shape=stiffness.shape
+    )
+    return (stiffness + block).tocsr()

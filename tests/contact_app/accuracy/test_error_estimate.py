@@ -1,0 +1,148 @@
+"""The estimate of the discretisation error: its size, and what it must not depend on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests import scenes
+from tests.comparison import solve
+from tests.contact_app.model.test_convergence import column, confined_modulus
+from tests.contact_app.model.test_two_bodies import stack
+from tests.ranks import summary_of
+
+CELLS = scenes.CELLS_3D + scenes.CELLS_2D
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_own_weight_against_the_exact_solution(cell: str) -> None:
+    """‖u - u_h‖² = 2 (J(u_h) - J(u)) with J(u) = -w²/(6 M): effectivity near 1, order 1."""
+    weight = 20.0
+    exact = -(weight**2) / (6 * confined_modulus(1000.0, 0.3))
+    vertical = scenes.dimension(cell) - 1
+    estimates = []
+    for n in (2, 4, 8):
+        made = column(cell, n)
+        force = scenes.vector(cell, 0, 0, -weight)
+        made["conditions"].append({"in": "block", "force": force})
+        solved = solve(made, [1, 2, 2][: vertical + 1])
+        norm = np.sqrt(-2 * solved.summary["solution"]["energy"])
+        error = np.sqrt(2 * (solved.summary["solution"]["energy"] - exact)) / norm
+        estimate = solved.accuracy.discretisation
+        assert 0.8 < estimate / error < 1.5, (n, estimate / error)
+        estimates.append(estimate)
+    assert np.log2(estimates[-2] / estimates[-1]) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_zero_where_the_mesh_is_exact(cell: str) -> None:
+    """The contact patch: a constant stress, with rollers, a loaded and a touching side."""
+    made = column(cell, 3)
+    load = scenes.vector(cell, 0, 0, -30.0)
+    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    solved = solve(made, [2] * scenes.dimension(cell), tolerance=1e-12)
+    assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(30.0)
+    assert solved.accuracy.discretisation < 1e-9
+    assert solved.accuracy.algebraic < 1e-6
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_zero_where_a_body_one_cell_thick_is_exact(cell: str, degree: int) -> None:
+    """The same patch: across it cells tell nothing, and stresses may not be taken for half."""
+    made, d = column(cell, 3), scenes.dimension(cell)
+    made["bodies"][0]["mesh"]["box"]["cells"] = [1] + [3] * (d - 1)
+    made["bodies"][0]["degree"] = degree
+    load = scenes.vector(cell, 0, 0, -30.0)
+    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    assert solve(made, tolerance=1e-10).accuracy.discretisation < 1e-8
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_zero_where_degree_2_is_exact(cell: str) -> None:
+    """A stress linear in height: a column under its own weight, on one and many subdomains."""
+    made = column(cell, 2)
+    made["bodies"][0]["degree"] = 2
+    made["conditions"].append({"in": "block", "force": scenes.vector(cell, 0, 0, -20.0)})
+    for parts in (1, [2] * scenes.dimension(cell)):
+        solved = solve(made, parts, tolerance=1e-12)
+        assert solved.summary["solution"]["max_contact_pressure"] > 10.0
+        assert solved.accuracy.discretisation < 1e-8
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_zero_where_the_mesh_is_exact_with_mean_dilatation(cell: str) -> None:
+    made = column(cell, 3)
+    made["bodies"][0]["mean_dilatation"] = True
+    made["bodies"][0]["material"]["poisson"] = 0.49
+    load = scenes.vector(cell, 0, 0, -30.0)
+    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    solved = solve(made, [2] * scenes.dimension(cell), tolerance=1e-12)
+    assert solved.accuracy.discretisation < 1e-9
+
+
+def test_zero_where_two_bodies_share_a_constant_stress() -> None:
+    solved = solve(stack("hexahedron", "tetrahedron", (2, 3)), [2, 1, 2], tolerance=1e-12)
+    assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(10.0)
+    assert solved.accuracy.discretisation < 1e-9
+
+
+def test_zero_where_nothing_is_strained() -> None:
+    """A body that is only moved has no energy to refer to."""
+    cell = "hexahedron"
+    moved = {"on": "block.z-", "displacement": [0.1, 0.2, 0.3]}
+    solved = solve(scenes.config(cell, [scenes.block(cell, 3)], [moved], []), [2, 1, 1])
+    assert set(solved.accuracy.as_dict().values()) == {0.0}
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("name", ["wall", "sphere"])
+def test_independent_of_the_decomposition(name: str, cell: str) -> None:
+    made = scenes.ALL[name](cell, 4)
+    whole = solve(made, 1, tolerance=1e-11).accuracy.discretisation
+    assert 0.02 < whole < 1.0
+    for parts in ([2, 1, 2][: scenes.dimension(cell)], [3] * scenes.dimension(cell), 5):
+        assert solve(made, parts, tolerance=1e-11).accuracy.discretisation == pytest.approx(
+            whole, rel=1e-6
+        )
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_independent_of_the_decomposition_with_degree_2(cell: str) -> None:
+    made = scenes.ALL["wall"](cell, 3)
+    made["bodies"][0]["degree"] = 2
+    whole = solve(made, 1, tolerance=1e-11).accuracy.discretisation
+    assert 0.02 < whole < 1.0
+    for parts in ([2, 1, 2][: scenes.dimension(cell)], 4):
+        assert solve(made, parts, tolerance=1e-11).accuracy.discretisation == pytest.approx(
+            whole, rel=1e-6
+        )
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "triangle"])
+def test_algebraic_error_bounds_the_distance_from_the_exact_answer(cell: str) -> None:
+    """With a loose tolerance the total error grows by what the bound says, at most."""
+    made = scenes.ALL["wall"](cell, 6)
+    fine, loose = (solve(made, 4, tolerance=t) for t in (1e-11, 3e-2))
+    energy = [s.summary["solution"]["energy"] for s in (fine, loose)]
+    assert 0.0 <= energy[1] - energy[0]
+    norm = np.sqrt(2 * abs(energy[0]))
+    assert np.sqrt(2 * (energy[1] - energy[0])) / norm <= loose.accuracy.algebraic * 1.01
+    assert loose.accuracy.algebraic > 10 * fine.accuracy.algebraic
+    assert loose.accuracy.total == pytest.approx(
+        np.hypot(loose.accuracy.discretisation, loose.accuracy.algebraic)
+    )
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+def test_independent_of_ranks(tmp_path: Path) -> None:
+    made = scenes.ALL["sphere"]("tetrahedron", 4)
+    made["decomposition"] = {"subdomains": [2, 2, 2]}
+    one, three = (summary_of(made, tmp_path, n)["accuracy"] for n in (1, 3))
+    # what the solver leaves of its tolerance goes by rounding
+    left = [accuracy.pop("algebraic") for accuracy in (one, three)]
+    assert max(left) < 1e-6
+    assert three == pytest.approx(one, rel=1e-9)

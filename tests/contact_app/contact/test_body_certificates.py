@@ -1,0 +1,202 @@
+"""Each body is certified by its own sizes: weak beside strong, stiff on soft, moved far.
+
+Every scene here was once certified with a wrong answer, or not certified with a right one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver.contact.certificate import certify
+from tests import scenes
+from tests.comparison import solve
+
+
+def box(name: str, lower: list[float], upper: list[float], cells: list[int], **material: float):
+    material = {"young": 1.0e5, "poisson": 0.3, **material}
+    mesh = {"box": {"lower": lower, "upper": upper, "cells": cells}}
+    return {"name": name, "mesh": mesh, "material": material}
+
+
+def plane(point: list[float], normal: list[float]) -> dict[str, Any]:
+    return {"plane": {"point": point, "normal": normal}}
+
+
+def beside(weak: float, strong: bool = True) -> scenes.Config:
+    """A cantilever bent onto a floor by a small traction, and a block that is pulled hard."""
+    small = box("small", [10, 0, 0], [14, 1, 1], [20, 5, 5])
+    big = box("big", [0, 0, 0], [1, 1, 1], [4, 4, 4])
+    floor = plane([0, -1e-4 * weak, 0], [0, 1, 0])
+    conditions: list[dict[str, Any]] = [
+        {"on": "small.x-", "displacement": [0, 0, 0]},
+        {"on": "small.y+", "traction": [0, -weak, 0]},
+    ]
+    if strong:
+        conditions += [
+            {"on": "big.y-", "displacement": [0, 0, 0]},
+            {"on": "big.y+", "traction": [0, 1000, 0]},
+        ]
+    return {
+        "dimension": 3,
+        "bodies": [big, small] if strong else [small],
+        "conditions": conditions,
+        "contacts": [{"on": "small.y-", "obstacle": floor}],
+    }
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, "auto"])
+@pytest.mark.parametrize("weak", [1e-2, 1e-6])
+def test_a_weak_body_beside_a_strong_one(weak: float, tolerance: float | str) -> None:
+    """Homogeneity: its pressure is that of the body alone, times the load."""
+    alone = solve(beside(1.0, strong=False), tolerance=1e-10).summary
+    both = solve(beside(weak), [4, 2, 2], tolerance=tolerance).summary
+    assert both["certificate"]["passed"]
+    loose = 5e-3 if tolerance == "auto" else 1e-4
+    expected = weak * alone["solution"]["max_contact_pressure"]
+    assert both["solution"]["max_contact_pressure"] == pytest.approx(expected, rel=loose)
+    force = weak * alone["solution"]["contact_force"][1]
+    assert both["solution"]["contact_force"][1] == pytest.approx(force, rel=loose)
+
+
+def test_an_error_of_the_weak_body_is_seen_and_named() -> None:
+    solved = solve(beside(1e-6), [4, 2, 2], tolerance=1e-8)
+    problem, answer = solved.model.problem, solved.solution
+    assert answer.certificate.passed
+    wrong = [u.copy() for u in answer.displacements]
+    for u, body in zip(wrong, problem.bodies.members, strict=True):
+        u[:, body == 1] *= 1.01
+    seen, measures = certify(problem, answer.multiplier, wrong, 1e-8)
+    assert not seen.passed
+    assert seen.deciding(1e-8) == 1
+    assert seen.duality_gap > 1e-6
+    assert measures.gap < 1e-10 * abs(measures.energy), "nobody would see it beside the strong one"
+    assert seen.lacks(1e-8) > 10.0
+
+
+def on_rubber(cell: str = "hexahedron") -> scenes.Config:
+    """Steel on rubber, between walls that keep it from spreading."""
+    steel = box("steel", [0, 0, 0], [2, 2, 2], [4, 4, 4], young=2.1e5)
+    rubber = box("rubber", [-1, -1, -1], [3, 3, 0], [4, 4, 2], young=1.0, poisson=0.4)
+    walls = {
+        "x+": plane([2, 0, 0], [-1, 0, 0]),
+        "x-": plane([0, 0, 0], [1, 0, 0]),
+        "y-": plane([0, 0, 0], [0, 1, 0]),
+        "y+": plane([0, 2, 0], [0, -1, 0]),
+    }
+    return {
+        "dimension": 3,
+        "bodies": [rubber, steel],
+        "conditions": [
+            {"on": "rubber.z-", "displacement": [0, 0, 0]},
+            {"on": "steel.z+", "traction": [0, 0, -0.01]},
+        ],
+        "contacts": [{"on": f"steel.{side}", "obstacle": wall} for side, wall in walls.items()]
+        + [{"on": "steel.z-", "against": "rubber.z+"}],
+    }
+
+
+@pytest.mark.parametrize(("tolerance", "right"), [(1e-6, 2e-3), ("auto", 2e-2)])
+def test_a_stiff_body_on_a_soft_one(tolerance: float | str, right: float) -> None:
+    """The walls' pressure comes from strains that are a hundred thousandth of its motion."""
+    exact = solve(on_rubber(), tolerance=1e-11).solution
+    found = solve(on_rubber(), tolerance=tolerance).solution
+    assert found.certificate.passed
+    scale = np.abs(exact.multiplier).max()
+    assert np.abs(found.multiplier - exact.multiplier).max() < right * scale
+
+
+def test_groups_are_bodies_that_pairs_connect() -> None:
+    made = on_rubber()
+    made["bodies"].append(box("apart", [20, 0, 0], [21, 1, 1], [2, 2, 2]))
+    made["conditions"] += [
+        {"on": "apart.x-", "displacement": [0, 0, 0]},
+        {"on": "apart.x+", "traction": [1e-3, 0, 0]},
+    ]
+    solved = solve(made, tolerance=1e-6)
+    bodies, measures = solved.model.problem.bodies, solved.solution.measures
+    assert bodies.groups[0] == bodies.groups[1] != bodies.groups[2]
+    assert measures.gaps.shape == (2,)
+    pairs = bodies.rows[bodies.rows[:, 0] != bodies.rows[:, 1]]
+    assert len(pairs) == (solved.model.problem.contact.sources == 4).sum() > 0
+    assert solved.summary["certificate"]["decided_by"] in ("rubber", "steel", "apart")
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, "auto"])
+def test_a_load_on_the_face_that_touches(tolerance: float | str) -> None:
+    """The obstacle takes it, nothing moves: certified, and no error can be told of nothing."""
+    made = {
+        "dimension": 2,
+        "bodies": [box("b", [0, 0], [3, 1], [6, 3], young=1000.0)],
+        "conditions": [
+            {"on": "b.x+", "displacement": [0, 0]},
+            {"on": "b.y-", "traction": [0, -1]},
+        ],
+        "contacts": [{"on": "b.y-", "obstacle": plane([0, 0], [0, 1])}],
+    }
+    summary = solve(made, tolerance=tolerance).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solution"]["max_displacement"] < 1e-12
+    assert summary["solution"]["contact_force"][1] == pytest.approx(2.75)  # one corner is held
+    assert summary["accuracy"]["discretisation"] is None
+    assert summary["accuracy"]["total"] is None
+
+
+def moved(squeeze: float, distance: float = 10.0) -> scenes.Config:
+    """A block carried along and squeezed a little against a plane."""
+    return {
+        "dimension": 3,
+        "bodies": [box("b", [0, 0, 0], [1, 1, 1], [4, 4, 4])],
+        "conditions": [{"on": "b.z-", "displacement": [distance, 0, 0.005]}],
+        "contacts": [{"on": "b.z+", "obstacle": plane([0, 0, 1.005 - squeeze], [0, 0, -1])}],
+    }
+
+
+@pytest.mark.parametrize("subdomains", [1, [2, 2, 2]])
+def test_a_body_moved_far_and_squeezed_a_little(subdomains: Any) -> None:
+    """Its strains have digits, and so do energy and accuracy, however it is cut."""
+    near = solve(moved(1e-8, distance=0.0), 1, tolerance=1e-10).summary
+    far = solve(moved(1e-8), subdomains).summary
+    assert far["certificate"]["passed"]
+    assert far["solution"]["energy"] == pytest.approx(near["solution"]["energy"], rel=1e-4)
+    assert far["accuracy"]["discretisation"] == pytest.approx(
+        near["accuracy"]["discretisation"], rel=1e-3
+    )
+    assert 0.0 < far["accuracy"]["round_off"] < 1e-3
+
+
+def test_digits_that_are_not_there_are_not_certified() -> None:
+    summary = solve(moved(3e-13)).summary
+    certificate = summary["certificate"]
+    assert not certificate["passed"]
+    assert certificate["duality_gap"] > 1e-3
+    assert any("rounding errors of its displacements" in w for w in certificate["warnings"])
+    assert summary["accuracy"]["total"] is None
+
+
+def test_contact_forces_that_rounding_makes_are_told() -> None:
+    """Squeezed by a few last digits of its motion: its forces may be rounding errors."""
+    summary = solve(moved(1e-14)).summary
+    told = summary["certificate"]["warnings"]
+    assert any("its contact forces" in w and "rounding errors" in w for w in told)
+    assert summary["accuracy"]["total"] is None
+
+
+def test_a_body_that_is_merely_moved_is_certified() -> None:
+    made = moved(1.0)
+    made["contacts"] = []
+    for subdomains in (1, [2, 1, 1]):
+        solved = solve(made, subdomains)
+        assert solved.solution.certificate.passed
+        assert solved.solution.certificate.warnings == ()
+        assert solved.accuracy.total == 0.0
+
+
+def test_what_is_no_number_passes_nothing() -> None:
+    certificate = solve(beside(1.0, strong=False)).solution.certificate
+    assert certificate.lacks(1e-6) <= 1.0
+    broken = type(certificate)(0.0, 0.0, 0.0, 0.0, math.nan, 0.0, passed=False)
+    assert not broken.judged(1.0).passed

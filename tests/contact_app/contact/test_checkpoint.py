@@ -1,0 +1,257 @@
+"""A stopped run goes on from the step that it had reached and ends with the same answer."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.errors import ConfigurationError
+from contact_app.model.model import build_model
+from contact_app.run.progress import together
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
+from solver import SMALBE, Counts, Reason, Step
+from solver.contact.checkpoint import Attention, Checkpoint, Saver
+from solver.contact.driver import Solution, solve
+from solver.qp.smalbe import Restart
+from solver.tfeti.dual import DualProblem
+
+CUBE = Path(__file__).parents[3] / "configs" / "cube.yaml"
+
+
+@pytest.fixture(scope="module")
+def scene() -> Any:
+    overrides = ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]"]
+    return build_scene(load(CUBE, overrides))
+
+
+@pytest.fixture(scope="module")
+def problem(scene: Any) -> DualProblem:
+    return build_model(scene, MPI.COMM_SELF).problem
+
+
+def stopped_after(outer: int) -> Any:
+    return lambda event: isinstance(event, Step) and event.outer > outer
+
+
+def stopped_after_steps(steps: int) -> Any:
+    taken = itertools.count(1)
+    return lambda event: next(taken) > steps
+
+
+def go(
+    problem: DualProblem, scene: Any, directory: Path, stop: Any, resume: bool, every: float = 1e9
+) -> Solution:
+    """Solve; as in a run, a step at which it is stopped is saved, and steps `every` seconds."""
+    checkpoint = Checkpoint(directory, MPI.COMM_SELF, resume, every)
+    asked = [False]
+
+    def ask(event: Step) -> None:
+        asked[0] = stop is not None and stop(event)
+
+    monitor = together(ask, Attention(MPI.COMM_SELF, lambda: asked[0], checkpoint))
+    solution = solve(problem, scene.solver, monitor, checkpoint)
+    assert (solution.reason is Reason.STOPPED) == (stop is not None)
+    return solution
+
+
+def state_of(directory: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((directory / "checkpoint.json").read_text())["state"]
+    return found
+
+
+@pytest.fixture
+def smalbe_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No active sets but those of SMALBE."""
+    monkeypatch.setattr("solver.contact.active_set.FACES", 0)
+
+
+def test_a_solve_stopped_on_a_face_goes_on_from_there(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    straight = solve(problem, scene.solver, None)
+    assert straight.counts.outer == 0
+    stopped = go(problem, scene, tmp_path, stopped_after_steps(8), resume=False)
+    assert not stopped.converged
+    gap = stopped.certificate.duality_gap
+    assert gap < 0.1  # what it had reached on the face, not where SMALBE handed over
+    spent = state_of(tmp_path)["counts"]["hessian"]
+    assert spent == stopped.counts.hessian
+    resumed = go(problem, scene, tmp_path, None, resume=True)
+    assert resumed.converged
+    # of 16 products 8 are spent, and a new start of conjugate gradients costs a few
+    assert resumed.counts.hessian - spent <= straight.counts.hessian - spent + 4
+    assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
+
+
+@pytest.mark.usefixtures("smalbe_alone")
+def test_a_resumed_solve_ends_with_the_same_answer(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    straight = solve(problem, scene.solver, None)
+    stopped = go(problem, scene, tmp_path, stopped_after(4), resume=False)
+    assert not stopped.converged
+    assert state_of(tmp_path)["outer"] == 4
+    resumed = go(problem, scene, tmp_path, None, resume=True)
+    assert resumed.converged
+    assert resumed.counts.outer == pytest.approx(straight.counts.outer, abs=2)
+    # going on costs the start's product, and the steps of the outer iteration that was cut
+    assert resumed.counts.hessian <= straight.counts.hessian + 5
+    assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
+    largest = np.abs(straight.displacements[0]).max()
+    for a, b in zip(resumed.displacements, straight.displacements, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * largest)
+
+
+@pytest.mark.usefixtures("smalbe_alone")
+def test_one_checkpoint_is_left_and_it_can_be_removed(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    go(problem, scene, tmp_path, stopped_after(5), resume=False)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["checkpoint-1.vectors", "checkpoint.json"]
+    go(problem, scene, tmp_path, stopped_after(7), resume=True)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["checkpoint-2.vectors", "checkpoint.json"]
+    Checkpoint(tmp_path, MPI.COMM_SELF, True).remove()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("smalbe_alone")
+def test_a_checkpoint_of_another_problem_is_refused(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    go(problem, scene, tmp_path, stopped_after(3), resume=False)
+    other = build_scene(
+        load(CUBE, ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]",
+                    "conditions.1.traction=[0,0,-466]"])
+    )  # fmt: skip
+    with pytest.raises(ConfigurationError, match="another problem"):
+        go(build_model(other, MPI.COMM_SELF).problem, scene, tmp_path, None, resume=True)
+
+
+@pytest.mark.usefixtures("smalbe_alone")
+def test_a_damaged_checkpoint_is_refused(problem: DualProblem, scene: Any, tmp_path: Path) -> None:
+    go(problem, scene, tmp_path, stopped_after(3), resume=False)
+    (tmp_path / "checkpoint-1.vectors").write_bytes(b"")
+    with pytest.raises(ConfigurationError, match="no readable checkpoint"):
+        go(problem, scene, tmp_path, None, resume=True)
+
+
+def test_a_checkpoint_of_another_number_of_ranks_is_refused(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    """Rows have another order there, and the work that was spent would be lost unseen."""
+    go(problem, scene, tmp_path, stopped_after_steps(5), resume=False)
+    path = tmp_path / "checkpoint.json"
+    path.write_text(path.read_text().replace('"ranks": 1', '"ranks": 2'))
+    with pytest.raises(ConfigurationError, match="written on 2 ranks"):
+        go(problem, scene, tmp_path, None, resume=True)
+
+
+def test_without_a_checkpoint_a_resumed_run_starts_from_the_beginning(
+    problem: DualProblem, tmp_path: Path
+) -> None:
+    assert Checkpoint(tmp_path, MPI.COMM_SELF, True).load(problem) is None
+
+
+KINDS = {
+    "conjugate gradients on an active set": ({}, 6, True),
+    "the first outer iteration of SMALBE": ({}, 5, False),
+    "MPRGP on contact rows alone": ({"decomposition.subdomains": 1, "tolerance": 1e-10}, 8, True),
+    "conjugate gradients without contact": ({"contacts": [], "tolerance": 1e-10}, 20, True),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("ended", ["stopped", "killed"])
+def test_whatever_the_algorithm_does_it_goes_on_from_there(
+    kind: str, ended: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By far fewer products than from the beginning, to the same answer."""
+    changes, steps, on_sets = KINDS[kind]
+    if not on_sets:  # no active sets, and a first outer iteration of more than a few steps
+        monkeypatch.setattr("solver.contact.active_set.FACES", 0)
+        monkeypatch.setattr("solver.contact.driver.SMALBE", partial(SMALBE, M=1e-3))
+    overrides = ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]"]
+    overrides += [f"{'solver.' * (k == 'tolerance')}{k}={v}" for k, v in changes.items()]
+    scene = build_scene(load(CUBE, overrides))
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    straight = solve(problem, scene.solver, None)
+    if ended == "stopped":
+        go(problem, scene, tmp_path, stopped_after_steps(steps), resume=False)
+    else:  # at a step, without a word; a checkpoint is written at every step
+
+        def kill(event: Step) -> bool:
+            if taken(event):
+                raise KeyboardInterrupt
+            return False
+
+        taken = stopped_after_steps(steps)
+        with pytest.raises(KeyboardInterrupt):
+            go(problem, scene, tmp_path, kill, resume=False, every=0.0)
+    state = state_of(tmp_path)
+    assert state["outer"] == 0
+    assert (state["rho"] > 0.0) is not on_sets
+    spent = state["counts"]["hessian"]
+    assert spent >= steps - 2
+    resumed = go(problem, scene, tmp_path, None, resume=True)
+    assert resumed.converged
+    assert resumed.counts.hessian - spent <= straight.counts.hessian - 0.5 * spent
+    assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
+
+
+def a_state(problem: DualProblem) -> Restart:
+    x = np.arange(float(problem.size))
+    return Restart(1, x, -x, 1.0, 1.0, 1.0, 0.0, (), Counts())
+
+
+def test_a_checkpoint_is_due_by_time_and_at_a_stop(problem: DualProblem, tmp_path: Path) -> None:
+    event = Step(1, 1, "cg", 1.0, 1.0, 0, 0.0)
+    checkpoint = Checkpoint(tmp_path, MPI.COMM_SELF, False, every=1e9)
+    checkpoint.load(problem)
+    assert not Attention(MPI.COMM_SELF, lambda: False, checkpoint)(event)
+    assert not checkpoint.due
+    Saver(checkpoint)(a_state(problem))
+    assert not list(tmp_path.iterdir())
+    checkpoint.every = 0.0
+    assert not Attention(MPI.COMM_SELF, lambda: False, checkpoint)(event)
+    assert checkpoint.due
+    checkpoint.every, checkpoint.due = 1e9, False
+    assert Attention(MPI.COMM_SELF, lambda: True, checkpoint)(event)
+    assert checkpoint.due
+    Saver(checkpoint, Counts(hessian=3))(a_state(problem))
+    assert not checkpoint.due
+    assert state_of(tmp_path)["counts"]["hessian"] == 3
+    again = Checkpoint(tmp_path, MPI.COMM_SELF, True).load(problem)
+    assert again is not None
+    np.testing.assert_array_equal(again.x, np.arange(problem.size))
+    np.testing.assert_array_equal(again.multiplier, -np.arange(problem.size))
+
+
+def test_what_a_solve_ended_with_is_held_for_a_stop_that_comes_later(
+    problem: DualProblem, scene: Any, tmp_path: Path
+) -> None:
+    checkpoint = Checkpoint(tmp_path, MPI.COMM_SELF, False)
+    straight = solve(problem, scene.solver, None, checkpoint)
+    assert not list(tmp_path.iterdir())
+    checkpoint.save_held()
+    resumed = go(problem, scene, tmp_path, None, resume=True)
+    assert resumed.converged
+    assert resumed.counts.hessian <= straight.counts.hessian + 3
+
+
+def test_a_disk_that_takes_no_checkpoint_does_not_end_the_run(
+    problem: DualProblem, scene: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    gone = tmp_path / "gone"  # never made
+    assert solve(problem, scene.solver, None).converged
+    checkpoint = Checkpoint(gone, MPI.COMM_SELF, False, every=0.0)
+    monitor = Attention(MPI.COMM_SELF, lambda: False, checkpoint)
+    assert solve(problem, scene.solver, monitor, checkpoint).converged
+    assert "no checkpoint could be written" in caplog.text

@@ -1,0 +1,199 @@
+"""The method follows the scene: what is solved, and what is left out."""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import weakref
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.model import build_model
+from contact_app.run.run import solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
+from solver.contact import active_set as faces
+from solver.contact.active_set import Face
+from solver.contact.driver import certified_answer
+from solver.tfeti.feasible import feasible_multiplier
+from tests import scenes
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+def summary(name: str, *overrides: str) -> dict[str, Any]:
+    return solve_scene(build_scene(load(CONFIGS / f"{name}.yaml", overrides))).summary
+
+
+def test_a_scene_that_touches_nothing_ends_with_conjugate_gradients() -> None:
+    found = summary("cube", "contacts.0.obstacle.plane.point=[2,0,0]")
+    assert found["certificate"]["passed"]
+    assert found["solver"]["outer_iterations"] == 0
+    assert found["solution"]["active_contacts"] == 0
+    without = summary("cube", "contacts=[]")
+    assert found["solution"]["energy"] == pytest.approx(without["solution"]["energy"], rel=1e-9)
+
+
+def test_equal_loads_are_solved_for_once() -> None:
+    """A traction on the top loads alike the members below it; what they do is what each does."""
+    scene = build_scene(
+        load(
+            CONFIGS / "cube.yaml",
+            ["bodies.0.mesh.box.cells=[8,8,8]", "decomposition.subdomains=[2,2,2]"],
+        )
+    )
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    (cls,), (loads,) = problem.classes, problem.loads
+    loaded = np.flatnonzero(loads.any(axis=0))
+    asked: list[int] = []
+
+    class Counting:
+        def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+            asked.append(loads.shape[1])
+            return cls.inverse.solve(loads)
+
+    counting = replace(problem, classes=(replace(cls, inverse=Counting()),))
+    free = counting.free_displacements.reshape(cls.members, -1)
+    assert len(loaded) == 4
+    assert asked == [1]
+    each = cls.solve(np.asfortranarray(loads))
+    np.testing.assert_allclose(free, each[cls.interface].T, atol=1e-12 * np.abs(each).max())
+    zero = np.zeros(problem.size)
+    work = counting.strain_energy(zero, counting.free_displacements)
+    assert work == pytest.approx(float(np.vdot(loads, each)), rel=1e-12)
+
+
+def test_one_held_subdomain_has_neither_gluing_nor_coarse_problem() -> None:
+    overrides = ["decomposition.subdomains=[1,1,1]", "bodies.0.mesh.box.cells=[6,6,6]"]
+    scene = build_scene(load(CONFIGS / "cube.yaml", overrides))
+    model = build_model(scene, MPI.COMM_SELF)
+    assert model.problem.coarse is None
+    assert model.problem.size == 42  # the wall's nodes less those of the foot
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("cylinder", ["bodies.0.degree=1", "bodies.0.mesh.box.cells=[30,20,3]"]),
+        ("tilted_plane", []),
+        ("plate_and_pins", []),
+    ],
+)
+def test_faces_end_what_augmented_lagrangians_are_slow_with(
+    name: str, overrides: list[str]
+) -> None:
+    """Bodies that bend, and one kept by contact alone: SMALBE takes 911, 367 and 332 products."""
+    found = summary(name, *overrides)
+    assert found["certificate"]["passed"]
+    assert found["solver"]["hessian_multiplications"] < 150
+
+
+@pytest.mark.parametrize("name", ["cube", "stack", "plate_and_pins"])
+def test_smalbe_finds_the_same_answer_without_faces(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_faces = summary(name)
+    monkeypatch.setattr("solver.contact.active_set.FACES", 0)
+    alone = summary(name)
+    assert alone["certificate"]["passed"]
+    assert alone["solver"]["outer_iterations"] > 5
+    assert with_faces["solver"]["outer_iterations"] <= 1
+    assert alone["solution"]["energy"] == pytest.approx(with_faces["solution"]["energy"], rel=1e-5)
+    assert alone["solution"]["active_contacts"] == pytest.approx(
+        with_faces["solution"]["active_contacts"], abs=2
+    )
+
+
+def test_the_default_cube_stays_cheap() -> None:
+    """The paper's best expansion takes 269 products on its mesh, this scene 39."""
+    assert summary("cube")["solver"]["hessian_multiplications"] <= 45
+
+
+def test_a_repaired_multiplier_is_admissible() -> None:
+    """λ ≥ 0 on contact rows and Gλ = e, whatever iterate it starts from."""
+    made = scenes.ALL["floating_in_corner"]("hexahedron", 4)
+    problem = build_model(scenes.build(made, [2, 2, 2]), MPI.COMM_SELF).problem
+    assert problem.coarse is not None
+    random = np.random.default_rng(3)
+    size = np.abs(problem.offset).max()
+    x = 1e-3 * size * random.normal(size=problem.size)
+    assert problem.lower is not None
+    x = np.maximum(x, problem.lower)
+    repaired = feasible_multiplier(problem, problem.offset + x, x > problem.lower)
+    assert (repaired[problem.inequality] >= 0).all()
+    work = np.empty(len(problem.e))
+    problem.coarse.restrict(repaired, work)
+    np.testing.assert_allclose(work, problem.e, atol=1e-11 * np.abs(problem.e).max())
+
+
+def test_an_answer_far_from_the_solution_is_not_certified() -> None:
+    scene = scenes.build(scenes.ALL["wall"]("hexahedron", 4), [2, 2, 2])
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    answer = certified_answer(problem, np.zeros(problem.size), None, 1e-9)
+    assert not answer.certificate.passed
+    assert answer.certificate.duality_gap > 1e-3
+    assert answer.certificate.equilibrium < 1e-9
+
+
+def test_a_face_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without waiting for Python's collector: on large problems each holds a gigabyte."""
+    made: list[weakref.ref[Face]] = []
+    alive: list[int] = []
+    begin = Face.__init__
+
+    def counting(self: Face, *arguments: Any) -> None:
+        alive.append(sum(face() is not None for face in made))
+        made.append(weakref.ref(self))
+        begin(self, *arguments)
+
+    monkeypatch.setattr(Face, "__init__", counting)
+    gc.disable()
+    try:
+        summary("cube")
+    finally:
+        gc.enable()
+    assert len(alive) > 3
+    assert max(alive) == 0
+
+
+def test_active_sets_that_come_back_are_decided_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second face is made to ask for the first again, as one left too early may."""
+    looks: list[float] = []
+    sets: list[NDArray[np.bool_]] = []
+    decide = faces.decide
+
+    def hasty(face: Face, *arguments: Any) -> faces.Outcome:
+        looks.append(arguments[5])
+        sets.append(face.touching)
+        found = decide(face, *arguments)
+        if len(looks) == 2:
+            found = replace(found, reason=None, following=sets[0])
+        return found
+
+    monkeypatch.setattr(faces, "decide", hasty)
+    found = summary("cube")
+    assert found["certificate"]["passed"]
+    assert found["solver"]["outer_iterations"] == 0
+    assert looks[1] == looks[0]
+    assert looks[2] == pytest.approx(0.1 * looks[0])
+
+
+def test_rows_of_b_come_one_face_edge_or_corner_after_another() -> None:
+    """Rows that touch the same subdomains are one run of them; contact rows last, by node."""
+    made = scenes.ALL["wall"]("hexahedron", 6)
+    problem = build_model(scenes.build(made, [3, 3, 3]), MPI.COMM_SELF).problem
+    begins, columns, _ = problem.B.matrix.getValuesCSR()
+    widths = [len(c.interface) for c in problem.classes for _ in range(c.members)]
+    subdomain = np.repeat(np.arange(len(widths)), widths)
+    contact = np.flatnonzero(problem.inequality)
+    assert contact[0] == problem.size - len(contact)
+    touched = [tuple(subdomain[part]) for part in np.split(columns, begins[1:-1])][: contact[0]]
+    runs = 1 + sum(one != next for one, next in itertools.pairwise(touched))
+    assert runs == len(set(touched))
+    assert (np.diff(problem.contact.nodes) >= 0).all()

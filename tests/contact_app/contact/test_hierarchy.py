@@ -1,0 +1,76 @@
+"""Levels of contact rows: nested, for slender bodies alone, and worth their faces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from contact_app.run.run import solve_scene
+from contact_app.studies.failing_scenes import Config, slender, wall
+from solver.tfeti.columns import on_columns
+from solver.tfeti.constraints.hierarchy import RowLevels
+from solver.tfeti.dual import DualProblem
+from tests import scenes
+
+
+def problem(made: Config, parts: list[int]) -> DualProblem:
+    return build_model(scenes.build(made, parts), MPI.COMM_WORLD).problem
+
+
+def test_levels_of_a_slender_body_are_nested_and_even() -> None:
+    """Each has the rows of the one before, and about twice as many, no stretch without."""
+    dual = problem(slender(100.0, [200, 2]), [10, 1])
+    levels = RowLevels(dual, thinned=True)
+    x = dual.contact.points[:, 0]
+    before = np.zeros(dual.size, bool)
+    counts = []
+    while not levels.finest:
+        assert not (before & ~levels.allowed).any()
+        chosen = np.sort(x[levels.allowed[dual.inequality]])
+        counts.append(len(chosen))
+        assert np.diff(chosen).max() < 2.5 / len(chosen)
+        before = levels.allowed
+        levels.refine()
+    assert counts[0] <= 16
+    assert len(counts) >= 4
+    assert all(a < b <= 2.5 * a for a, b in zip(counts, counts[1:], strict=False))
+    assert levels.allowed is dual.inequality
+
+
+@pytest.mark.parametrize("made", [wall(16), slender(5.0, [45, 9])])
+def test_thick_bodies_have_none(made: Config) -> None:
+    assert RowLevels(problem(made, [2, 1]), thinned=True).finest
+
+
+def test_columns_of_a_slender_body_are_hardly_more_than_rows_that_touch() -> None:
+    """And their forces answer the optimality conditions of the whole problem."""
+    dual = problem(slender(100.0, [200, 2]), [1, 1])
+    forces, products = on_columns(dual)
+    touching = int((forces > 0.0).sum())
+    assert 0 < touching <= products <= 1.1 * touching
+    gradient = np.empty(dual.size)
+    dual.F.apply(forces, gradient)
+    gradient -= dual.d
+    size = np.abs(dual.d).max()
+    assert forces.min() >= 0.0
+    assert gradient.min() > -1e-9 * size
+    assert np.abs(gradient[forces > 0.0]).max() < 1e-9 * size
+
+
+def test_thick_bodies_take_no_columns() -> None:
+    forces, products = on_columns(problem(slender(5.0, [45, 9]), [1, 1]))
+    assert products == 0
+    assert not forces.any()
+
+
+@pytest.mark.parametrize("parts", [[10, 1], [1, 1]])
+def test_a_slender_body_costs_less_than_thrice_its_thick_twin(parts: list[int]) -> None:
+    """Without levels it takes 5 times as many in parts and 8 times as many whole."""
+    products = []
+    for made in (slender(100.0, [200, 2]), slender(5.0, [45, 9])):
+        summary = solve_scene(scenes.build(made, parts)).summary
+        assert summary["certificate"]["passed"]
+        products.append(summary["solver"]["hessian_multiplications"])
+    assert products[0] < 3 * products[1]

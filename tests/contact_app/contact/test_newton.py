@@ -1,0 +1,88 @@
+"""The last way to an answer, Newton's method on displacements, against the reference."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from solver import Reason
+from solver.contact.certificate import certify
+from solver.primal.newton import NewtonOptions, solve_by_newton
+from tests import scenes
+from tests.comparison import reference_of
+from tests.ranks import python
+
+NAMES = [
+    "wall", "tilted_plane", "hollow_sphere", "floating_in_corner", "two_planes",
+    "duplicate_obstacles", "two_bodies", "initially_penetrating", "no_contacts",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("subdomains", [None, 1, [2, 1, 1]])
+@pytest.mark.parametrize("name", NAMES)
+def test_certified_to_rounding_errors(name: str, subdomains: int | list[int] | None) -> None:
+    cell = "hexahedron"
+    n = 4 if name == "two_bodies" else 2
+    made = scenes.ALL[name](cell, n)
+    if subdomains == 1:
+        subdomains = len(made["bodies"])
+    problem = build_model(scenes.build(made, subdomains), MPI.COMM_SELF).problem
+    found = solve_by_newton(problem)
+    assert found.reason is Reason.CONVERGED
+    assert (found.multiplier[problem.inequality] >= 0.0).all()
+    certificate, measures = certify(problem, found.multiplier, found.displacements, 1e-9)
+    assert certificate.passed, certificate
+    known = reference_of(name, cell, n)
+    assert measures.energy == pytest.approx(known.energy, rel=1e-9, abs=1e-14)
+
+
+def test_it_begins_with_given_contact_forces() -> None:
+    problem = build_model(scenes.build(scenes.wall("hexahedron", 4)), MPI.COMM_SELF).problem
+    cold = solve_by_newton(problem)
+    warm = solve_by_newton(problem, cold.multiplier)
+    assert warm.counts.hessian < cold.counts.hessian
+    scale = np.abs(cold.multiplier).max()
+    assert np.abs(warm.multiplier - cold.multiplier).max() < 1e-9 * scale
+
+
+def test_it_stops_when_it_is_told() -> None:
+    problem = build_model(scenes.build(scenes.wall("hexahedron", 4)), MPI.COMM_SELF).problem
+    seen = []
+    found = solve_by_newton(problem, monitor=lambda step: seen.append(step) or len(seen) == 3)
+    assert found.reason is Reason.STOPPED
+    assert len(seen) == 3
+    limited = solve_by_newton(problem, options=NewtonOptions(inner=2))
+    assert limited.reason is Reason.MAX_ITERATIONS
+    assert limited.counts.hessian == 2
+
+
+PROGRAM = """
+import json, sys
+from mpi4py import MPI
+from solver.contact.certificate import certify
+from contact_app.model.model import build_model
+from solver.primal.newton import solve_by_newton
+from tests import scenes
+made = scenes.ALL[sys.argv[1]]("hexahedron", 4)
+problem = build_model(scenes.build(made, [2, 1, 2]), MPI.COMM_WORLD).problem
+found = solve_by_newton(problem)
+certificate, measures = certify(problem, found.multiplier, found.displacements, 1e-9)
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps({"energy": measures.energy, "passed": certificate.passed}))
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", ["wall", "floating_in_corner"])
+def test_the_same_on_two_ranks(name: str) -> None:
+    told = []
+    for ranks in (1, 2):
+        done = python("-c", PROGRAM, name, ranks=ranks, limit=120)
+        assert done.returncode == 0, done.stderr
+        told.append(json.loads(done.stdout.strip().splitlines()[-1]))
+    assert all(one["passed"] for one in told)
+    assert told[0]["energy"] == pytest.approx(told[1]["energy"], rel=1e-11)

@@ -1,0 +1,312 @@
+"""How a run ends: its exit code, its message, and what stands in the directory."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests import scenes
+from tests.ranks import ENVIRONMENT, ROOT
+
+FINAL = {"solution.xdmf", "solution.h5", "summary.json"}
+LOGS = {"history.csv", "run.log"}
+
+FAULT = """
+import os, sys
+where, rank, kind, *sys.argv[1:] = sys.argv[1:]
+import contact_app.run.run
+def fail(*_, **__):
+    raise {"disk": OSError(28, "No space left on device"), "memory": MemoryError(),
+           "bug": TypeError("a mistake")}[kind]
+if int(os.environ.get("OMPI_COMM_WORLD_RANK", 0)) == int(rank):
+    setattr(contact_app.run.run, where, fail)
+from contact_app.cli import main
+main()
+"""
+"""``contact-app`` with a function of `contact_app.run.run` that fails on one rank."""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    made = scenes.wall("quadrilateral", 4)
+    made["decomposition"] = {"subdomains": [2, 2]}
+    return scenes.write(made, tmp_path / "scene.yaml")
+
+
+def start(
+    *words: str | Path, ranks: int = 1, shell: str = "", python: str = "", **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """`contact-app` in a process of its own.
+
+    Parameters
+    ----------
+    shell
+        What stands behind the command: redirections.
+    python
+        A program in place of ``-m contact_app``.
+    """
+    program = ["-c", python] if python else ["-m", "contact_app"]
+    command = [sys.executable, *program, *map(str, words)]
+    if ranks > 1:
+        command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
+    if shell:
+        command = ["bash", "-c", f'"$@" {shell}', "-", *command]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=120, cwd=ROOT,
+        env={**os.environ, **ENVIRONMENT, **environment},
+    )  # fmt: skip
+
+
+def left(directory: Path) -> set[str]:
+    return {file.name for file in directory.iterdir()}
+
+
+def test_an_older_result_does_not_outlive_a_run_without_one(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    leaves = "conditions.1={on: block.y+, traction: [0, 5]}"
+    nothing_held = ["--set", leaves, "--set", "conditions.0={on: block.y+, pressure: -1}"]
+    cases: list[tuple[list[str], int, set[str]]] = [
+        ([], 0, FINAL | LOGS),
+        (nothing_held, 3, LOGS),
+        ([], 0, FINAL | LOGS),
+        (["--set", "bodis=1"], 2, FINAL | LOGS | {"mine.txt", "bodies.png"}),  # no run began
+        (["--set", "solver.max_iterations=2", "--set", "output.xdmf=false"], 1,
+         LOGS | {"summary.json"}),
+    ]  # fmt: skip
+    for words, code, files in cases:
+        done = start("run", scene, "-o", out, *words)
+        assert done.returncode == code, done.stderr
+        assert left(out) - {"mine.txt"} == files - {"mine.txt"}
+        (out / "mine.txt").write_text("not the program's")
+        if FINAL <= left(out):
+            (out / "bodies.png").write_text("of the older result")
+            (out / ".solution.h5.part").write_text("of a run that was killed")
+            if code == 0:
+                (out / ".solution.h5.part").unlink()
+    assert (out / "mine.txt").exists()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("where", "rank", "kind", "told"),
+    [
+        ("cell_fields", 1, "disk", "rank 1: the run ended: No space left on device; make room"),
+        ("cell_fields", 0, "memory", "not enough memory"),
+        ("build_model", 1, "bug", "rank 1: the run ended by a failure of the program itself"),
+        ("write_xdmf", 0, "disk", "No space left on device"),
+    ],
+)
+def test_a_fault_on_one_rank_ends_all(
+    scene: Path, tmp_path: Path, where: str, rank: int, kind: str, told: str
+) -> None:
+    out = tmp_path / "out"
+    words = (where, str(rank), kind, "run", scene, "-o", out)
+    done = start(*words, ranks=2, python=FAULT)
+    assert done.returncode == 4, done.stderr
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+    assert left(out) == LOGS
+    in_log = "TypeError: a mistake" in (out / "run.log").read_text()
+    assert in_log is (kind == "bug")
+
+
+def test_a_mistake_of_the_program_has_a_code_a_message_and_a_traceback_in_the_log(
+    scene: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = start("build_model", "0", "bug", "run", scene, "-o", out, python=FAULT)
+    assert done.returncode == 4
+    assert "(TypeError: a mistake); the traceback is in" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Traceback" in (out / "run.log").read_text()
+
+
+@pytest.mark.parametrize(
+    "shell", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full", ">/dev/full"]
+)
+def test_a_closed_or_full_stream_is_no_reason_to_lose_the_result(
+    scene: Path, tmp_path: Path, shell: str
+) -> None:
+    out = tmp_path / "out"
+    done = start("run", scene, "-o", out, shell=shell)
+    assert done.returncode == 0, done.stderr
+    assert left(out) == FINAL | LOGS
+    assert "Traceback" not in done.stderr
+    assert "iteration" not in (out / "run.log").read_text().split("INFO", 1)[0]
+
+
+def test_a_reader_that_has_seen_enough_does_not_change_the_exit_code(
+    scene: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = start("run", scene, "-o", out, shell="| head -1; exit ${PIPESTATUS[0]}")
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert "rror" not in done.stderr
+    assert done.stdout.count("\n") == 1
+
+
+def test_a_lost_answer_on_standard_output_is_told() -> None:
+    done = start("schema", shell=">/dev/full")
+    assert done.returncode == 4
+    assert done.stderr.startswith("the run ended: standard output: No space left on device")
+
+
+def test_a_terminal_of_ascii_gets_what_it_can_show(scene: Path, tmp_path: Path) -> None:
+    ascii_only = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "TERM": "dumb"}
+    for words in (["run", scene, "-o", tmp_path / "out"], ["check", scene], ["run", "--help"]):
+        done = start(*words, **ascii_only)
+        assert done.returncode == 0, done.stderr
+        assert (done.stdout + done.stderr).isascii()
+    done = start("run", scene, "-o", tmp_path / "out", **ascii_only)
+    assert "complementarity / (load x displacement)" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"HOME": "/dev/null", "XDG_CACHE_HOME": ""},
+        {"XDG_CACHE_HOME": "/proc/nope"},
+        {"XDG_CONFIG_HOME": "/dev/null"},
+    ],
+    ids=lambda e: " ".join(e),
+)
+def test_without_a_home_it_runs_and_says_where_forms_are_kept(
+    scene: Path, tmp_path: Path, environment: dict[str, str]
+) -> None:
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    out = tmp_path / "out"
+    done = start("run", scene, "-o", out, TMPDIR=str(temporary), **environment)
+    assert done.returncode == 0, done.stderr
+    (own,) = temporary.glob("contact-app-*")
+    assert own.stat().st_mode & 0o777 == 0o700
+    assert str(own) in (out / "run.log").read_text() or "options" in (out / "run.log").read_text()
+    if "CONFIG" not in "".join(environment):
+        assert list((own / "fenics").glob("*.so"))
+    plotted = start("plot", out, TMPDIR=str(temporary), **environment)
+    assert plotted.returncode == 0, plotted.stderr
+    assert "Matplotlib" not in plotted.stderr
+
+
+@pytest.mark.parametrize("directory", ["/proc/nope", "/dev/null/nope"])
+def test_a_directory_that_cannot_be_made_ends_with_4(scene: Path, directory: str) -> None:
+    done = start("run", scene, "-o", directory)
+    assert done.returncode == 4
+    assert f"--output {directory}: results cannot be written there" in done.stderr
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 256 kB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(place)]
+    if os.geteuid() or not shutil.which("mount") or subprocess.run(command, check=False).returncode:
+        pytest.skip("no file system can be mounted here")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.parametrize("words", [[], ["--set", "output.xdmf=false"]], ids=["xdmf", "json"])
+def test_a_full_disk_ends_with_4_and_says_how_much_is_needed(
+    scene: Path, small_disk: Path, words: list[str]
+) -> None:
+    free = 60 if not words else 4
+    (small_disk / "fill").write_bytes(bytes((256 - free) * 1024))
+    done = start("run", scene, "-o", small_disk / "out", *words)
+    said = done.stderr.splitlines()
+    assert done.returncode == 4, done.stderr
+    assert "Traceback" not in done.stderr
+    assert any("No space left" in line or "the disk is full" in line for line in said)
+    if not words:
+        assert "solution.h5 needs" in done.stderr
+        assert "are free" in done.stderr
+    assert left(small_disk / "out") <= LOGS
+
+
+def test_a_file_system_that_cannot_be_written_ends_with_4(scene: Path, tmp_path: Path) -> None:
+    place = tmp_path / "readonly"
+    place.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(place)]
+    if os.geteuid() or not shutil.which("mount") or subprocess.run(command, check=False).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        done = start("run", scene, "-o", place / "out")
+        assert done.returncode == 4
+        assert "Read-only file system" in done.stderr
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_leaves_results_and_a_checkpoint_to_resume(
+    scene: Path, tmp_path: Path, number: int
+) -> None:
+    """The signal comes at the fourth step, on the first active set."""
+    out = tmp_path / "out"
+    program = (
+        "import os, itertools\n"
+        "from solver.contact.checkpoint import Attention\n"
+        "steps, before = itertools.count(1), Attention.__call__\n"
+        "def call(self, event):\n"
+        f"    if next(steps) == 4: os.kill(os.getpid(), {int(number)})\n"
+        "    return before(self, event)\n"
+        "Attention.__call__ = call\n"
+        "from contact_app.cli import main\n"
+        "main()\n"
+    )
+    done = start("run", scene, "-o", out, python=program)
+    assert done.returncode == 1, done.stderr
+    assert left(out) == FINAL | LOGS | {"checkpoint.json", "checkpoint-1.vectors"}
+    assert "--resume goes on from here" in (out / "run.log").read_text()
+    done = start("run", scene, "-o", out, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert "going on from" in done.stderr
+    assert left(out) == FINAL | LOGS
+
+
+def test_interrupted_before_there_is_a_result_it_is_not_a_1(scene: Path, tmp_path: Path) -> None:
+    program = (
+        "import contact_app.run.run\n"
+        "def fail(*_, **__): raise KeyboardInterrupt\n"
+        "contact_app.run.run.build_model = fail\n"
+        "from contact_app.cli import main\n"
+        "main()\n"
+    )
+    done = start("run", scene, "-o", tmp_path / "out", python=program)
+    assert done.returncode == 130
+    assert "Traceback" not in done.stderr
+
+
+def test_a_remark_on_fifty_blocks_is_made_once(tmp_path: Path) -> None:
+    n = 50
+    blocks: list[dict[str, Any]] = [
+        scenes.block("quadrilateral", 1, f"b{i}", (0.0, 0.0, float(i)), (1.0, 1.0, i + 1.0))
+        for i in range(n)
+    ]
+    made = scenes.config(
+        "quadrilateral",
+        blocks,
+        [
+            {"on": "b0.y-", "displacement": [0, 0]},
+            {"on": f"b{n - 1}.y+", "traction": [0, -1]},
+        ],
+        [{"on": f"b{i + 1}.y-", "against": f"b{i}.y+"} for i in range(n - 1)],
+    )
+    out = tmp_path / "out"
+    done = start("run", scenes.write(made, tmp_path / "tower.yaml"), "-o", out)
+    assert done.returncode == 0, done.stderr
+    (told,) = [line for line in done.stdout.splitlines() if "can move freely" in line]
+    assert told.startswith("warning: b1 can move freely")
+    assert "(and 48 more alike: b2, b3, b4, b5, b6, … b49)" in told
+    log = (out / "run.log").read_text()
+    assert log.count("WARNING") == done.stdout.count("warning:")

@@ -1,0 +1,126 @@
+"""Files that appear whole or not at all, and a directory that is cleared of older results."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_app.errors import CouldNotRunError
+from contact_app.machine import disk
+from contact_app.machine.result_directory import RESULTS, clear, part_of, remove_parts, whole
+from contact_app.results.xdmf import XDMFWriter, grid_bytes
+from tests.ranks import ROOT
+
+
+def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "summary.json"
+    with whole(path) as part:
+        part.write_text("first")
+        assert not path.exists()
+    assert path.read_text() == "first"
+    with pytest.raises(KeyboardInterrupt), whole(path) as part:
+        part.write_text("half of the sec")
+        raise KeyboardInterrupt
+    assert path.read_text() == "first"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_only_what_the_program_made_is_removed(tmp_path: Path) -> None:
+    checkpoint = ("checkpoint.json", "checkpoint-3.vectors")
+    parts = [part_of(tmp_path / name).name for name in RESULTS]
+    for name in (*RESULTS, *parts, *checkpoint, "notes.txt", "my.part", "summary.json.bak"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "older").mkdir()
+    clear(tmp_path, resume=True)
+    mine = {"notes.txt", "my.part", "summary.json.bak", "older"}
+    assert {p.name for p in tmp_path.iterdir()} == {*mine, *checkpoint, "history.csv"}
+    clear(tmp_path, resume=False)
+    assert {p.name for p in tmp_path.iterdir()} == mine
+    (tmp_path / "history.csv").write_text("of a run without a checkpoint")
+    clear(tmp_path, resume=True)
+    assert {p.name for p in tmp_path.iterdir()} == mine
+
+
+def test_a_directory_is_made(tmp_path: Path) -> None:
+    clear(tmp_path / "a" / "b", resume=False)
+    remove_parts(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
+
+
+def test_no_room_is_told_before_anything_is_written(tmp_path: Path) -> None:
+    disk.refuse_without_room(tmp_path, "solution.h5", 1000)
+    with pytest.raises(CouldNotRunError, match=r"solution\.h5 needs 1e\+03 TB, .* are free"):
+        disk.refuse_without_room(tmp_path, "solution.h5", 10**15)
+
+
+@pytest.mark.parametrize("unsupported", [False, True])
+def test_a_reservation_is_an_error_where_there_is_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unsupported: bool
+) -> None:
+    if unsupported:
+
+        def refuse(*_: int) -> None:
+            raise OSError(disk.UNSUPPORTED[0], "not here")
+
+        monkeypatch.setattr(os, "posix_fallocate", refuse)
+    with (tmp_path / "file").open("wb") as file:
+        disk.reserve(file.fileno(), 5000)
+        with pytest.raises(OSError, match="space|large") as caught:
+            disk.reserve(file.fileno(), 10**15)
+    assert disk.is_full(caught.value)
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from contact_app.errors import CouldNotRunError
+from contact_app.results.xdmf import XDMFWriter
+path, limit = Path(sys.argv[1]), int(sys.argv[2])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+try:
+    with XDMFWriter(path, "triangle", 900, 800) as file:
+        file.points(0, np.random.rand(900, 3))
+        file.cells(0, np.zeros((800, 3), int))
+        for number in range(3):
+            file.point_data(f"field {number}", 0, np.random.rand(900, 3))
+except CouldNotRunError as error:
+    print(error)
+    sys.exit(4)
+"""
+
+
+def test_hdf5_is_never_without_room(tmp_path: Path) -> None:
+    """Whatever limit the file meets, it ends with a message, or whole: HDF5 would crash."""
+    codes = []
+    for limit in (0, 1_000, 40_000, 66_000, 90_000, 120_000, 150_000, 170_000):
+        out = tmp_path / str(limit)
+        out.mkdir()
+        done = subprocess.run(
+            [sys.executable, "-c", LIMITED, str(out / "solution.xdmf"), str(limit)],
+            capture_output=True, text=True, cwd=ROOT, timeout=60,
+        )  # fmt: skip
+        codes.append(done.returncode)
+        assert done.returncode in (0, 4), done.stderr
+        names = sorted(file.name for file in out.iterdir())
+        assert names == ([] if done.returncode else ["solution.h5", "solution.xdmf"])
+        assert done.returncode == 0 or "solution.h5 needs" in done.stdout
+    assert codes[0] == 4
+    assert codes[-1] == 0
+
+
+def test_the_size_of_a_grid_is_known_beforehand(tmp_path: Path) -> None:
+    n, m = 3000, 2000
+    with XDMFWriter(tmp_path / "solution.xdmf", "quadrilateral", n, m) as file:
+        file.points(0, np.zeros((n, 3)))
+        file.cells(0, np.zeros((m, 4), int))
+        file.point_data("u", 0, np.zeros((n, 3)))
+        file.cell_data("s", 0, np.zeros((m, 6)))
+    size = (tmp_path / "solution.h5").stat().st_size
+    expected = grid_bytes(n, m, 4, at_nodes=3, at_cells=9)
+    assert size <= expected <= size + 80_000

@@ -1,0 +1,254 @@
+"""Second-order meshes at degree 2: patch tests, the undecomposed answer, rates beside Lamé's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
+from contact_app.studies.exact_fields import lame_ring, relative_errors
+from tests import meshfiles, reference, scenes
+from tests.comparison import in_order_of
+from tests.contact_app.model.test_meshes_from_files import patch, two_materials
+from tests.ranks import summary_of
+
+NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]
+
+
+def degree_2(made: scenes.Config) -> scenes.Config:
+    return {**made, "bodies": [{**body, "degree": 2} for body in made["bodies"]]}
+
+
+def written(
+    cell: str, name: str, shape: Callable[[np.ndarray], np.ndarray], directory: Path
+) -> Path:
+    first = meshfiles.block(cell, 2, 0.1)
+    mesh = meshfiles.second_order(first, cell, name, shape)
+    return meshfiles.write(mesh, directory / "part.msh")
+
+
+def wavy(x: np.ndarray) -> np.ndarray:
+    """Move the nodes of the unit block inside it and within its faces: all edges are curved."""
+    waves = 0.04 * np.sin(2 * np.pi * x)
+    across = np.cos(2 * np.pi * np.roll(x, 1, axis=1) + 0.5)
+    return x + waves * across
+
+
+@pytest.mark.parametrize(("cell", "name"), NAMES)
+@pytest.mark.parametrize("subdomains", [1, 3])
+def test_contact_patch_on_curved_cells(
+    cell: str, name: str, subdomains: int, tmp_path: Path
+) -> None:
+    """Uniform stress and pressure come out to round-off, whatever the edges inside."""
+    made = degree_2(patch(cell, written(cell, name, wavy, tmp_path)))
+    solved = solve_scene(scenes.build(made, subdomains))
+    assert all(s.reference.curved for s in solved.model.partition.subdomains)
+    points, u = solved.displacement_at_nodes()
+    d = meshfiles.dimension(cell)
+    slope = np.array([0.25, 0.25, -1.0]) * 100 / 900
+    if d == 2:  # plane strain
+        slope = np.array([0.25 * 1.25, -(1 - 0.25**2)]) * 100 / 900
+    np.testing.assert_allclose(u, points[:, :d] * slope, rtol=0, atol=1e-9 * np.abs(slope).max())
+    assert solved.summary["certificate"]["passed"]
+    pressure = solved.nodes.contact_pressure
+    assert pressure[pressure > 0.0] == pytest.approx(100.0, rel=1e-7)
+    assert (pressure > 0.0).sum() == 5 ** (d - 1)
+    np.testing.assert_allclose(solved.cells.stress[:, d - 1], -100.0, rtol=1e-8)
+
+
+def bent_scene(cell: str, name: str, directory: Path) -> scenes.Config:
+    """A bent block of two materials beside a round obstacle."""
+    made = degree_2(two_materials(cell, written(cell, name, meshfiles.bend, directory)))
+    d = meshfiles.dimension(cell)
+    made["conditions"] = [
+        scenes.clamp(cell, "block.y-"),
+        {"on": "block.y+", "traction": [-40.0, -60.0, 5.0][:d]},
+        {"on": "block.x+", "pressure": 30.0},
+    ]
+    angle = np.deg2rad(35.0)
+    centre = [float(0.5 * np.cos(angle)), float(0.5 * np.sin(angle)), 0.5][:d]
+    ball = {"sphere": {"center": centre, "radius": 0.501}}
+    made["contacts"] = [{"on": "block.x-", "obstacle": ball}]
+    return made
+
+
+@pytest.mark.parametrize(("cell", "name"), NAMES)
+@pytest.mark.parametrize("subdomains", [1, 4])
+def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path: Path) -> None:
+    """Against dolfinx on the whole mesh and an active set."""
+    scene = scenes.build(bent_scene(cell, name, tmp_path), subdomains)
+    known = reference.solve(scene)
+    assert known.active > 0
+    solved = solve_scene(scene)
+    assert solved.summary["certificate"]["passed"]
+    u = in_order_of(known, solved)
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
+    assert solved.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("cell", "name"),
+    [("quadrilateral", "quad8"), pytest.param("tetrahedron", "tetra10", marks=pytest.mark.slow)],
+)
+def test_two_ranks(cell: str, name: str, tmp_path: Path) -> None:
+    """Vertices come first among a file's nodes: the second rank owns none of them."""
+    made = bent_scene(cell, name, tmp_path)
+    made["decomposition"] = {"subdomains": 3}
+    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
+    assert two["environment"]["ranks"] == 2
+    for key, value in one["solution"].items():
+        assert two["solution"][key] == pytest.approx(value, rel=1e-7, abs=1e-8), key
+    for key in ("discretisation", "total"):
+        assert two["accuracy"][key] == pytest.approx(one["accuracy"][key], rel=1e-6)
+
+
+def quarter(x: np.ndarray) -> np.ndarray:
+    """Bend the unit block into a quarter of a ring of radii 10 and 20, two high."""
+    radius, angle = 10.0 + 10.0 * x[:, 0], 0.5 * np.pi * x[:, 1]
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 2.0 * x[:, 2]])
+
+
+def ring(cell: str, name: str | None, n: int, directory: Path) -> SolvedScene:
+    """Lamé's ring in a rigid bore; straight edges without the name of a second-order cell."""
+    d = meshfiles.dimension(cell)
+    mesh = meshfiles.block(cell, n, 0.0)
+    if name:
+        mesh = meshfiles.second_order(mesh, cell, name, quarter)
+    else:
+        mesh.points = quarter(mesh.points)
+    file = meshfiles.write(mesh, directory / "ring.msh")
+    flat = [("y-", 1), ("y+", 0), *([("z-", 2), ("z+", 2)] if d == 3 else [])]
+    made = scenes.config(
+        cell,
+        [{"name": "ring", "degree": 2, "mesh": {"file": str(file)},
+          "material": {"young": 2.1e5, "poisson": 0.3}}],
+        [*({"on": f"ring.{side}", "displacement": [0 if i == k else None for i in range(d)]}
+           for side, k in flat), {"on": "ring.x-", "pressure": 100.0}],
+        [{"on": "ring.x+", "obstacle": bore(d)}],
+    )  # fmt: skip
+    made["solver"]["tolerance"] = 1e-9
+    solved = solve_scene(scenes.build(made, 1))
+    assert solved.summary["certificate"]["passed"]
+    return solved
+
+
+def ring_errors(cell: str, name: str | None, n: int, directory: Path) -> tuple[float, ...]:
+    """Errors of displacement, stress and largest pressure."""
+    solved, d = ring(cell, name, n, directory), meshfiles.dimension(cell)
+    u, sigma, outside = lame_ring(2.1e5, 0.3, (10.0, 20.0), 100.0, 0.01)
+
+    def displacement(x: np.ndarray) -> np.ndarray:
+        return np.pad(u(x[:, :2]), ((0, 0), (0, d - 2)))
+
+    errors = relative_errors(solved, displacement, lambda x: sigma(x[:, :2]))
+    pressure = solved.summary["solution"]["max_contact_pressure"]
+    return (*errors, abs(pressure / outside - 1.0))
+
+
+def bore(d: int) -> dict[str, object]:
+    if d == 2:
+        return {"sphere": {"center": [0, 0], "radius": 19.99, "hollow": True}}
+    return {"cylinder": {"point": [0, 0, 0], "axis": [0, 0, 1], "radius": 19.99, "hollow": True}}
+
+
+@pytest.mark.parametrize(("cell", "name"), NAMES)
+def test_curved_edges_reach_the_rate_of_degree_2(cell: str, name: str, tmp_path: Path) -> None:
+    """Against Lamé: third order in displacement, second in stress; straight edges are far off."""
+    meshes = (2, 4) if meshfiles.dimension(cell) == 3 else (4, 8)
+    coarse, fine = (ring_errors(cell, name, n, tmp_path) for n in meshes)
+    straight = ring_errors(cell, None, meshes[1], tmp_path)
+    assert np.log2(coarse[0] / fine[0]) > 2.5
+    assert np.log2(coarse[1] / fine[1]) > 1.6
+    assert fine[0] < 2e-3
+    assert fine[1] < 3e-2
+    assert fine[2] < 2e-2
+    assert straight[0] > 20 * fine[0]
+    assert straight[1] > 5 * fine[1]
+
+
+def press_fit(cell: str, name: str, cells: tuple[int, int], directory: Path) -> tuple[float, float]:
+    """A ring pressed into another, meshes that do not match: errors of the contact pressure.
+
+    Radii 10, 20, 30, E = 2.1e5 and ν = 0.3 in plane strain, 0.05 too large: Lamé's rings give way
+    by u = p b/E' ((b² + a²)/|b² - a²| ∓ ν') with E' = E/(1 - ν²), ν' = ν/(1 - ν).
+    """
+    radii = ((10.0, 20.025), (19.975, 30.0))
+    bodies: list[scenes.Config] = []
+    conditions: list[scenes.Config] = []
+    for ring, n, (inner, outer) in zip(("inner", "outer"), cells, radii, strict=True):
+
+        def place(x: np.ndarray, inner: float = inner, outer: float = outer) -> np.ndarray:
+            radius, angle = inner + (outer - inner) * x[:, 0], 0.5 * np.pi * x[:, 1]
+            return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), x[:, 2]])
+
+        mesh = meshfiles.second_order(meshfiles.block(cell, n, 0.0), cell, name, place)
+        file = meshfiles.write(mesh, directory / f"{ring}.msh")
+        bodies.append({"name": ring, "degree": 2, "mesh": {"file": str(file)},
+                       "material": {"young": 2.1e5, "poisson": 0.3}})  # fmt: skip
+        conditions += [
+            {"on": f"{ring}.y-", "displacement": [None, 0]},
+            {"on": f"{ring}.y+", "displacement": [0, None]},
+        ]
+    contacts = [{"on": "outer.x-", "against": "inner.x+"}]
+    made = scenes.config(cell, bodies, conditions, contacts)
+    solved = solve_scene(scenes.build(made, 3))
+    assert solved.summary["certificate"]["passed"]
+    way = 0.0
+    for (a, b), sign in (((10.0, 20.025), -1.0), ((30.0, 19.975), 1.0)):
+        way += b * ((b**2 + a**2) / abs(b**2 - a**2) + sign * 0.3 / 0.7)
+    exact = 0.05 * 2.1e5 / (1 - 0.3**2) / way
+    pressure = solved.nodes.contact_pressure
+    touching = pressure[pressure > 0.0]
+    return abs(touching.mean() / exact - 1.0), np.abs(touching / exact - 1.0).max()
+
+
+@pytest.mark.parametrize(("cell", "name"), [("quadrilateral", "quad8"), ("triangle", "triangle6")])
+def test_curved_bodies_pressed_together(cell: str, name: str, tmp_path: Path) -> None:
+    """The interference is a twentieth of what polygons of these edges are apart."""
+    coarse, fine = (press_fit(cell, name, n, tmp_path) for n in ((4, 6), (8, 12)))
+    assert fine[0] < 5e-3  # δ/b is 2.5e-3
+    assert fine[1] < 1e-2
+    assert coarse[1] > 2 * fine[1]
+
+
+@pytest.mark.parametrize("cell", list(meshfiles.SECOND))
+def test_a_polygon_is_told(cell: str, tmp_path: Path) -> None:
+    """Straight edges on a round boundary: the certificate names the sagitta h²/8R."""
+    n = 4
+    straight = ring(cell, None, n, tmp_path).summary["certificate"]["warnings"]
+    (told,) = [w for w in straight if "answers for the polygon" in w]
+    assert "ring is round there and has straight edges" in told
+    found = float(told.split("lie up to ")[1].split()[0])
+    exact = 20.0 * (1.0 - np.cos(np.pi / (4 * n)))
+    assert found == pytest.approx(exact, rel=0.4 if cell == "tetrahedron" else 0.1)
+    name = meshfiles.SECOND[cell][-1]
+    curved = ring(cell, name, n, tmp_path).summary["certificate"]["warnings"]
+    assert not any("polygon" in w for w in curved)
+
+
+def test_a_polygon_that_was_refined_is_told() -> None:
+    """Halved edges of degree 1 have nodes inside the pin of a bore, which its corners clear."""
+    path = Path(__file__).parents[3] / "configs" / "bushing.yaml"
+    told = {}
+    for key in ("bodies.0.mesh.refine=0", "bodies.0.mesh.refine=1", "accuracy=0.2"):
+        scene = build_scene(load(path, [key]))
+        if scene.accuracy is None:
+            solved = solve_scene(scene)
+        else:
+            solved = solve_to_accuracy(scene, lambda level, start: solve_scene(level)).solved
+        warnings = solved.summary["certificate"]["warnings"]
+        told[key] = [w for w in warnings if "answers for the polygon" in w]
+    sagitta = 5.0 * (1.0 - np.cos(np.pi / 40))  # 40 corners on a circle of radius 5
+    for key, said in told.items():
+        assert len(said) == (key != "bodies.0.mesh.refine=0"), key
+        for text in said:
+            found = float(text.split("lie up to ")[1].split()[0])
+            assert found == pytest.approx(sagitta, rel=0.1)
+            assert "use degree: 2 and a mesh file of second order" in text

@@ -1,0 +1,304 @@
+"""Bodies whose mesh comes from a file: patch tests, materials by group, any decomposition."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from mpi4py import MPI
+
+from contact_app.errors import ConfigurationError
+from contact_app.model.model import outline
+from contact_app.run.check import describe
+from contact_app.run.run import solve_scene
+from contact_app.scene import scene as scene_module
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
+from tests import meshfiles, reference, scenes
+from tests.comparison import in_order_of
+from tests.contact_app.run.test_ranks import summary_of
+
+CELLS = tuple(meshfiles.MESHIO)
+
+
+def patch(cell: str, file: Path, young: float = 900.0, poisson: float = 0.25) -> scenes.Config:
+    """The block of the verification's contact patch test, pressed on a plane."""
+    d = meshfiles.dimension(cell)
+    top, bottom = scenes.up(cell), scenes.down(cell)
+    rollers = [
+        {"on": f"block.{'xyz'[axis]}-",
+         "displacement": [0 if a == axis else None for a in range(d)]}
+        for axis in range(d - 1)
+    ]  # fmt: skip
+    made = scenes.config(
+        cell,
+        [{"name": "block", "mesh": {"file": str(file)},
+          "material": {"young": young, "poisson": poisson}}],
+        [*rollers, {"on": f"block.{top}", "pressure": 100}],
+        [{"on": f"block.{bottom}", "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1))}],
+    )  # fmt: skip
+    made["solver"]["tolerance"] = 1e-11
+    return made
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("subdomains", [1, 5])
+def test_contact_patch_on_distorted_cells(cell: str, subdomains: int, tmp_path: Path) -> None:
+    """verification.md: E = 900, ν = 0.25, q = 100: u = (1/36, 1/36, -1/9) at the free corner."""
+    file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
+    solved = solve_scene(scenes.build(patch(cell, file), subdomains))
+    points, u = solved.displacement_at_nodes()
+    d = meshfiles.dimension(cell)
+    if d == 3:
+        slope = np.array([1 / 36, 1 / 36, -1 / 9])
+    else:  # plane strain: u_y = -q (1 - ν²)/E, u_x = ν (1 + ν) q/E
+        slope = np.array([0.25 * 1.25, -(1 - 0.25**2)]) * 100 / 900
+    np.testing.assert_allclose(u, points[:, :d] * slope, rtol=0, atol=1e-9 * np.abs(slope).max())
+    assert solved.summary["certificate"]["passed"]
+    assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(100.0, rel=1e-8)
+    stress = solved.cells.stress
+    np.testing.assert_allclose(stress[:, d - 1], -100.0, rtol=1e-8)
+    assert np.abs(stress[:, 3:]).max() < 1e-6
+
+
+def two_materials(cell: str, file: Path) -> dict[str, Any]:
+    """Two materials, a bending load, a sphere below: nothing cancels."""
+    made = patch(cell, file)
+    made["bodies"][0]["material"] = {
+        "soft": {"young": 500.0, "poisson": 0.2},
+        "hard": {"young": 4000.0, "poisson": 0.35},
+    }
+    made["conditions"] = [
+        scenes.clamp(cell, "block.x-"),
+        {"on": f"block.{scenes.up(cell)}", "traction": scenes.vector(cell, 3, 1, -60)},
+    ]
+    centre = scenes.vector(cell, 0.7, 0.4, -2.01)
+    made["contacts"] = [
+        {"on": f"block.{scenes.down(cell)}",
+         "obstacle": {"sphere": {"center": centre, "radius": 2.0}}}
+    ]  # fmt: skip
+    made["solver"]["tolerance"] = 1e-10
+    return made
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("subdomains", [None, 6])
+def test_two_materials_against_the_reference(
+    cell: str, subdomains: int | None, tmp_path: Path
+) -> None:
+    file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
+    scene = scenes.build(two_materials(cell, file), subdomains)
+    known = reference.solve(scene)
+    assert known.active > 0
+    solved = solve_scene(scene)
+    u = in_order_of(known, solved)
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
+    assert solved.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-9)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("subdomains", [1, 5])
+def test_two_materials_in_a_row(cell: str, subdomains: int, tmp_path: Path) -> None:
+    """A bar of two halves, ν = 0, pulled by t: σ = t in both, u = t (x/E_1, then ½/E_1 + …/E_2)."""
+    file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
+    made = patch(cell, file)
+    made["bodies"][0]["material"] = {
+        "hard": {"young": 4000.0, "poisson": 0.0},
+        "soft": {"young": 500.0, "poisson": 0.0},
+    }
+    made["conditions"] = [
+        scenes.clamp(cell, "block.x-"),
+        {"on": "block.x+", "traction": scenes.vector(cell, 20, 0, 0)},
+    ]
+    made["contacts"] = []
+    solved = solve_scene(scenes.build(made, subdomains))
+    points, u = solved.displacement_at_nodes()
+    x = points[:, 0]
+    exact = 20 * (np.minimum(x, 0.5) / 500 + np.maximum(x - 0.5, 0) / 4000)
+    np.testing.assert_allclose(u[:, 0], exact, rtol=0, atol=1e-9 * exact.max())
+    np.testing.assert_allclose(u[:, 1:], 0, atol=1e-9 * exact.max())
+    np.testing.assert_allclose(solved.cells.stress[:, 0], 20.0, rtol=1e-8)
+    np.testing.assert_allclose(solved.cells.von_mises, 20.0, rtol=1e-8)
+
+
+@pytest.mark.parametrize("subdomains", [2, 3, 9, [2, 1, 2]])
+def test_the_answer_does_not_depend_on_the_decomposition(
+    subdomains: int | list[int], tmp_path: Path
+) -> None:
+    file = meshfiles.write(meshfiles.block("tetrahedron", 4), tmp_path / "block.msh")
+    made = two_materials("tetrahedron", file)
+    one, many = (solve_scene(scenes.build(made, n)) for n in (1, subdomains))
+    assert many.model.partition.count >= np.prod(subdomains)
+    for key, value in one.summary["solution"].items():
+        assert many.summary["solution"][key] == pytest.approx(value, rel=1e-7, abs=1e-8), key
+    (x, u), (y, v) = one.displacement_at_nodes(), many.displacement_at_nodes()
+    np.testing.assert_allclose(y, x, rtol=0, atol=1e-15)  # they go by the corner of a subdomain
+    np.testing.assert_allclose(v, u, rtol=0, atol=1e-8 * np.abs(u).max())
+    for field in ("stress", "von_mises"):
+        order = [np.lexsort(np.sort(np.concatenate(s.cells.cells), axis=1).T) for s in (one, many)]
+        a, b = (getattr(s.cells, field)[o] for s, o in zip((one, many), order, strict=True))
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-7 * np.abs(a).max())
+
+
+def test_the_answer_does_not_depend_on_the_ranks(tmp_path: Path) -> None:
+    file = meshfiles.write(meshfiles.block("tetrahedron", 4), tmp_path / "block.msh")
+    made = two_materials("tetrahedron", file)
+    made["decomposition"] = {"subdomains": 5}
+    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
+    assert two["environment"]["ranks"] == 2
+    assert two["mesh"] == one["mesh"]
+    assert {key: two["solver"][key] for key in one["solver"]} == one["solver"]
+    for key, value in one["solution"].items():
+        assert two["solution"][key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
+
+
+def test_two_bodies_from_one_file(tmp_path: Path) -> None:
+    """The halves of one mesh as bodies, glued by nothing: each comes out as if it were alone."""
+    file = meshfiles.write(meshfiles.block("tetrahedron", 4), tmp_path / "block.msh")
+    made = two_materials("tetrahedron", file)
+    (body,) = made["bodies"]
+    halves = {"block": ("soft", 500.0), "other": ("hard", 4000.0)}
+    made["bodies"] = [
+        {**body, "name": name, "mesh": {"file": str(file), "group": group, "translate": shift},
+         "material": {"young": young, "poisson": 0.3}}
+        for shift, (name, (group, young)) in zip(([0, 0, 0], [1, 0, 0]), halves.items(),
+                                                 strict=True)
+    ]  # fmt: skip
+    made["conditions"] += [
+        {"on": "other.x+", "displacement": [0, 0, 0]}, {"in": "other", "force": [0, 0, -30]}
+    ]  # fmt: skip
+    scene = scenes.build(made)
+    assert [b.mesh.total_cells for b in scene.bodies] == [192, 192]
+    assert scene.bodies[1].mesh.lower == pytest.approx((1.5, 0, 0))
+    known = reference.solve(scene)
+    u = in_order_of(known, solve_scene(scene))
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
+
+
+def written(made: scenes.Config, directory: Path) -> Path:
+    """A scene file beside its mesh, one key a line."""
+    path = directory / "part.yaml"
+    path.write_text(yaml.dump(made, sort_keys=False))
+    return path
+
+
+def test_the_path_counts_from_the_scene_file(tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    meshfiles.write(meshfiles.block("triangle", 2), tmp_path / "meshes" / "block.msh")
+    made = patch("triangle", Path("meshes/block.msh"))
+    scene = build_scene(load(written(made, tmp_path)))
+    assert scene.bodies[0].mesh.nodes == 9
+    assert scene.bodies[0].mesh.boundaries == ("x-", "x+", "y-", "y+")
+
+
+def test_where_boundaries_see_the_placed_mesh(tmp_path: Path) -> None:
+    """Millimetres become metres and x becomes y: the same answer, turned."""
+    file = meshfiles.write(meshfiles.block("hexahedron", 4), tmp_path / "block.msh")
+    made = two_materials("hexahedron", file)
+    upright = solve_scene(scenes.build(made))
+    body = made["bodies"][0]
+    body["mesh"].update(scale=0.5, rotate={"angle": 90, "axis": [0, 0, 1]}, translate=[0, 0, 3])
+    body["boundaries"] = {"clamp": {"where": "y < 1e-9"}, "crown": {"where": "z > 3.5 - 1e-9"}}
+    made["conditions"] = [
+        {"on": "block.clamp", "displacement": [0, 0, 0]},
+        {"on": "block.crown", "traction": [-1, 3, -60]},
+    ]
+    made["contacts"][0]["obstacle"]["sphere"] = {"center": [-0.2, 0.35, 1.995], "radius": 1.0}
+    turned = solve_scene(scenes.build(made))
+    force = np.array(upright.summary["solution"]["contact_force"])
+    other = np.array(turned.summary["solution"]["contact_force"])
+    np.testing.assert_allclose(other * 4, [-force[1], force[0], force[2]], rtol=1e-6, atol=1e-8)
+    assert turned.summary["solution"]["energy"] * 8 == pytest.approx(
+        upright.summary["solution"]["energy"], rel=1e-8
+    )
+
+
+def test_check_and_the_run_say_what_was_repaired(tmp_path: Path) -> None:
+    given = meshfiles.block("triangle", 2)
+    given.cells[0].data = given.cells[0].data[:, ::-1]
+    file = meshfiles.write(given, tmp_path / "block.msh")
+    scene = scenes.build(patch("triangle", file))
+    told = "8 cells were inside out (negative volume): turned"
+    lines = describe(scene, outline(scene, MPI.COMM_SELF))
+    assert f"  {told}" in lines
+    assert any("block.msh of 8 cells (triangle), Young's modulus 900" in line for line in lines)
+    assert f"block: {told}" in solve_scene(scene).model.notes
+
+
+WRONG = [
+    ({"bodies.0.mesh.file": "none.msh"}, "part.yaml:6: bodies[0].mesh.file is ", "does not exist"),
+    ({"bodies.0.mesh.file": "a" * 300 + ".msh"}, "mesh.file is ", "which cannot be read: "),
+    ({"bodies.0.mesh.file": "a\0b"}, "which is no name of a file", ""),
+    ({"bodies.0.mesh.file": 5}, "mesh.file is 5; text is allowed", ""),
+    ({"bodies.0.mesh.scale": 0}, "bodies[0].mesh.scale is 0; it must be at least", ""),
+    ({"bodies.0.mesh.rotate": {"angle": 9, "axis": [0, 0, 1]}}, "rotate.axis has no place", ""),
+    ({"bodies.0.mesh.rotate": 90}, "a mapping is allowed, with the keys angle, axis", ""),
+    ({"bodies.0.mesh.translate": [1, 2, 3]}, "has 3 components; a translation in 2D has 2", ""),
+    ({"bodies.0.mesh.refine": 7}, "bodies[0].mesh.refine is 7; it must be at most 6", ""),
+    ({"bodies.0.mesh.group": "sof"}, "which has no group of cells named 'sof'", "soft, hard"),
+    ({"bodies.0.mesh.group": 7}, "allowed: the name of a group of cells or a list", ""),
+    ({"bodies.0.mesh": {}}, "bodies[0].mesh needs `box: ", "or `file: part.msh`"),
+    ({"bodies.0.material": {"soft": {"young": 1, "poisson": 0.3}}}, "bodies[0].material leaves 4 "
+     "of 8 cells without a material", "(groups of cells in block.msh: soft, hard)"),
+    ({"bodies.0.material": {"soft": {"young": 1}, "hard": {"young": 1, "poisson": 0.3}}},
+     "bodies[0].material.soft.poisson is missing", ""),
+    ({"bodies.0.material": {"soft": {"young": 1, "poisson": 0.7}, "hard": {"young": 1,
+      "poisson": 0.3}}}, "bodies[0].material.soft.poisson is 0.7; an isotropic", ""),
+    ({"bodies.0.boundaries": {"x-": {"where": "x < 1"}}}, "redefines x-, which the mesh", ""),
+    ({"conditions.0.on": "block.side"}, "names the boundary 'side' of block", "known: x-, x+, y-"),
+    ({"decomposition": {"subdomains": [9, 9]}}, "asks for 81 parts, where block has 8", ""),
+    ({"decomposition": {"subdomains": 9}}, "is 9; at most one a cell is allowed, 8 here", ""),
+    ({"dimension": 3}, "none of dimension 3; allowed: tetra (tetra10)", "mesh in 3D"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "told", "allowed"), WRONG, ids=[w[1][:40] for w in WRONG])
+def test_mistakes_are_told_with_file_line_and_key(
+    changes: dict[str, Any], told: str, allowed: str, tmp_path: Path
+) -> None:
+    meshfiles.write(meshfiles.block("triangle", 2), tmp_path / "block.msh")
+    made: Any = patch("triangle", Path("block.msh"))
+    for path, value in changes.items():
+        *way, last = [int(p) if p.isdigit() else p for p in path.split(".")]
+        target = made
+        for part in way:
+            target = target[part]
+        target[last] = value
+    with pytest.raises(ConfigurationError) as caught:
+        build_scene(load(written(made, tmp_path)))
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path / 'part.yaml'}:")
+    assert told in message
+    assert allowed in message
+
+
+def test_refining_more_than_memory_holds_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scene_module, "available_bytes", lambda: 1e9)
+    file = meshfiles.write(meshfiles.block("hexahedron", 4), tmp_path / "block.msh")
+    made = patch("hexahedron", file)
+    made["bodies"][0]["mesh"]["refine"] = 1
+    assert scenes.build(made).bodies[0].mesh.nodes == 9**3
+    made["bodies"][0]["mesh"]["refine"] = 6
+    with pytest.raises(ConfigurationError, match="mesh.refine makes about .* 1 GB are available"):
+        scenes.build(made)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_refined_mesh_passes_the_patch_test(cell: str, tmp_path: Path) -> None:
+    file = meshfiles.write(meshfiles.block(cell, 2), tmp_path / "block.msh")
+    made = patch(cell, file)
+    made["bodies"][0]["mesh"]["refine"] = 1
+    solution = solve_scene(scenes.build(made, 3)).summary["solution"]
+    assert solution["max_contact_pressure"] == pytest.approx(100.0, rel=1e-8)
+
+
+def test_a_box_is_not_placed(tmp_path: Path) -> None:
+    made = scenes.wall("triangle", 2)
+    made["bodies"][0]["mesh"]["scale"] = 2.0
+    with pytest.raises(ConfigurationError, match="scale belongs to a mesh from a file"):
+        scenes.build(made)

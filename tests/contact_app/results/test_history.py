@@ -1,0 +1,74 @@
+"""history.csv has a row for each inner iteration, and keeps them when a run breaks off."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_app.results import history
+from contact_app.results.history import COLUMNS, History
+from solver import MPRGP, SMALBE, BoxQP
+from solver.qp.result import Step
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_one_row_for_each_inner_iteration_of_a_solve(tmp_path: Path) -> None:
+    n = 20
+    matrix = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    qp = BoxQP(matrix, -np.ones(n), lower=np.full(n, -3.0))
+    path = tmp_path / "deep" / "history.csv"
+    with History(path) as monitor:
+        result = SMALBE(MPRGP(rtol=1e-8)).solve(qp, np.ones((1, n)), monitor=monitor)
+    assert result.converged
+    found = rows(path)
+    assert tuple(found[0]) == COLUMNS
+    assert len(found) == result.counts.inner > 0
+    for kind in ("cg", "expansion", "proportioning"):
+        assert sum(row["step"] == kind for row in found) == getattr(result.counts, kind)
+    iterations = [int(row["iteration"]) for row in found]
+    assert iterations == sorted(iterations)
+    assert int(found[-1]["outer"]) <= result.counts.outer
+
+
+def test_numbers_come_back_as_they_were(tmp_path: Path) -> None:
+    path = tmp_path / "history.csv"
+    with History(path) as monitor:
+        monitor(Step(0, 0, "start", 1.0, 0.0, 0, 0.0))
+        monitor(Step(2, 17, "expansion", 1.25e-7, 3.5e-11, 42, 0.125))
+    (row,) = rows(path)
+    assert list(row.values())[:3] == ["2", "17", "expansion"]
+    assert float(row["projected_gradient"]) == 1.25e-7
+    assert float(row["equality_residual"]) == 3.5e-11
+    assert int(row["active"]) == 42
+    assert float(row["seconds"]) == 0.125
+
+
+def test_rows_are_on_disk_before_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history, "FLUSH_SECONDS", 0.0)
+    path = tmp_path / "history.csv"
+    with History(path) as monitor:
+        for i in range(3):
+            monitor(Step(1, i, "cg", 1.0, 0.0, 0, 0.0))
+            assert len(rows(path)) == i + 1
+
+
+def test_other_ranks_write_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with History(None) as monitor:
+        monitor(Step(1, 1, "cg", 1.0, 0.0, 0, 0.0))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_goes_on_keeps_the_rows_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "history.csv"
+    kept = []
+    for go_on, iteration in ((True, 1), (True, 2), (False, 3)):
+        with History(path, go_on) as written:
+            written(Step(1, iteration, "cg", 1.0, 0.0, 0, 0.0))
+        kept.append([int(row["iteration"]) for row in rows(path)])
+    assert kept == [[1], [1, 2], [3]]

@@ -1,0 +1,326 @@
+"""Pictures of results: by matplotlib everywhere, by VTK where pyvista is installed."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from contact_app.cli import app
+from contact_app.results.plot import picture, space_picture, vtk_panels
+from contact_app.results.plot.contact_picture import draw_contact, flattened, profiles
+from contact_app.results.plot.stored import Stored, StoredError, read
+from contact_app.results.report import write_summary
+from contact_app.results.xdmf import XDMFWriter, cell_type_name
+from meshes.quadratic import node_vertices
+
+
+def test_a_directory_without_result_is_named(tmp_path: Path) -> None:
+    with pytest.raises(StoredError, match="solution.xdmf is not there"):
+        picture.plot(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("largest", "factor"),
+    [(0.08, 1.0), (0.079, 1.0), (0.041, 1.0), (0.039, 2.0), (0.001, 50.0), (8.0, 0.01), (0.0, 1.0)],
+)
+def test_the_exaggeration_is_round_and_not_wild(largest: float, factor: float) -> None:
+    # Moved as a whole, so that no cell is bent.
+    points = np.array([[0.0, 0.0, 0.0], [0.8, 0.0, 0.0], [0.0, 0.6, 0.0]])
+    moves = np.broadcast_to([0.0, -largest, 0.0], points.shape)
+    assert picture.round_exaggeration(triangle(points, moves)) == pytest.approx(factor)
+
+
+def test_the_exaggeration_turns_no_cell_over() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 100.0, 0.0]])
+    moves = np.array([[0.01, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    assert picture.round_exaggeration(triangle(points, moves)) == pytest.approx(5.0)
+
+
+def triangle(points: np.ndarray, moves: np.ndarray) -> Stored:
+    cells = {"triangle": np.array([[0, 1, 2]])}
+    return Stored(points, cells, {"triangle": np.array([0])}, {"displacement": moves}, {})
+
+
+def square(directory: Path, fields: bool = True) -> None:
+    """A unit square of two triangles, pressed at its foot."""
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
+    with XDMFWriter(directory / "solution.xdmf", "triangle", 4, 2) as file:
+        file.points(0, points)
+        file.cells(0, [[0, 1, 2], [0, 2, 3]])
+        file.point_data("displacement", 0, -0.01 * points)
+        if fields:
+            file.cell_data("von_mises", 0, [1.0, 2.0])
+            file.point_data("contact_pressure", 0, [5.0, 3.0, 0.0, 0.0])
+    write_summary(directory / "summary.json", {"scene": {"title": "a square"}})
+
+
+def block(directory: Path) -> None:
+    """Two hexahedra in a row along x, pressed at the far end."""
+    axes = np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0, 2.0], indexing="ij")
+    points = np.stack([axes[2], axes[1], axes[0]], axis=-1).reshape(-1, 3)
+    low = np.array([0, 1, 4, 3, 6, 7, 10, 9])
+    with XDMFWriter(directory / "solution.xdmf", "hexahedron", 12, 2) as file:
+        file.points(0, points)
+        file.cells(0, [low, low + 1])
+        file.point_data("displacement", 0, -0.01 * points)
+        file.point_data("contact_pressure", 0, np.where(points[:, 0] > 1.5, 3.0, 0.0))
+        file.point_data("gap", 0, np.where(points[:, 0] > 1.5, 0.0, np.nan))
+        file.cell_data("von_mises", 0, [1.0, 2.0])
+    write_summary(directory / "summary.json", {"scene": {"title": "a block"}})
+
+
+def test_bodies_in_space_are_drawn_by_vtk_beside_dolfinx(tmp_path: Path) -> None:
+    pytest.importorskip("pyvista", reason="pyvista (extra 'plot') is not installed")
+    import dolfinx  # noqa: F401  in one process with it VTK would abort
+
+    block(tmp_path)
+    made, remarks = picture.plot(tmp_path)
+    assert not remarks
+    assert shows_two_halves(made[0])
+
+
+def shows_two_halves(made: Path) -> bool:
+    """Whether both panels of a picture hold more than a scale of colours and text."""
+    image = matplotlib.image.imread(made)[:, :, :3]
+    bodies = image[int(0.1 * len(image)) : int(0.75 * len(image))]
+    halves = np.array_split(bodies, 2, axis=1)
+    return all((half < 0.95).any(axis=2).mean() > 0.2 for half in halves)
+
+
+@pytest.mark.parametrize("ending", ["import os; os.abort()", "raise SystemExit('no display')"])
+def test_where_vtk_fails_matplotlib_draws_and_it_is_said(
+    ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = tmp_path / "broken.py"
+    broken.write_text(ending)
+    monkeypatch.setattr(vtk_panels, "__file__", str(broken))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name)
+    block(tmp_path)
+    made, (remark,) = picture.plot(tmp_path)
+    assert remark.startswith("bodies.png is drawn by matplotlib: VTK could not draw (")
+    assert ("signal 6" in remark) == ("abort" in ending)
+    assert ("no display" in remark) == ("abort" not in ending)
+    assert shows_two_halves(made[0])
+
+
+def test_the_outline_of_a_block_is_its_edges(tmp_path: Path) -> None:
+    """Edges of cells within flat faces are none of it: 12 edges, four of them in two pieces."""
+    block(tmp_path)
+    stored = read(tmp_path)
+    outline = space_picture._sharp_edges(stored.points, stored.boundary())
+    assert len(outline) == 16
+    lengths = np.linalg.norm(np.diff(stored.points[outline], axis=1), axis=2)
+    assert lengths.sum() == pytest.approx(4 * (2 + 1 + 1))
+
+
+@pytest.mark.parametrize("direction", [[1.2, -1.0, 0.6], [0.0, 0.0, -1.0], [-3.0, 0.1, 0.0]])
+def test_a_view_shows_all_points(direction: list[float]) -> None:
+    points = np.random.default_rng(3).normal(size=(50, 3))
+    view = space_picture._view(np.array(direction), points)
+    frame = np.stack([view.right, view.up, view.direction])
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(frame) == pytest.approx(1.0)  # not a mirror image
+    across = np.abs((points - view.centre) @ frame[:2].T).max(axis=0)
+    assert (across <= view.half).all()
+    assert (across > 0.9 * view.half).all()
+
+
+def test_pressure_lies_only_on_what_may_touch(tmp_path: Path) -> None:
+    block(tmp_path)
+    stored = read(tmp_path)
+    faces = stored.boundary()
+    rows = np.concatenate([rows for _, rows in stored.skin()])
+    panel = space_picture._panel(stored, "contact_pressure", "", faces, rows, True)
+    assert panel.through
+    np.testing.assert_array_equal(np.isfinite(panel.values), stored.points[:, 0] > 1.5)
+    stress = space_picture._panel(stored, "von_mises", "", faces, rows, True)
+    assert not stress.through
+    middle = stored.points[np.concatenate(faces)].mean(axis=1)[:, 0]
+    np.testing.assert_array_equal(stress.values, np.where(middle > 1.0, 2.0, 1.0))
+
+
+def test_a_uniform_field_is_not_coloured_by_its_round_off() -> None:
+    limits = space_picture.limits
+    assert limits(np.array([1.0, 3.0, np.nan])) == (1.0, 3.0)
+    assert limits(np.array([5.0, 5.0 + 1e-9])) == (0.0, 5.0 + 1e-9)
+    assert limits(np.array([-5.0, -5.0])) == (-5.0, 1.0)
+    assert limits(np.full(3, np.nan)) == (0.0, 1.0)
+
+
+def plain(picture: Path) -> bool:
+    """Whether an image is of next to no colours."""
+    image = matplotlib.image.imread(picture)
+    return len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) < 50
+
+
+def test_plane_pictures_need_no_pyvista(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    square(tmp_path)
+    made, remarks = picture.plot(tmp_path, output=tmp_path / "to")
+    assert made == [tmp_path / "to" / name for name in ("bodies.png", "contact_pressure.png")]
+    assert not remarks
+    assert not any(plain(path) for path in made)
+
+
+def test_a_field_the_result_lacks_is_told(tmp_path: Path) -> None:
+    square(tmp_path)
+    made, remarks = picture.plot(tmp_path, fields=("von_mises", "stress"), exaggeration=1.0)
+    assert len(made) == 2
+    assert remarks == [
+        "left out: stress: the result does not hold it, "
+        "only contact_pressure, displacement, von_mises"
+    ]
+    with pytest.raises(picture.PictureError, match="holds none of stress; it holds contact_pres"):
+        picture.plot(tmp_path, fields=("stress",))
+
+
+def test_pressure_lines_go_along_the_boundary(tmp_path: Path) -> None:
+    """From the left end, in arc length of the undeformed sides, numbers of nodes in any order."""
+    points = np.array([[2, 0], [0, 0], [1, 1], [3, 1], [1, 0], [3, 0]], dtype=float)
+    with XDMFWriter(tmp_path / "solution.xdmf", "triangle", 6, 4) as file:
+        file.points(0, points)
+        file.cells(0, [[1, 4, 2], [4, 0, 2], [0, 3, 2], [0, 5, 3]])
+        file.point_data("contact_pressure", 0, [3.0, 1.0, 0.0, 0.0, 2.0, 4.0])
+        file.point_data("gap", 0, [0.0, 0.0, np.nan, np.nan, 0.0, 0.0])
+    ((nodes, position),) = profiles(read(tmp_path))
+    assert nodes.tolist() == [1, 4, 0, 5]
+    np.testing.assert_allclose(position, [0.0, 1.0, 2.0, 3.0])
+
+
+def test_a_closed_contact_is_opened_where_it_presses_least(tmp_path: Path) -> None:
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
+    with XDMFWriter(tmp_path / "solution.xdmf", "quadrilateral", 4, 1) as file:
+        file.points(0, points)
+        file.cells(0, [[0, 1, 2, 3]])
+        file.point_data("contact_pressure", 0, [5.0, 1.0, 6.0, 7.0])
+    ((nodes, position),) = profiles(read(tmp_path))
+    assert nodes[0] == 1
+    np.testing.assert_allclose(position, [0.0, 1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("cell", "points", "sides", "area"),
+    [
+        ("tetrahedron", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], 4, 1.5 + np.sqrt(0.75)),
+        ("hexahedron", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0],
+                        [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], 6, 6.0),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_surface_of_a_cell(
+    cell: str, points: list[list[int]], sides: int, area: float, degree: int, tmp_path: Path
+) -> None:
+    """Sides face outwards and cover the surface, of second-order cells in four pieces each."""
+    corners = np.array(points, dtype=float)
+    if degree == 2:
+        corners = np.array([corners[list(on)].mean(axis=0) for on in node_vertices(cell)])
+    with XDMFWriter(
+        tmp_path / "solution.xdmf", cell_type_name(cell, degree), len(corners), 1
+    ) as file:
+        file.points(0, corners)
+        file.cells(0, [np.arange(len(corners))])
+    (found,) = read(tmp_path).boundary()
+    assert len(found) == sides * (1 if degree == 1 else 4)
+    a, b, c = (corners[found[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a) * (0.5 if found.shape[1] == 3 else 1.0)
+    assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(area)
+    outward = a - corners[: len(points)].mean(axis=0)
+    assert (np.sum(normals * outward, axis=1) > 0).all()
+
+
+def test_without_pyvista_bodies_in_space_are_drawn_and_it_is_said_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    points = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    with XDMFWriter(tmp_path / "solution.xdmf", "hexahedron", 8, 1) as file:
+        file.points(0, points)
+        file.cells(0, [np.arange(8)])
+        file.point_data("contact_pressure", 0, [1.0, 2.0, 3.0, 4.0, 0, 0, 0, 0])
+    made, remarks = picture.plot(tmp_path, fields=("contact_pressure",))
+    assert [path.name for path in made] == ["bodies.png", "contact_pressure.png"]
+    assert "pip install" in remarks[0]
+    assert not any(plain(path) for path in made)
+
+
+@pytest.mark.parametrize("all_round", [False, True])
+def test_a_bore_is_unrolled(all_round: bool) -> None:
+    """Lengths around the axis stay, its opposite is where it is cut, and nothing overlaps."""
+    n, radius, axis = 60, 2.0, np.array([0.6, 0.0, 0.8])
+    angles = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    e, f = np.array([0.8, 0.0, -0.6]), np.array([0.0, 1.0, 0.0])
+    ring = radius * (np.cos(angles)[:, None] * e + np.sin(angles)[:, None] * f) + [1.0, 5.0, 2.0]
+    points = np.concatenate([ring, ring + 3.0 * axis])
+    here, there = np.arange(n), np.roll(np.arange(n), -1)
+    triangles = np.concatenate(
+        [np.stack([here, here + n, there], 1), np.stack([there, here + n, there + n], 1)]
+    )
+    outside = np.cross(*(points[triangles[0, i]] - points[triangles[0, 0]] for i in (1, 2)))
+    assert outside @ (ring[0] - ring.mean(axis=0)) < 0.0  # out of the body: to the axis
+    pressed = np.tile(all_round | (np.abs(angles - np.pi) < 0.9), 2)
+    across, shown, names = flattened(points, triangles, pressed)
+    assert names == ("around the axis", "along the axis")
+    assert shown.sum() == 2 * (n - 1)
+    corners = across[triangles[shown]]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    assert (np.sign(area) == np.sign(area[0])).all()
+    np.testing.assert_allclose(np.abs(area), 0.5 * 3.0 * 2.0 * np.pi * radius / n, rtol=1e-3)
+    if not all_round:
+        assert abs(across[n // 2, 0]) < 0.2  # where it is pressed most
+
+
+def test_what_lies_behind_a_pressed_face_is_not_drawn_over_it(tmp_path: Path) -> None:
+    """All faces of a block may touch; the picture shows those that look as the pressed one."""
+    block(tmp_path)
+    stored = read(tmp_path)
+    (sides,) = stored.boundary()
+    triangles = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    pressed = (stored.points[triangles][:, :, 0] > 1.5).all(axis=1)
+    _, shown, names = flattened(stored.points, triangles, pressed)
+    assert names == ("y", "z")
+    np.testing.assert_array_equal(shown, pressed)
+
+
+def test_pressure_on_an_edge_alone_is_drawn(tmp_path: Path) -> None:
+    """No face may touch as a whole, as where a boundary is a line of nodes."""
+    block(tmp_path)
+    stored = read(tmp_path)
+    edge = (stored.points[:, 0] > 1.5) & (stored.points[:, 2] < 0.5)
+    stored.point_data["gap"][:] = np.where(edge, 0.0, np.nan)
+    stored.point_data["contact_pressure"][:] = np.where(edge, 3.0, 0.0)
+    assert not plain(draw_contact(stored, tmp_path / "edge.png"))
+
+
+def test_what_does_not_touch_has_no_pressure_to_draw(tmp_path: Path) -> None:
+    square(tmp_path, fields=False)
+    made, remarks = picture.plot(tmp_path, fields=("displacement",))
+    assert [path.name for path in made] == ["bodies.png"]
+    assert "holds no contact_pressure" in remarks[0]
+
+
+def test_the_command_writes_beside_the_result(tmp_path: Path) -> None:
+    square(tmp_path)
+    ran = CliRunner().invoke(app, ["plot", str(tmp_path), "--field", "von_mises", "--scale", "2"])
+    assert ran.exit_code == 0, ran.output
+    assert (tmp_path / "bodies.png").is_file()
+    assert (tmp_path / "contact_pressure.png").is_file()
+
+
+@pytest.mark.slow
+def test_the_view_in_paraview(tmp_path: Path) -> None:
+    if not shutil.which("pvbatch") or not shutil.which("xvfb-run"):
+        pytest.skip("pvbatch and xvfb-run are not installed")
+    square(tmp_path)
+    script = Path(__file__).parents[3] / "docs" / "paraview" / "contact_view.py"
+    ran = subprocess.run(
+        ["xvfb-run", "-a", "pvbatch", script, tmp_path / "solution.xdmf", tmp_path / "view.png"],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert not plain(tmp_path / "view.png")

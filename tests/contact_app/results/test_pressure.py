@@ -1,0 +1,182 @@
+"""Contact pressures of degree 2: Hertz's profile without alternation, and the right resultant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.model.facets import moments
+from contact_app.model.model import facets_of
+from contact_app.results.alternation import Lines, alternation
+from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import build_scene
+from contact_app.studies.verification import find, study
+from tests import meshfiles, scenes
+from tests.comparison import solve
+
+ROOT = Path(__file__).parents[3]
+
+
+class Profile(NamedTuple):
+    """Errors over Hertz's peak: of the peak, of the inner 80 %, of all, and of alternation."""
+
+    peak: float
+    inner: float
+    rms: float
+    alternation: float
+
+
+def profile(solved: SolvedScene) -> Profile:
+    """The pressures of `configs/hertz_disc.yaml` beside p0 √(1 - x²/a²), a from the force."""
+    (material,) = solved.model.scene.bodies[0].materials
+    modulus = material.young / (1.0 - material.poisson**2)
+    force = 2.0 * solved.summary["solution"]["contact_force"][1]
+    a = np.sqrt(4.0 * force * 50.0 / (np.pi * modulus))
+    p0 = 2.0 * force / (np.pi * a)
+    (s,) = solved.model.partition.subdomains
+    rim = np.unique(s.reference.facets[s.boundaries["rim"]])
+    x, p = s.points()[rim, 0], solved.nodes.contact_pressure[s.nodes[rim]]
+    order = np.argsort(x)
+    x, p = x[order], p[order]
+    near = x < 1.5 * a
+    x, p = x[near], p[near]
+    exact = p0 * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0))
+    inner = x < 0.8 * a
+    waves = (p - exact) / p0
+    return Profile(
+        peak=abs(p.max() / p0 - 1.0),
+        inner=np.abs(waves[inner]).max(),
+        rms=float(np.sqrt(np.mean(waves**2))),
+        alternation=np.abs(np.diff(waves, 2))[inner[1:-1]].max(),
+    )
+
+
+def hertz(directory: Path, curved: bool, *overrides: str) -> Profile:
+    file = ROOT / "meshes" / "samples" / "disc_quarter.msh"
+    if curved:
+        mesh = meshfiles.on_circle(meshio.read(file), (0.0, 50.0), 50.0)
+        file = meshfiles.write(mesh, directory / "disc.msh")
+    given = (f"bodies.0.mesh.file={file}", "bodies.0.degree=2", "decomposition.subdomains=1",
+             *overrides)  # fmt: skip
+    scene = build_scene(load(ROOT / "configs" / "hertz_disc.yaml", given))
+    solved = solve_scene(scene, MPI.COMM_SELF)
+    assert solved.summary["certificate"]["passed"]
+    return profile(solved)
+
+
+@pytest.mark.parametrize("curved", [False, True], ids=["straight", "curved"])
+def test_hertz(curved: bool, tmp_path: Path) -> None:
+    """Peak and profile; nodal forces over areas would be 2 % off on straight edges."""
+    found = hertz(tmp_path, curved)
+    assert found.peak < 0.002
+    assert found.inner < 0.002
+    assert found.rms < 0.004
+    assert found.alternation < 0.001
+
+
+def test_hertz_near_incompressible(tmp_path: Path) -> None:
+    """ν = 0.4999: forces of corners and middles differ by their double, the pressure does not."""
+    found = hertz(tmp_path, True, "bodies.0.material.poisson=0.4999")
+    assert found.peak < 0.01
+    assert found.inner < 0.01
+    assert found.alternation < 0.01
+
+
+def test_hertz_converges(tmp_path: Path) -> None:
+    """Curved cells halved; parts of straight ones would stay on the polygon."""
+    coarse, fine = (hertz(tmp_path, True, f"bodies.0.mesh.refine={n}") for n in (0, 1))
+    assert fine.rms < 0.6 * coarse.rms
+    assert fine.inner < 0.0012, "what the theory of a half plane leaves"
+
+
+def line_of_facets(x: np.ndarray) -> tuple[Lines, np.ndarray]:
+    """Facets of three nodes between ascending vertices, in an order of their own."""
+    middles = 0.5 * (x[1:] + x[:-1])
+    points = np.pad(np.concatenate([x, middles])[:, None], ((0, 0), (0, 2)))
+    n = np.arange(len(x) - 1)
+    return Lines.of([np.stack([n, n + 1, len(x) + n], axis=1)], points), points[:, 0]
+
+
+@pytest.mark.parametrize("spacing", [np.ones(8), 1.4 ** np.arange(8)])
+def test_an_alternation_is_taken_off_a_smooth_pressure(spacing: np.ndarray) -> None:
+    lines, x = line_of_facets(np.append(0.0, np.cumsum(spacing)))
+    ends = np.arange(len(x)) <= len(spacing)
+    smooth = 30.0 + 3.0 * x
+    wave = np.where(ends, 2.0, -1.0)
+    assert alternation(lines, smooth + wave, lambda v: v) == pytest.approx(wave, abs=1e-12)
+    inner = (x > x.max() * 0.02) & (x < x.max() * 0.6) & ends
+    curved = smooth + x**2
+    assert alternation(lines, curved, lambda v: v)[inner] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_nodes_that_an_alternation_opens_are_closed() -> None:
+    """The mean, two thirds of what middles have, is constant; the contact ends at x = 6."""
+    lines, x = line_of_facets(np.arange(9.0))
+    ends = np.arange(len(x)) < 9
+    q = np.where(ends, 0.0, 2.5)
+    q[x > 6.0] = 0.0
+    found = q - alternation(lines, q, lambda v: v)
+    assert found[(x > 1.1) & (x < 4.9)] == pytest.approx(2.5 * 2.0 / 3.0)
+    assert (found[x > 6.0] == 0.0).all()
+    q = np.where(ends, 3.0, 0.0)  # as of a polygon in a round hole: corners alone touch
+    assert q - alternation(lines, q, lambda v: v) == pytest.approx(1.0)
+
+
+def test_a_polygon_in_a_round_hole_touches_with_its_corners() -> None:
+    """Its pressure is 110.4 in the mean, not the three times as much of forces over shares."""
+    (case,) = find(["thick_ring_straight"])
+    (row,) = study(case, case.levels[:1])
+    mean = next(q for q in row.quantities if q.name == "mean pressure")
+    assert mean.ours == pytest.approx(110.41, rel=1e-3)
+
+
+def top(cells: list[int], degree: int) -> dict[tuple[float, float], float]:
+    """Nodal pressures of the cushion under a ball, by place."""
+    given = (f"bodies.0.mesh.box.cells={cells}", f"bodies.0.degree={degree}")
+    scene = build_scene(load(ROOT / "configs" / "sphere.yaml", given))
+    nodes = solve_scene(scene, MPI.COMM_SELF).nodes
+    surface = ~np.isnan(nodes.gap)
+    at = np.round(nodes.points[surface][:, :2], 6).tolist()
+    return {(x, y): p for (x, y), p in zip(at, nodes.contact_pressure[surface], strict=True)}
+
+
+def test_flat_faces_are_as_accurate_as_degree_1_on_as_many_nodes() -> None:
+    """Under a ball, against a mesh twice as fine: errors of nodal pressures over the peak."""
+    second, first, fine = top([20, 20, 8], 2), top([40, 40, 16], 1), top([80, 80, 16], 1)
+    peak = max(fine.values())
+    assert second.keys() == first.keys() <= fine.keys()
+    inner = [at for at in first if np.hypot(*at) < 2.3]
+    errors = [
+        np.sqrt(np.mean([(found[at] - fine[at]) ** 2 for at in inner])) / peak
+        for found in (second, first)
+    ]
+    assert errors[0] < 0.02
+    assert errors[0] < 1.5 * errors[1]
+
+
+@pytest.mark.parametrize("cell", [*scenes.CELLS_2D, *scenes.CELLS_3D])
+@pytest.mark.parametrize("subdomains", [1, 5])
+def test_the_resultant_is_that_of_the_forces(cell: str, subdomains: int) -> None:
+    """∫ p over the contact is the contact force; no pressure where nothing touches."""
+    made = scenes.ALL["tilted_plane"](cell, 3)
+    made = {**made, "bodies": [{**body, "degree": 2} for body in made["bodies"]]}
+    solution = solve(made, subdomains)
+    nodes = solution.nodes
+    assert nodes.contact_pressure.min() >= 0.0
+    total = 0.0
+    scene, partition = solution.model.scene, solution.model.partition
+    contact = scene.contacts[0]
+    chosen = facets_of(scene, partition, contact.body, contact.boundary)
+    for s, rows in zip(partition.subdomains, chosen, strict=True):
+        if len(rows):
+            facets = s.reference.facets[rows]
+            shares = moments(s.points()[facets], scene.dimension).sum(axis=1)
+            total += float((shares * nodes.contact_pressure[s.nodes[facets]]).sum())
+    force = np.linalg.norm(solution.summary["solution"]["contact_force"])
+    assert total == pytest.approx(force, rel=1e-8)

@@ -1,0 +1,163 @@
+"""`check`: what it says, what it refuses, and estimates near what runs need."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mpi4py import MPI
+
+from contact_app.errors import NoEquilibriumError
+from contact_app.model.model import outline
+from contact_app.run.check import describe, estimate, modelled_lines, report
+from contact_app.run.run import run, solve_scene
+from solver.tfeti.constraints.rows import RowKind
+from tests import scenes
+
+
+def lines_of(made: dict[str, Any], subdomains: int | list[int] | None = None) -> str:
+    scene = scenes.build(made, subdomains)
+    return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF, needed="estimated")))
+
+
+def test_says_which_nodes_are_out_of_reach() -> None:
+    made = scenes.far_obstacle("hexahedron", 2)
+    made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (1.9, 0, 0), (-1, 0, 0))
+    text = lines_of(made)
+    assert "none of its nodes can come that far, smallest gap 0.9" in text
+    assert "contacts[0]: 6 of 6 candidate nodes are farther away than they can move (0.7" in text
+
+
+def test_says_which_bodies_nothing_acts_on() -> None:
+    made = scenes.wall("hexahedron", 2)
+    made["bodies"].append(
+        scenes.block("hexahedron", 2, name="idle", lower=(3, 0, 0), upper=(4, 1, 1))
+    )
+    made["conditions"].append(scenes.clamp("hexahedron", "idle.z-"))
+    text = lines_of(made)
+    assert "idle: nothing loads, moves or overlaps it; it stays as it is" in text
+    assert "block: nothing loads" not in text
+    made["conditions"][-1]["displacement"] = [0, 0, 0.1]
+    assert "nothing loads" not in lines_of(made)
+
+
+def test_the_log_of_a_run_says_the_same(tmp_path: Path) -> None:
+    scene = scenes.build(scenes.duplicate_obstacles("quadrilateral", 4), [2, 2])
+    known = outline(scene, MPI.COMM_SELF, needed="estimated")
+    assert run(scene, tmp_path, MPI.COMM_SELF) == 0
+    logged = (tmp_path / "run.log").read_text()
+    lines = modelled_lines(scene, known)
+    assert len(lines) > 12
+    assert [line for line in lines if line and line not in logged] == []
+
+
+def test_says_what_is_modelled() -> None:
+    text = lines_of(scenes.two_bodies("hexahedron", 4))
+    assert "152 nodes, 456 degrees of freedom" in text
+    assert "body soft: box (0, 0, 0) to (1, 1, 1) of 4 x 4 x 4 cells (hexahedron)" in text
+    assert "conditions[0]: soft.z- displaced by x = 0, y = 0, z = 0 (25 nodes)" in text
+    assert "soft.z+ loaded by (0, 0, -50) per area (16 facets)" in text
+    assert "plane through (1, 0, 0) with normal (-1, 0, 0) (20 candidate nodes" in text
+    assert "smallest gap 0.01)" in text
+    assert "load in all (0, 0, -50)" in text
+    assert "friction" in text
+    assert "nothing was solved" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "subdomains", "told"),
+    [
+        ("duplicate_obstacles", 1, "contacts[1]: repeats contacts[0] and adds no rows"),
+        ("duplicate_obstacles", 1, "6 candidate nodes and 3 that are held or decided by other"),
+        ("no_contacts", 1, "no contacts: plain conjugate gradients"),
+        ("wall", 1, "one held subdomain: no gluing and no coarse problem"),
+        ("wall", [2, 2, 2], "its subdomains float (Total FETI)"),
+        ("floating_in_corner", 1, "kept by what it touches alone"),
+        ("sliding", 1, "free along 3 rigid motions no load works on"),
+    ],
+)
+def test_says_what_is_left_out_and_why(name: str, subdomains: Any, told: str) -> None:
+    assert told in lines_of(scenes.ALL[name]("hexahedron", 2), subdomains)
+
+
+def test_plane_scenes() -> None:
+    text = lines_of(scenes.wall("triangle", 4))
+    assert "2D, plane strain" in text
+    assert "per unit of thickness" in text
+    assert "plane through (1, 0) with normal (-1, 0)" in text
+    assert "circle about (0.45, 2.01)" in lines_of(scenes.sphere("triangle", 4))
+
+
+def test_shared_nodes_are_counted_once() -> None:
+    made = scenes.wall("hexahedron", 4)
+    whole, split = lines_of(made, 1), lines_of(made, [2, 2, 2])
+    for counted in ("(25 nodes)", "(16 facets)", "(20 candidate nodes"):
+        assert counted in whole
+        assert counted in split
+
+
+def test_a_scene_without_equilibrium_is_found_out() -> None:
+    made = scenes.floating_in_corner("hexahedron", 2)
+    made["contacts"] = made["contacts"][1:]
+    with pytest.raises(NoEquilibriumError, match="nothing stops block from leaving along .*-z"):
+        report(scenes.build(made), MPI.COMM_SELF)
+
+
+def test_an_obstacle_in_other_units_is_found_out() -> None:
+    """A wall in millimetres beside a block in metres: told by `check`, and where it holds none."""
+    made = scenes.wall("hexahedron", 2)
+    assert "unit of length" not in lines_of(made)
+    made["contacts"][0]["obstacle"]["plane"]["point"] = [1000, 0, 0]
+    assert "which is 1.73 long in all: are both in the same unit of length?" in lines_of(made)
+    assert "from (0, 0, 0) to (1, 1, 1)" in lines_of(made)
+    held = scenes.floating_in_corner("hexahedron", 2)
+    held["contacts"][0]["obstacle"]["plane"]["point"] = [-1000, -1000, -1000]
+    held["contacts"] = held["contacts"][:1]
+    with pytest.raises(NoEquilibriumError, match=r"contacts\[0\]: the obstacle is .* away from"):
+        report(scenes.build(held), MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("subdomains", [None, 1, [2, 2, 2], 4])
+def test_the_report_is_printed(subdomains: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    report(scenes.build(scenes.wall("tetrahedron", 3), subdomains), MPI.COMM_SELF)
+    out = capsys.readouterr().out
+    assert "memory: about" in out
+    assert "time: about" in out
+
+
+def test_gluing_rows_are_those_of_the_run() -> None:
+    scene = scenes.build(scenes.floating_in_corner("hexahedron", 4), [2, 2, 2])
+    text = "\n".join(describe(scene, outline(scene, MPI.COMM_SELF)))
+    run = solve_scene(scene, MPI.COMM_SELF)
+    assert f"{run.model.problem.count(RowKind.GLUING):,} rows glue them" in text
+
+
+# Peak memory (GB) and seconds without start-up of `contact-app run` on this cube, on two cores.
+MEASURED = [
+    (20, None, 0.19, 0.15),
+    (40, None, 0.29, 0.57),
+    (60, None, 0.48, 1.3),
+    (100, None, 1.2, 5.6),
+    (120, None, 1.8, 8.5),
+    (20, 1, 0.41, 1.04),
+    (30, 1, 1.26, 5.7),
+    (20, 20, 0.20, 0.26),
+]
+
+
+@pytest.mark.parametrize(("cells", "subdomains", "gigabytes", "seconds"), MEASURED)
+def test_estimates_are_within_a_factor_of_two(
+    cells: int,
+    subdomains: int | None,
+    gigabytes: float,
+    seconds: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("contact_app.scene.scene.available_bytes", lambda: float("inf"))
+    made = scenes.wall("hexahedron", cells)
+    made["solver"] = {"tolerance": 1e-6}
+    scene = scenes.build(made, subdomains)
+    cost = estimate(scene, outline(scene, MPI.COMM_SELF))
+    assert 0.5 * gigabytes <= cost.memory / 1e9 <= 2.0 * gigabytes
+    assert 0.5 * seconds <= cost.seconds <= 2.0 * seconds

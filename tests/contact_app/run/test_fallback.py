@@ -1,0 +1,134 @@
+"""Bodies whose subdomains leave the dual problem no digits are solved whole."""
+
+from __future__ import annotations
+
+import pytest
+
+from contact_app.run.run import solve_scene
+from tests import reference, scenes
+
+
+def slab(dimension: int, cells: list[int], length: float) -> scenes.Config:
+    """A held slab beside an oblique plane, of cells a hundred times longer than thick."""
+    upper = [0.3, 1.5, length] if dimension == 3 else [0.3, length]
+    cell = "hexahedron" if dimension == 3 else "quadrilateral"
+    box = {"lower": [0.0] * dimension, "upper": upper, "cells": cells, "cell": cell}
+    plane = {"point": [0.3, 0.0, 0.0][:dimension], "normal": [-0.9, -0.3, -0.27][:dimension]}
+    return {
+        "title": "slab",
+        "dimension": 3 if dimension == 3 else "plane_strain",
+        "bodies": [
+            {
+                "name": "b",
+                "mesh": {"box": box},
+                "material": {"young": 50.0, "poisson": 0.43},
+                "degree": 2,
+            }
+        ],
+        "conditions": [
+            {"on": "b.x-", "displacement": [-0.0002, -0.0008, 0.033][:dimension]},
+            {"on": "b.y-", "traction": [-0.0015, 0.05, -0.016][:dimension]},
+        ],
+        "contacts": [{"on": "b.x+", "obstacle": {"plane": plane}}],
+        "solver": {"tolerance": 1e-8},
+    }
+
+
+SLABS = [(3, [2, 2, 2], 200.0), (2, [4, 4], 300.0)]
+
+
+@pytest.mark.parametrize(("dimension", "cells", "length"), SLABS)
+def test_what_rounding_keeps_from_an_answer_in_parts_is_solved_whole(
+    dimension: int, cells: list[int], length: float
+) -> None:
+    scene = scenes.build(slab(dimension, cells, length), 4)
+    summary = solve_scene(scene).summary
+    assert summary["certificate"]["passed"]
+    assert summary["decomposition"]["subdomains"] == 1
+    assert "in 4 subdomains the answer could not be" in summary["certificate"]["warnings"][-1]
+    known = reference.solve(scene).energy
+    assert summary["solution"]["energy"] == pytest.approx(known, rel=1e-6)
+
+
+def test_a_limit_on_steps_stays_one() -> None:
+    made = slab(*SLABS[0])
+    made["solver"]["max_iterations"] = 40
+    summary = solve_scene(scenes.build(made, 4)).summary
+    assert not summary["certificate"]["passed"]
+    assert summary["decomposition"]["subdomains"] == 4
+    assert summary["solver"]["cg_steps"] <= 40
+
+
+def cantilever(tolerance: float) -> scenes.Config:
+    """Clamped, bent by a pressure, of cells that are long and thin; no contact."""
+    box = {"lower": [0, 0], "upper": [30, 3], "cells": [24, 48], "cell": "quadrilateral"}
+    return {
+        "dimension": 2,
+        "bodies": [{"name": "b", "mesh": {"box": box}, "material": {"young": 1.0, "poisson": 0.3}}],
+        "conditions": [
+            {"on": "b.x+", "displacement": [0.0, 0.0]},
+            {"on": "b.y+", "pressure": 0.0004},
+        ],
+        "contacts": [],
+        "solver": {"tolerance": tolerance},
+    }
+
+
+def test_an_exception_of_the_solver_is_one_more_way_that_failed() -> None:
+    """Asked for twelve digits the dual problem loses its curvature; the body is clamped."""
+    summary = solve_scene(scenes.build(cantilever(1e-12))).summary
+    assert summary["certificate"]["passed"]
+    assert summary["decomposition"]["subdomains"] == 1
+    warning = summary["certificate"]["warnings"][-1]
+    assert "could not be certified" in warning
+    assert "unbounded" not in warning
+    loose = solve_scene(scenes.build(cantilever(1e-6))).summary
+    assert summary["solution"]["energy"] == pytest.approx(loose["solution"]["energy"], rel=1e-9)
+
+
+def strip(length: float, cells: list[int]) -> scenes.Config:
+    """Clamped and lifted at one end, its weight lays the rest of it on a floor."""
+    box = {"lower": [0, 0], "upper": [length, 1], "cells": cells}
+    floor = {"plane": {"point": [0, 0], "normal": [0, 1]}}
+    return {
+        "dimension": 2,
+        "bodies": [{"name": "b", "mesh": {"box": box}, "material": {"young": 1e5, "poisson": 0.3}}],
+        "conditions": [
+            {"in": "b", "force": [0, -0.001]},
+            {"on": "b.x-", "displacement": [0, 0.02]},
+        ],
+        "contacts": [{"on": "b.y-", "obstacle": floor}],
+    }
+
+
+def test_where_the_dual_methods_fail_in_one_piece_displacements_are_solved_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whatever they raise; the message is of the scene."""
+    from contact_app.run import run
+    from solver.errors import UnboundedError
+
+    scene = scenes.build(strip(60.0, [120, 2]), 1)
+    known = solve_scene(scene).summary
+
+    def fails(*arguments: object) -> None:
+        raise UnboundedError("the cost is unbounded below", 7)
+
+    monkeypatch.setattr(run, "solve", fails)
+    summary = solve_scene(scene).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solution"]["energy"] == pytest.approx(known["solution"]["energy"], rel=1e-6)
+    assert summary["solution"]["active_contacts"] == known["solution"]["active_contacts"]
+    warning = summary["certificate"]["warnings"][-1]
+    assert "b is 60 times as long as thick" in warning
+    assert "Newton" in warning
+    assert "unbounded" not in warning
+
+
+@pytest.mark.slow
+def test_a_long_strip_lifted_off_its_floor() -> None:
+    """16,010 unknowns; an active set with 170 factors finds 1,408 rows and this energy."""
+    summary = solve_scene(scenes.build(strip(500.0, [1600, 4]))).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solution"]["active_contacts"] == 1408
+    assert summary["solution"]["energy"] == pytest.approx(6.50452e-4, rel=1e-5)

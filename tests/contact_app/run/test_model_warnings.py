@@ -1,0 +1,69 @@
+"""Warnings of a model that is too small for its answer; each falls silent where it is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from contact_app.run.run import solve_scene
+from tests import scenes
+
+
+def warnings_of(made: scenes.Config, subdomains: Any = 1) -> str:
+    return "\n".join(solve_scene(scenes.build(made, subdomains)).summary["certificate"]["warnings"])
+
+
+@pytest.mark.parametrize("subdomains", [1, 3])
+def test_stress_above_yield(subdomains: int) -> None:
+    """A bar under unit stress: von Mises stress is one everywhere."""
+    made = scenes.bar("quadrilateral", 4)
+    made["dimension"] = "plane_stress"
+    made["contacts"][0]["obstacle"] = scenes.plane("quadrilateral", (3, 0, 0), (-1, 0, 0))
+    assert "yield" not in warnings_of(made, subdomains)
+    made["bodies"][0]["material"]["yield"] = 0.8
+    told = warnings_of(made, subdomains)
+    assert "block: von Mises stress reaches 1.25 times the yield stress" in told
+    assert "in 100 % of its cells" in told
+    made["bodies"][0]["material"]["yield"] = 1.01
+    assert "yield" not in warnings_of(made, subdomains)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_contact_that_leaves_its_boundary(cell: str) -> None:
+    """A block pulled against a wide ball that is watched on a part of the face, or on all of it."""
+    made = scenes.wall(cell, 6)
+    ball = {"sphere": {"center": scenes.vector(cell, 0.5, 0.5, 4.0), "radius": 3.0}}
+    made["conditions"][1]["traction"] = scenes.vector(cell, 0, 0, 40)
+    made["bodies"][0]["boundaries"] = {
+        "part": {"where": f"{scenes.up(cell)[0]} > 0.999 and x > 0.3 and x < 0.7"}
+    }
+    for boundary, told in (("part", True), (scenes.up(cell), False)):
+        made["contacts"] = [{"on": f"block.{boundary}", "obstacle": ball}]
+        found = warnings_of(made)
+        assert ("contact leaves the boundary" in found) == told
+        assert ("beside part enter the obstacle" in found) == told
+
+
+def test_a_plane_ends_where_an_expression_ends_it() -> None:
+    assert "leaves the boundary" not in warnings_of(scenes.heavy("quadrilateral", 4))
+
+
+def hertz(cell: str, n: int, width: float) -> scenes.Config:
+    """A block under a ball that overlaps it over about a width."""
+    made = scenes.wall(cell, n)
+    radius = 2.0
+    depth = width**2 / (2 * radius)
+    center = scenes.vector(cell, 0.5, 0.5, 1 + radius - depth)
+    made["conditions"][1]["traction"] = scenes.vector(cell, 0, 0, -1e-3)
+    ball = {"sphere": {"center": center, "radius": radius}}
+    made["contacts"] = [{"on": f"block.{scenes.up(cell)}", "obstacle": ball}]
+    return made
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron"])
+def test_a_pressure_that_varies_within_facets(cell: str) -> None:
+    """One or two facets carry it, or ten."""
+    n = 20 if scenes.dimension(cell) == 2 else 10
+    assert "varies within single facets" in warnings_of(hertz(cell, n, 0.5 / n))
+    assert "varies within single facets" not in warnings_of(hertz(cell, n, 0.4))

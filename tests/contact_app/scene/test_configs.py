@@ -1,0 +1,95 @@
+"""Every scene in configs/ runs, is certified, and does what its comments say.
+
+Boxes are coarsened to half the cells along each axis, so that each takes about a second.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from contact_app.scene.configuration import load
+from tests.contact_app.test_cli import contact_app
+
+CONFIGS = sorted((Path(__file__).parents[3] / "configs").glob("*.yaml"))
+
+
+def coarser(config: Path) -> list[str]:
+    """Overrides that halve the cells of each box, to no fewer than four."""
+    words = []
+    for i, body in enumerate(load(config).bodies):
+        if body.mesh.box is None:
+            continue
+        cells = [max(min(n, 4), n // 2) for n in body.mesh.box.cells]
+        words += ["--set", f"bodies.{i}.mesh.box.cells={cells}"]
+    return words
+
+
+def run(config: Path, directory: Path) -> dict[str, Any]:
+    """Summary of a run, which must end well."""
+    assert contact_app("run", config, "-o", directory, *coarser(config)) == 0
+    return json.loads((directory / "summary.json").read_text())
+
+
+def test_there_are_several() -> None:
+    assert 6 <= len(CONFIGS) <= 20
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.stem)
+def test_runs_and_is_certified(config: Path, tmp_path: Path) -> None:
+    summary = run(config, tmp_path)
+    assert summary["certificate"]["passed"]
+    warnings = summary["certificate"]["warnings"]
+    coarse = (
+        "varies within single facets",
+        "contact is narrower than a facet",
+    )  # of half the cells
+    assert [w for w in warnings if not any(words in w for words in coarse)] == []
+    assert summary["solution"]["active_contacts"] > 0
+    assert (tmp_path / "solution.xdmf").exists()
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.stem)
+def test_is_checked(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert contact_app("check", config) == 0
+    assert "nothing was solved" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.stem)
+def test_is_explained(config: Path) -> None:
+    text = config.read_text()
+    assert text.startswith("#")
+    assert "# Units:" in text
+
+
+# Contact forces that equilibrium alone decides (loads the obstacles must carry).
+BALANCED = {
+    "block_2d": [0, 2000],
+    "plate_and_pins": [0, 24],
+    "corner": [1000, 1500, 2000],
+}
+
+
+@pytest.mark.parametrize("name", BALANCED)
+def test_the_obstacles_carry_the_load(name: str, tmp_path: Path) -> None:
+    config = next(c for c in CONFIGS if c.stem == name)
+    force = run(config, tmp_path)["solution"]["contact_force"]
+    expected = BALANCED[name]
+    assert force[: len(expected)] == pytest.approx(expected, rel=1e-4, abs=1e-2)
+
+
+def test_the_patch_has_the_pressure_of_its_comment(tmp_path: Path) -> None:
+    config = next(c for c in CONFIGS if c.stem == "block_2d")
+    solution = run(config, tmp_path)["solution"]
+    assert solution["max_contact_pressure"] == pytest.approx(100.0, rel=1e-5)
+
+
+def test_the_roller_presses_as_hertz_says(tmp_path: Path) -> None:
+    """Two elastic bodies (verification.md: p0 = 3585.4), by a mesh of 1300 nodes."""
+    config = next(c for c in CONFIGS if c.stem == "roller_on_block")
+    summary = run(config, tmp_path)
+    assert summary["solution"]["max_contact_pressure"] == pytest.approx(3585.4, rel=0.005)
+    assert summary["solution"]["pair_forces"]["contacts[0]"][1] == pytest.approx(17500.0)

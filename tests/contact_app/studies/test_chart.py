@@ -1,0 +1,376 @@
+"""The chart of speed against accuracy: its frontier, its ruler, and tiny charts of real runs."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contact_app.errors import ConfigurationError
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Material, build_scene
+from contact_app.studies import chart
+from contact_app.studies.chart_store import Kept
+from contact_app.studies.fields_on_boxes import Lattice, Mesh
+from contact_app.studies.fields_on_meshes import BodyNodes, Cloud
+from contact_app.studies.frontier import frontier
+from contact_app.studies.processes import RunError
+from contact_app.studies.reference import Fields, ReferenceAnswer, Ruler, Sampled, extrapolate
+from meshes.graded import graded_box
+from tests import meshfiles, scenes
+from tests.reference import solve as solve_reference
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+NUMBERS = st.one_of(st.integers(0, 5).map(float), st.sampled_from([np.nan, np.inf]))
+
+
+# --- the frontier
+
+
+@given(st.lists(st.tuples(NUMBERS, NUMBERS), max_size=12))
+def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> None:
+    seconds, errors = [p[0] for p in points], [p[1] for p in points]
+    found = frontier(seconds, errors)
+    finite = [i for i, p in enumerate(points) if np.isfinite(p).all()]
+
+    def beats(a: int, b: int) -> bool:
+        first, second = points[a], points[b]
+        return first != second and first[0] <= second[0] and first[1] <= second[1]
+
+    unbeaten = [i for i in finite if not any(beats(j, i) for j in finite)]
+    assert {points[i] for i in found} == {points[i] for i in unbeaten}
+    assert len({points[i] for i in found}) == len(found)
+    assert [seconds[i] for i in found] == sorted(seconds[i] for i in found)
+    assert [errors[i] for i in found] == sorted((errors[i] for i in found), reverse=True)
+
+
+# --- the ruler
+
+
+def _nodes(mesh: Mesh, lower: tuple[float, ...], upper: tuple[float, ...]) -> np.ndarray:
+    """Nodes of a mesh in an order that is not the lattice's, (n, 3)."""
+    axes = [a + (b - a) * x for a, b, x in zip(lower, upper, mesh.grids, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
+    order = np.random.default_rng(3).permutation(len(points))
+    return np.pad(points, ((0, 0), (0, 3 - len(lower))))[order]
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("graded", [None, ((0.0, 0.3, 1.0), (0.0, 0.1, 0.11, 1.0), (0.0, 1.0))])
+def test_polynomials_are_evaluated_exactly(
+    cell: str, degree: int, graded: tuple[tuple[float, ...], ...] | None
+) -> None:
+    d = 3 if cell in ("hexahedron", "tetrahedron") else 2
+    graded = graded and graded[:d]
+    lower, upper = (1.0, -2.0, 0.5)[:d], (2.0, 0.0, 3.5)[:d]
+    mesh = Mesh(cell, degree, (2, 3, 1)[:d], graded)
+    lattice = Lattice(lower, upper, (8, 12, 4)[:d])
+    fine = _nodes(Mesh("quadrilateral", 1, lattice.cells), lower, upper)
+
+    def field(x: np.ndarray) -> np.ndarray:
+        line = x[:, :d] @ np.array([1.0, -3.0, 0.7])[:d] + 2.0
+        return np.column_stack([line**degree, -line])
+
+    nodes = _nodes(mesh, lower, upper)
+    seen = Mesh.through(cell, degree, lattice.places(nodes))
+    assert seen.cells == mesh.cells
+    for found, expected in zip(seen.lines, mesh.lines, strict=True):
+        assert found == pytest.approx(expected, abs=1e-12)
+    found = lattice.evaluate(mesh, nodes, field(nodes))
+    order = np.lexsort(fine[:, :d].T[::-1])
+    assert found == pytest.approx(field(fine[order]), abs=1e-11)
+    with pytest.raises(ValueError, match="nodes"):
+        lattice.evaluate(mesh, nodes[1:], field(nodes)[1:])
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "triangle"])
+def test_simplices_are_those_of_dolfinx(cell: str) -> None:
+    """The interpolant of a random field agrees with dolfinx's inside every cell."""
+    from dolfinx import fem
+    from dolfinx import mesh as dmesh
+    from mpi4py import MPI
+
+    from meshes import dolfinx_compat as versions
+
+    d = 3 if cell == "tetrahedron" else 2
+    make = dmesh.create_box if d == 3 else dmesh.create_rectangle
+    mesh = make(MPI.COMM_SELF, [np.zeros(d), np.ones(d)], [2] * d, getattr(dmesh.CellType, cell))
+    space = versions.vector_space(mesh, 1, d)
+    function = fem.Function(space)
+    function.x.array[:] = np.random.default_rng(1).normal(size=len(function.x.array))
+    cells = versions.cell_nodes(mesh)
+    centres = mesh.geometry.x[cells].mean(axis=1)
+    expected = function.eval(centres, np.arange(len(cells), dtype=np.int32))
+    fine = 8 if d == 3 else 6  # centres of simplices of 2 cells: multiples of 1/8, 1/6
+    lattice = Lattice((0.0,) * d, (1.0,) * d, (fine,) * d)
+    nodes = space.tabulate_dof_coordinates()
+    found = lattice.evaluate(Mesh(cell, 1, (2,) * d), nodes, function.x.array.reshape(-1, d))
+    place = np.rint(centres[:, :d] * fine).astype(int)
+    rows = np.ravel_multi_index(tuple(place.T), (fine + 1,) * d)
+    assert found[rows] == pytest.approx(expected, abs=1e-12)
+
+
+def test_energy_and_volume_of_the_lattice() -> None:
+    material, lattice = Material(210.0, 0.3), Lattice((0, 0, 0), (2, 1, 1), (4, 3, 2))
+    points = _nodes(Mesh("hexahedron", 1, lattice.cells), lattice.lower, lattice.upper)
+    points = points[np.lexsort(points.T[::-1])]
+    stretch = np.zeros_like(points)
+    stretch[:, 0] = 0.1 * points[:, 0]
+    modulus = 210.0 * 0.7 / (1.3 * 0.4)
+    assert lattice.energy(stretch, (material,), None) == pytest.approx(2.0 * modulus * 0.01)
+    assert lattice.energy(np.ones_like(points), (material,), None) == pytest.approx(0.0, abs=1e-10)
+    assert lattice.weights.sum() == pytest.approx(2.0)
+
+
+def test_pressure_is_continued_to_nodes_without_a_row() -> None:
+    scene = build_scene(load(CONFIGS / "block_2d.yaml"))
+    box = scene.bodies[0].mesh
+    lattice = Lattice(box.lower, box.upper, (8, 8))
+    mesh = Mesh("quadrilateral", 1, (2, 2))
+    points = _nodes(mesh, box.lower, box.upper)
+    floor = points[:, 1] == 0.0
+    watched = floor & (points[:, 0] > 0.0)
+    fields = Fields(points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
+                    np.array([1]), np.array(["quadrilateral"]))  # fmt: skip
+    ruler = Ruler(scene, (lattice,), [])
+    found = ruler.sample(fields).pressure[0].reshape(9, 9)
+    assert found[1:, 0] == pytest.approx(5.0)
+    assert found[0, 0] == 0.0
+
+
+def test_extrapolation_finds_rate_and_rest() -> None:
+    scene = build_scene(load(CONFIGS / "block_2d.yaml"))
+    box = scene.bodies[0].mesh
+    lattice = Lattice(box.lower, box.upper, (4, 4))
+    ruler = Ruler(scene, (lattice,), [lattice.weights])
+    limit = np.random.default_rng(0).normal(size=(25, 3))
+    drift = np.random.default_rng(1).normal(size=(25, 3))
+
+    def answer(h: float) -> Sampled:
+        field = limit + h**2 * drift
+        return Sampled([field[:, :2]], [field[:, 2]])
+
+    reference = ReferenceAnswer.of(ruler, [answer(0.4), answer(0.2), answer(0.1)])
+    assert reference.rates == pytest.approx(2.0)
+    left = ruler.norms(answer(0.1), answer(0.0)) / reference.norms
+    assert reference.accuracy[1:] == pytest.approx(left[1:])
+    near = ruler.norms(answer(0.2), answer(0.1)) / reference.norms
+    assert reference.errors(answer(0.2))[1:] == pytest.approx(near[1:])
+    assert reference.errors(answer(0.1))[0] == pytest.approx(reference.accuracy[0])
+    assert "rate 2.00" in reference.describe()
+    assert extrapolate(np.ones(3), np.ones(3))[0] == pytest.approx(0.25)
+
+
+# --- clouds, for meshes from files
+
+
+def _body(cell: str, degree: int, cells: int) -> BodyNodes:
+    """A box [0, 2] x [0, 1] (x [0, 1]) whose grid lines are not even; y = 0 is its contact."""
+    d = 3 if cell in ("hexahedron", "tetrahedron") else 2
+    lines = [np.linspace(0.0, length, cells + 1) ** 1.3 for length in (2.0 ** (1 / 1.3), 1.0, 1.0)]
+    mesh = graded_box(cell, lines[:d]).shape(degree)
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
+    facets = mesh.topology.facets[mesh.sides["y-"]]
+    return BodyNodes(cell, degree, points, mesh.cells, np.zeros(len(mesh.cells), np.int32), facets)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_clouds_hold_polynomials(cell: str, degree: int) -> None:
+    """Evaluated exactly on another mesh; energy, volume and area of fields known."""
+    coarse, fine = _body(cell, degree, 2), _body(cell, degree, 3)
+    d, cloud = fine.dimension, Cloud(fine)
+
+    def field(x: np.ndarray) -> np.ndarray:
+        line = x[:, :d] @ np.array([1.0, -3.0, 0.7])[:d] + 2.0
+        return np.column_stack([line**degree, -line])
+
+    found = cloud.sample(coarse, field(coarse.points))
+    assert found == pytest.approx(field(fine.points), abs=1e-10)
+    linear = cloud.sample(coarse, field(coarse.points)[:, 1], first_order=True)
+    assert linear[:, 0] == pytest.approx(field(fine.points)[:, 1], abs=1e-10)
+    stretch = np.zeros((len(fine.points), d))
+    stretch[:, 0] = 0.1 * fine.points[:, 0]
+    modulus = 210.0 * 0.7 / (1.3 * 0.4)
+    energy = cloud.energy(stretch, (Material(210.0, 0.3),), "plane_strain" if d == 2 else None)
+    assert energy == pytest.approx(2.0 * modulus * 0.01)
+    assert cloud.volume(stretch) == pytest.approx(0.01 * 8.0 / 3.0)
+    assert cloud.areas.sum() == pytest.approx(2.0)
+    assert cloud.areas @ fine.points[:, 0] == pytest.approx(2.0, rel=1e-9)
+
+
+def test_a_chart_of_a_mesh_from_a_file(tmp_path: Path) -> None:
+    """Halved once the error is less, and refined where it is for as much takes fewer unknowns."""
+    made = scenes.wall("triangle", 4)
+    file = meshfiles.write(meshfiles.block("triangle", 8), tmp_path / "block.msh")
+    made["bodies"][0] |= {
+        "mesh": {"file": str(file)},
+        "material": {
+            "soft": {"young": 500, "poisson": 0.3},
+            "hard": {"young": 1e3, "poisson": 0.3},
+        },
+    }
+    config = scenes.write(made, tmp_path / "block.yaml")
+    sweep = chart.plan(config, largest=1_000)
+    assert any("mesh from a file" in sentence for sentence in sweep.left_out)
+    assert any("peers" in sentence for sentence in sweep.left_out)
+    usual = [v for v in sweep.variants if v == chart.Variant(v.factor, v.cell)]
+    usual += [v for v in sweep.variants if v.accuracy == 0.05 and v.degree == 2]
+    list(chart.chart(config, tmp_path, replace(sweep, variants=tuple(usual))))
+    given, halved, adaptive = chart.read(tmp_path / "frontier.csv")
+    assert adaptive["method"] == "contact-app accuracy 0.05"
+    assert 0.4 < halved["error_energy"] / given["error_energy"] < 0.8
+    assert 0.1 < halved["error_displacement"] / given["error_displacement"] < 0.6
+    assert adaptive["error_energy"] < 0.05
+
+
+# --- charts
+
+
+def test_a_patch_whose_answer_every_mesh_holds_has_no_error(tmp_path: Path) -> None:
+    """Uniform compression: errors are those of the solvers, peers included."""
+    config = CONFIGS / "block_2d.yaml"
+    sweep = chart.plan(config, largest=140)
+    usual = {(v.cell, v.method): v for v in sweep.variants if v == chart.Variant(
+        v.factor, v.cell, method=v.method)}  # fmt: skip
+    chosen = [usual[c, m] for c, m in (("quadrilateral", "contact-app"),
+              ("triangle", "contact-app"), ("quadrilateral", "tao-bnls"))]  # fmt: skip
+    sweep = chart.Sweep(sweep.scene, tuple(chosen), sweep.references, sweep.left_out)
+    told = list(chart.chart(config, tmp_path, sweep))
+    rows = chart.read(tmp_path / "frontier.csv")
+    assert len(rows) == sum(p.row is not None for p in told)
+    assert {(r["method"], r["cell"]) for r in rows} >= {
+        ("contact-app", "quadrilateral"), ("contact-app", "triangle")
+    }  # fmt: skip
+    if len(rows) < len(chosen):  # TAO's bnls of PETSc 3.22 crashes on this scene: that is told
+        assert any("tao-bnls" in p.text for p in told if p.row is None)
+    for row in rows:
+        assert row["error_energy"] < 1e-5
+        assert row["error_displacement"] < 1e-5
+        assert row["error_pressure"] < 1e-5
+        assert row["seconds"] > 0.0
+        assert row["dofs"] == 132
+    with (tmp_path / "frontier.csv").open() as file:
+        assert next(csv.reader(file)) == list(chart.COLUMNS)
+    assert (tmp_path / "frontier.png").stat().st_size > 10_000
+
+
+def test_refinement_to_an_accuracy_is_a_point_and_a_chart_goes_on(tmp_path: Path) -> None:
+    """Graded cells under a punch: the error measured is below what was asked for."""
+    config = CONFIGS / "flat_punch.yaml"
+    sweep = chart.plan(config, largest=1_000, peers=False)
+    adaptive = {v.accuracy: v for v in sweep.variants if v.accuracy}
+    assert set(adaptive) == set(chart.ACCURACIES)
+    few = [adaptive[0.2], adaptive[0.1]]
+    assert not any("degree" in o for v in few for o in v.overrides(sweep.scene))
+    sweep = chart.Sweep(sweep.scene, tuple(few[:1]), sweep.references, ())
+    list(chart.chart(config, tmp_path, sweep))
+    begun = chart.read(tmp_path / "frontier.csv")
+    sweep = chart.Sweep(sweep.scene, tuple(few), sweep.references, ())
+    told = [p.text for p in chart.chart(config, tmp_path, sweep, resume=True)]
+    assert not any(text.startswith("reference:") for text in told)
+    rows = chart.read(tmp_path / "frontier.csv")
+    assert rows[0] == begun[0]
+    for row, asked in zip(rows, (0.2, 0.1), strict=True):
+        assert row["method"] == f"contact-app accuracy {asked:g}"
+        assert 0.2 * asked < row["error_energy"] < asked
+        assert row["degree"] == 2
+
+
+def test_only_the_same_chart_goes_on(tmp_path: Path) -> None:
+    kept = Kept(tmp_path, ["one", "scene"], resume=False)
+    kept.reference(0).touch()
+    kept.add("a point", {"seconds": 1.0})
+    kept.add("another", "not done after 1 s")
+    same = Kept(tmp_path, ["one", "scene"], resume=True)
+    assert same.points == kept.points
+    assert same.rows() == [{"seconds": 1.0}]
+    assert same.reference(0).exists()
+    assert not Kept(tmp_path, ["another", "scene"], resume=True).points
+    assert not same.reference(0).exists()
+
+
+def test_an_interrupted_chart_leaves_what_it_had(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = CONFIGS / "block_2d.yaml"
+    sweep = chart.plan(config, largest=1000, peers=False)
+    done = []
+
+    def point(_config, _sweep, variant, *_rest):
+        if variant.cell == "triangle":
+            raise RunError("not done after 1 s")
+        if len(done) == 4:
+            raise KeyboardInterrupt
+        done.append(variant)
+        return dict.fromkeys(chart.COLUMNS, 1.0) | {"method": "contact-app", "cell": variant.cell}
+
+    def reference(*_arguments):
+        yield chart.Progress("reference")
+        return ReferenceAnswer(None, None, np.ones(3), np.ones(3), np.ones(3))
+
+    monkeypatch.setattr(chart, "_point", point)
+    monkeypatch.setattr(chart, "_reference", reference)
+    with pytest.raises(KeyboardInterrupt):
+        list(chart.chart(config, tmp_path, sweep))
+    assert len(chart.read(tmp_path / "frontier.csv")) == 4
+    assert (tmp_path / "frontier.png").exists()
+
+
+def test_what_a_scene_does_not_allow_is_said(tmp_path: Path) -> None:
+    path = scenes.write(scenes.two_bodies("hexahedron", 2), tmp_path / "two.yaml")
+    sweep = chart.plan(path, largest=20_000)
+    assert any("peers" in sentence for sentence in sweep.left_out)
+    assert not any(v.method != "contact-app" for v in sweep.variants)
+    degrees = {v.degree for v in sweep.variants}
+    assert (2 in degrees) != any(s.startswith("degree 2:") for s in sweep.left_out)
+    with pytest.raises(ConfigurationError, match="one kind of cell"):
+        chart.plan(CONFIGS / "three_bodies.yaml")
+    with pytest.raises(ConfigurationError, match="more than 10 degrees"):
+        chart.plan(CONFIGS / "cube.yaml", largest=10)
+    with pytest.raises(ConfigurationError, match="unknown"):
+        chart.plan(CONFIGS / "cube.yaml", ["unknown=1"])
+
+
+def test_cells_are_scaled_to_whole_numbers() -> None:
+    assert chart.scaled((20, 8), Fraction(1, 4)) == (5, 2)
+    with pytest.raises(ValueError, match="1/8"):
+        chart.scaled((20, 8), Fraction(1, 8))
+
+
+# --- peers on whole systems
+
+
+@pytest.mark.parametrize(
+    ("name", "cells"),
+    [("sphere", "[4,4,3]"), ("tilted_plane", "[20,3,3]")],
+)
+def test_peers_solve_scenes_with_turned_frames(name: str, cells: str) -> None:
+    """Bounds in turned frames against the reference that keeps the rows."""
+    from contact_app.studies.peers import solve
+
+    overrides = [f"bodies.0.mesh.box.cells={cells}"]
+    scene = build_scene(load(CONFIGS / f"{name}.yaml", overrides))
+    expected = solve_reference(scene)
+    row, system, x = solve(scene, "snes-vi-cholmod", 1e-10)
+    assert row["energy"] == pytest.approx(expected.energy, rel=1e-8)
+    assert row["penetration"] < 1e-10
+    order, other = (np.lexsort(p.round(9).T) for p in (system.points, expected.points))
+    size = np.abs(expected.u).max()
+    assert system.displacement(x)[order] == pytest.approx(expected.u[other], abs=1e-7 * size)
+    assert system.pressure(x).max() > 0.0
+
+
+def test_peers_refuse_two_bodies() -> None:
+    from contact_app.studies.undecomposed import UnsuitableError, assemble
+
+    scene = build_scene(load(CONFIGS / "three_bodies.yaml"))
+    with pytest.raises(UnsuitableError, match="bodies"):
+        assemble(scene)

@@ -1,0 +1,71 @@
+"""Equilibrium of bodies by Farkas' lemma, against a linear program."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from scipy.optimize import linprog
+
+from solver.contact.equilibrium import balance
+
+NONE = np.zeros((0, 3))
+
+
+def supports(half_width: float, n: int = 5) -> np.ndarray:
+    """Rows of a plane below y = 0 under nodes at |x| ≤ half width: direction -y."""
+    return np.array([[0.0, -1.0, -x] for x in np.linspace(-half_width, half_width, n)])
+
+
+@pytest.mark.parametrize(("x", "stands"), [(0.0, True), (0.999, True), (1.001, False)])
+def test_a_body_stands_while_the_line_of_action_is_inside_its_support(
+    x: float, stands: bool
+) -> None:
+    push = np.array([0.0, -1.0, -x])
+    found = balance(MPI.COMM_SELF, NONE, supports(1.0), push, 1.0)
+    assert (found.escape is None) == stands
+    if not stands:
+        assert found.escape @ push > 0
+        assert (supports(1.0) @ found.escape <= 1e-9).all()
+
+
+def test_a_body_pulled_off_leaves_upwards() -> None:
+    found = balance(MPI.COMM_SELF, NONE, supports(1.0), np.array([0.0, 2.0, 0.0]), 2.0)
+    np.testing.assert_allclose(found.escape, [0, 1, 0], atol=1e-12)
+
+
+def test_free_sliding_is_found() -> None:
+    found = balance(MPI.COMM_SELF, NONE, supports(1.0), np.array([0.0, -1.0, 0.0]), 1.0)
+    np.testing.assert_allclose(np.abs(found.free_motions), [[1], [0], [0]], atol=1e-12)
+    assert not found.held
+
+
+def test_held_rows_stop_everything() -> None:
+    found = balance(MPI.COMM_SELF, np.eye(3), NONE, np.array([5.0, 1.0, -2.0]), 5.0)
+    assert found.held
+    assert found.escape is None
+    assert found.free_motions.shape == (3, 0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 10_000))
+def test_balance_agrees_with_a_linear_program(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    held = random.integers(-2, 3, size=(random.integers(0, 3), 6)).astype(float)
+    contact = random.integers(-2, 3, size=(random.integers(0, 12), 6)).astype(float)
+    load = random.integers(-3, 4, size=6).astype(float)
+    if not load.any():
+        load[0] = 1.0
+    found = balance(MPI.COMM_SELF, held, contact, load, float(np.abs(load).sum()))
+    rows = np.vstack([held, contact])
+    bounds = [(None, None)] * len(held) + [(0, None)] * len(contact)
+    feasible = len(rows) > 0 and bool(
+        linprog(np.zeros(len(rows)), A_eq=rows.T, b_eq=load, bounds=bounds).success
+    )
+    assert (found.escape is None) == feasible
+    if found.escape is not None:
+        np.testing.assert_allclose(held @ found.escape, 0, atol=1e-8)
+        assert (contact @ found.escape <= 1e-8).all()
+        assert load @ found.escape > 0

@@ -1,0 +1,223 @@
+"""Reflections of a subdomain and the inverse they split."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from solver.tfeti.subdomain import generalised_inverse
+from solver.tfeti.subdomain.generalised_inverse import (
+    CholeskyFactor,
+    DenseFactor,
+    GeneralisedInverse,
+    SymmetricBlock,
+    SymmetricInverse,
+)
+from solver.tfeti.subdomain.kernels import fixing_nodes, orthonormal_kernel
+from solver.tfeti.subdomain.reflections import find_symmetry
+
+
+def springs(cells: tuple[int, ...], strength: np.ndarray | None = None) -> tuple:
+    """A lattice of points, each tied by springs to all its neighbours, across diagonals too."""
+    d = len(cells)
+    index = np.array(list(product(*(range(n + 1) for n in cells))))
+    points = np.zeros((len(index), 3))
+    points[:, :d] = index * np.array([1.0, 0.7, 1.3])[:d]
+    pairs = [
+        (i, j)
+        for i in range(len(index))
+        for j in range(i)
+        if np.abs(index[i] - index[j]).max() == 1
+    ]
+    K = np.zeros((len(index) * d,) * 2)
+    for i, j in pairs:
+        along = (points[i] - points[j])[:d]
+        stretch = np.zeros(len(K))
+        stretch[i * d : (i + 1) * d], stretch[j * d : (j + 1) * d] = along, -along
+        weight = 1.0 if strength is None else strength[i] * strength[j]
+        K += weight * np.outer(stretch, stretch) / (along @ along)
+    return points, sparse.csr_matrix(K)
+
+
+@pytest.mark.parametrize("cells", [(2, 2), (3, 2), (2, 2, 2), (3, 2, 1)])
+def test_reflections_are_found_and_leave_the_stiffness_alone(cells: tuple[int, ...]) -> None:
+    points, K = springs(cells)
+    symmetry = find_symmetry(points, len(cells), K)
+    assert symmetry is not None
+    assert symmetry.order == 2 ** len(cells)
+    for image, sign in zip(symmetry.images, symmetry.signs, strict=True):
+        S = sparse.coo_matrix((sign.astype(float), (image, np.arange(len(image)))), K.shape).tocsr()
+        assert abs(S @ K @ S.T - K).max() < 1e-12
+
+
+def test_only_the_reflections_of_the_stiffness_count() -> None:
+    """A lattice stiffer on one side keeps the mirror that swaps the other two sides."""
+    points, _ = springs((2, 2))
+    _, K = springs((2, 2), 1.0 + points[:, 0])
+    symmetry = find_symmetry(points, 2, K)
+    assert symmetry is not None
+    assert symmetry.order == 2
+    np.testing.assert_array_equal(symmetry.signs[1][:2], [1, -1])
+
+
+def test_a_product_of_reflections_may_be_the_only_symmetry() -> None:
+    """Kuhn's cut of a cube into tetrahedra goes over into itself in the point mirror alone."""
+    points, _ = springs((2, 2))
+    strength = 1.0 + np.abs(points[:, 0] / 2.0 + points[:, 1] / 1.4 - 1.0)
+    _, K = springs((2, 2), strength)
+    symmetry = find_symmetry(points, 2, K)
+    assert symmetry is not None
+    assert symmetry.order == 2
+    np.testing.assert_array_equal(symmetry.signs[1], -1)
+
+
+def test_no_symmetry_is_none() -> None:
+    points, _ = springs((2, 2))
+    _, K = springs((2, 2), np.random.default_rng(0).uniform(1.0, 2.0, len(points)))
+    assert find_symmetry(points, 2, K) is None
+    moved = points + np.array([[0.1, 0.0, 0.0]]) * (np.arange(len(points)) == 0)[:, None]
+    assert find_symmetry(moved, 2, springs((2, 2))[1]) is None
+
+
+@pytest.mark.parametrize("cells", [(3, 2), (2, 2, 2), (3, 2, 2)])
+def test_the_split_is_orthogonal_complete_and_splits_the_stiffness(cells: tuple[int, ...]) -> None:
+    points, K = springs(cells)
+    symmetry = find_symmetry(points, len(cells), K)
+    assert symmetry is not None
+    split = symmetry.split(np.arange(K.shape[0]))
+    assert sum(split.sizes) == K.shape[0]
+    bases = split.bases(K.shape[0])
+    together = sparse.hstack(bases).toarray()
+    gram = together.T @ together
+    np.testing.assert_array_equal(gram, np.diag(np.diag(gram)))
+    np.testing.assert_array_equal(np.diag(gram), np.concatenate([o[1] for o in split.orbits]))
+    for a, b in product(range(symmetry.order), repeat=2):
+        if a != b:
+            assert abs(bases[a].T @ K @ bases[b]).max() < 1e-12
+
+
+def test_coordinates_are_products_with_the_bases_and_back() -> None:
+    points, K = springs((3, 2, 2))
+    symmetry = find_symmetry(points, 3, K)
+    assert symmetry is not None
+    chosen = symmetry.closure(np.flatnonzero(points[:, 1] == points[:, 1].max()) * 3 + 1)
+    split = symmetry.split(chosen)
+    np.testing.assert_array_equal(np.sort(split.unknowns), chosen)
+    x = np.random.default_rng(0).normal(size=(5, len(chosen)))
+    full = np.zeros((K.shape[0], 5))
+    full[split.unknowns] = x.T
+    bases = split.bases(K.shape[0])
+    coordinates = split.forward(x)
+    parts = [coordinates[:, place] for place in split.places]
+    for V, part in zip(bases, parts, strict=True):
+        np.testing.assert_allclose(part.T, V.T @ full, atol=1e-14)
+    out = np.empty_like(x)
+    split.backward(coordinates, out)
+    expected = sum(V @ part.T for V, part in zip(bases, parts, strict=True))
+    np.testing.assert_allclose(out.T, expected[split.unknowns], atol=1e-14)
+
+
+@pytest.mark.parametrize("dense", [1e-9, 2.0])
+@pytest.mark.parametrize("cells", [(3, 2), (2, 2, 2), (3, 2, 2)])
+def test_split_inverse_is_the_inverse(
+    cells: tuple[int, ...], dense: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With dense factors and with sparse ones."""
+    monkeypatch.setattr(generalised_inverse, "DENSE", dense)
+    d = len(cells)
+    points, K = springs(cells)
+    R = orthonormal_kernel(points, d)
+    fixing = (fixing_nodes(points, d)[:, None] * d + np.arange(d)).ravel()
+    symmetry = find_symmetry(points, d, K)
+    assert symmetry is not None
+    split = SymmetricInverse(K, R, fixing, symmetry)
+    kind = CholeskyFactor if dense > 1.0 else DenseFactor
+    assert all(isinstance(factor, kind) for factor in split._factors)
+    plain = GeneralisedInverse(K, R, symmetry.closure(fixing))
+    load = np.asfortranarray(np.random.default_rng(1).normal(size=(K.shape[0], 300)))
+    np.testing.assert_allclose(split.solve(load), plain.solve(load), atol=1e-10)
+
+    touched = np.flatnonzero(points[:, 0] == 0.0) * d
+    interface = symmetry.split(symmetry.closure(touched)).unknowns
+    assert len(interface) == 2 * len(touched)
+    block, whole = split.restricted(interface), plain.restricted(interface).toarray()
+    assert isinstance(block, SymmetricBlock)
+    assert sum(b.nbytes for b in block.blocks) <= 0.6 * whole.nbytes
+    np.testing.assert_allclose(block.toarray(), whole, atol=1e-10)
+    x = np.random.default_rng(2).normal(size=(150, len(interface)))
+    y = np.empty_like(x)
+    block.apply(x, y)
+    np.testing.assert_allclose(y, x @ whole, atol=1e-10)
+
+
+@pytest.mark.parametrize("cells", [(3, 2), (3, 2, 2)])
+def test_the_schur_complement_comes_from_the_inverse(cells: tuple[int, ...]) -> None:
+    """Split and whole, it is K relaxed inside, also where inner nodes are the fixed ones."""
+    d = len(cells)
+    points, K = springs(cells)
+    R = orthonormal_kernel(points, d)
+    symmetry = find_symmetry(points, d, K)
+    assert symmetry is not None
+    fixing = (fixing_nodes(points, d)[:, None] * d + np.arange(d)).ravel()
+    end = (points[:, 0] == 0.0) | (points[:, 0] == points[:, 0].max())
+    interface = symmetry.split(np.repeat(end, d).nonzero()[0]).unknowns
+    inside = np.setdiff1d(np.arange(K.shape[0]), interface)
+    A = K.toarray()
+    coupling = A[np.ix_(inside, interface)]
+    relaxed = A[np.ix_(interface, interface)] - coupling.T @ np.linalg.solve(
+        A[np.ix_(inside, inside)], coupling
+    )
+    for where in (fixing, inside):
+        whole = GeneralisedInverse(K, R, where).restricted(interface)
+        split = SymmetricInverse(K, R, where, symmetry).restricted(interface)
+        for block in (whole, split):
+            found = block.schur_complement(R[interface]).toarray()
+            np.testing.assert_allclose(found, relaxed, atol=1e-11 * np.abs(relaxed).max())
+
+
+@pytest.mark.parametrize("contrast", [1.0, 1e7])
+def test_a_schur_complement_is_kept_in_single_precision_if_its_condition_allows(
+    contrast: float,
+) -> None:
+    points, K = springs((3, 2))
+    R = orthonormal_kernel(points, 2)
+    stiff = 1.0 + (contrast - 1.0) * (np.abs(points[:, 0] - 1.5) < 1.0)
+    scale = sparse.diags(np.sqrt(np.repeat(stiff, 2)))
+    symmetry = find_symmetry(points, 2, K)
+    assert symmetry is not None
+    fixing = (fixing_nodes(points, 2)[:, None] * 2 + np.arange(2)).ravel()
+    interface = symmetry.split(np.arange(K.shape[0])).unknowns
+    # scaled it is no elastic body any more, but its kernel is known, and it is as symmetric
+    K, R = (scale @ K @ scale).tocsr(), np.linalg.qr(sparse.diags(1.0 / scale.diagonal()) @ R)[0]
+    x = np.random.default_rng(4).normal(size=(5, len(interface)))
+    for inverse in (
+        GeneralisedInverse(K, R, fixing).restricted(interface),
+        SymmetricInverse(K, R, fixing, symmetry).restricted(interface),
+    ):
+        double = inverse.schur_complement(R[interface])
+        found = double.in_single(inverse)
+        if contrast > 1.0:
+            assert found is double
+            continue
+        assert found is not double
+        exact, rounded = np.empty_like(x), np.empty_like(x)
+        double.apply(x, exact)
+        found.apply(x, rounded)
+        size = np.abs(exact).max()
+        assert 0.0 < np.abs(rounded - exact).max() < 1e-5 * size
+        assert np.abs(found.toarray() - double.toarray()).max() < 1e-6 * np.abs(K).max()
+
+
+def test_averaging_removes_what_breaks_the_symmetry() -> None:
+    points, K = springs((3, 2, 1))
+    symmetry = find_symmetry(points, 3, K)
+    assert symmetry is not None
+    noise = 1e-3 * np.random.default_rng(3).normal(size=K.shape) * (K.toarray() != 0)
+    mean = symmetry.average((K + sparse.csr_matrix(noise + noise.T)).tocsr())
+    assert abs(mean - K).max() > 1e-5
+    for image, sign in zip(symmetry.images, symmetry.signs, strict=True):
+        S = sparse.coo_matrix((sign.astype(float), (image, np.arange(len(image)))), K.shape).tocsr()
+        assert abs(S @ mean @ S.T - mean).max() < 1e-15 * abs(K).max()
