@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.results.mirror import on_planes
+from contact_app.model.planes import on_planes
 from contact_app.scene.scene import Scene
 from meshes import Partition, Reference
 from meshes import dolfinx_compat as versions

@@ -24,8 +24,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import Model
+from contact_app.model.planes import on_planes
 from contact_app.results.fields import NodeFields
-from contact_app.results.mirror import Image, Whole, on_planes, whole
+from contact_app.results.mirror import Image, Whole, whole
 from contact_app.results.pressure import NodesInContact
 
 Array = NDArray[np.float64]

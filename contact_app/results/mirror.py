@@ -10,22 +10,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.model.model import Model
+from contact_app.model.planes import on_planes
+from contact_app.results.fields import NodeFields
 from contact_app.scene.obstacles import SHAPES
 from contact_app.scene.scene import Mirror, Scene
 from meshes.quadratic import node_vertices
-
-if TYPE_CHECKING:
-    from contact_app.model.model import Model
-    from contact_app.results.fields import NodeFields
-
-ON_PLANE = 1e-9
-"""Distance of a node from a plane, over the size of the scene, that is none."""
 
 SHEARS = {0: (3, 5), 1: (3, 4), 2: (4, 5)}
 """Components of a stress xx, yy, zz, xy, yz, xz that change their sign across an axis."""
@@ -98,16 +94,6 @@ class Whole:
     nodes: int
     cells: int
     weight: NDArray[np.int64]
-
-
-def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points (…, 3) lie on each of a scene's planes, (planes, …)."""
-    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
-    tolerance = ON_PLANE * float(np.ptp(ends, axis=(0, 1)).max())
-    on = np.zeros((len(scene.mirrors), *points.shape[:-1]), bool)
-    for k, mirror in enumerate(scene.mirrors):
-        on[k] = np.abs(points[..., mirror.axis] - mirror.at) <= tolerance
-    return on
 
 
 def whole(model: Model, nodes: NodeFields) -> Whole:

@@ -7,28 +7,23 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.model.model import Model
 from contact_app.results.contacts import ContactsOfWhole
-from contact_app.results.fields import slabs
+from contact_app.results.fields import CellFields, NodeFields, slabs
 from contact_app.results.mirror import Image, whole
 from contact_app.results.result_size import result_bytes
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
-
-if TYPE_CHECKING:
-    from contact_app.model.model import Model
-    from contact_app.run.run import SolvedScene
 
 POINT_FIELDS = ("displacement", "contact_pressure", "gap")
 CELL_FIELDS = ("stress", "von_mises")
 
 
-def write_xdmf(solved: SolvedScene, path: Path) -> None:
+def write_xdmf(model: Model, nodes: NodeFields, cells: CellFields, path: Path) -> None:
     """Write the fields the scene asks for (collective)."""
-    model, nodes, cells = solved.model, solved.nodes, solved.cells
     scene, partition, comm = model.scene, model.partition, model.comm
     found = whole(model, nodes)
     wanted = scene.output.fields

@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.facets import between_vertices, hats_at_nodes
 from contact_app.model.model import Model, boundary_nodes, facets_of
+from contact_app.model.planes import on_planes
 from contact_app.results.alternation import Lines, alternation
 from contact_app.results.division import ContactLoads, contact_loads
-from contact_app.results.mirror import on_planes
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
 from contact_app.scene.scene import BodyContact, Contact
 from solver.contact.solution import Solution

@@ -20,7 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from contact_app.machine.exits import is_own_failure, mark_logged, message_of, tell
-from contact_app.machine.result_directory import whole
+from contact_app.machine.whole_file import whole
 
 log = logging.getLogger("contact_app")
 

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact_app.errors import ContactError
 from contact_app.machine.disk import is_full, no_room, reserve
-from contact_app.machine.result_directory import part_of, whole
+from contact_app.machine.whole_file import part_of, whole
 from meshes.quadratic import node_vertices
 
 DIRECTORY_BYTES = 1 << 16

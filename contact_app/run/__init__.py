@@ -1,6 +1,7 @@
 """One run from file to files: the order of its stages, progress, warnings, fallbacks, `check`.
 
 `run` solves and writes a scene, `check` says beforehand what will be modelled and what it costs.
-`fallback` decides what is tried where an answer cannot be certified, `model_warnings`,
-`contact_limits` and `faceted_curves` hold the answer against the assumptions of its model.
+`result_directory` removes what earlier runs left. `fallback` decides what is tried where an answer
+cannot be certified. `model_warnings` and `faceted_curves` hold the answer against the assumptions
+of its model.
 """

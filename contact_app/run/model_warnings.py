@@ -20,15 +20,15 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.accuracy.trust import few_cells
-from contact_app.model.model import Model
-from contact_app.results.fields import CellFields, NodeFields
-from contact_app.run.contact_limits import (
+from contact_app.accuracy.contact_limits import (
     FEWEST_FACETS,
     entered_beside,
     facets_across,
     slipped_through,
 )
+from contact_app.accuracy.trust import few_cells
+from contact_app.model.model import Model
+from contact_app.results.fields import CellFields, NodeFields
 from contact_app.run.faceted_curves import sagittas
 from contact_app.run.repeated_sentences import said_once
 from solver.contact.certificate import EQUILIBRIUM_FLOOR

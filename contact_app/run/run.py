@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +16,22 @@ from petsc4py import PETSc
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
-from contact_app.accuracy.guarantee.guarantee import Guarantee, guarantee, with_guarantee
+from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
 from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy, with_levels
 from contact_app.accuracy.refine.warm_start import LastLevel
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError, CouldNotRunError
 from contact_app.machine.caches import usable_caches
 from contact_app.machine.disk import refuse_without_room
 from contact_app.machine.environment import environment, slow_blas_warning
 from contact_app.machine.exits import Exit, add_remedy
 from contact_app.machine.exits import tell as say
-from contact_app.machine.result_directory import clear, remove_parts
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed, more_needed
 from contact_app.model.model import Model, Outline, Tell, build_model
 from contact_app.model.symmetry import halved
 from contact_app.results.contacts import contact_records
-from contact_app.results.fields import CellFields, NodeFields, cell_fields, node_fields, slabs
+from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.history import History
 from contact_app.results.mirror import whole_summary
 from contact_app.results.output import write_xdmf
@@ -51,11 +51,12 @@ from contact_app.run.fallback import (
 from contact_app.run.model_warnings import model_warnings
 from contact_app.run.progress import Interruption, Progress, together
 from contact_app.run.repeated_sentences import said_once
+from contact_app.run.result_directory import clear, remove_parts
 from contact_app.scene.scene import Scene
 from solver import Counts
-from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
+from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint, CheckpointError
 from solver.contact.driver import reason_text, solve
-from solver.contact.solution import Accuracy, Solution
+from solver.contact.solution import Solution
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.constraints.rows import RowKind
 
@@ -65,42 +66,6 @@ EXTENSIONS = 4
 CROSSED = 1e-6
 """Largest penetration of contacts that were left out, over the largest displacement: the duality
 gap does not know of it."""
-
-
-@dataclass(frozen=True, eq=False)
-class SolvedScene:
-    """A solved scene: the model, the answer, its fields and its summary.
-
-    `guaranteed` is what was found where a guaranteed bound of the error was asked for.
-    """
-
-    model: Model
-    solution: Solution
-    nodes: NodeFields
-    cells: CellFields
-    accuracy: Accuracy
-    timings: Timings
-    communication: dict[str, float] | None = None
-    summary: dict[str, Any] = field(default_factory=dict)
-    guaranteed: Guarantee | None = None
-
-    @cached_property
-    def estimator(self) -> ErrorEstimator:
-        """What tells where the error of the answer is."""
-        return ErrorEstimator(self.model)
-
-    def displacement_at_nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Points (n, 3) and displacements (n, dimension) of all nodes, on rank 0 (collective).
-
-        Gathers everything on one rank: for small scenes and tests.
-        """
-        parts = list(
-            slabs(self.model.comm, self.nodes.first, self.nodes.points, self.nodes.displacement)
-        )
-        if not parts:
-            return None
-        points, displacements = zip(*(arrays for _, arrays in parts), strict=True)
-        return np.concatenate(points), np.concatenate(displacements)
 
 
 def run(
@@ -206,7 +171,7 @@ def _write(
     if solved.model.scene.output.xdmf:
         progress.stage("writing")
         with solved.timings.measure("output"):
-            write_xdmf(solved, directory / "solution.xdmf")
+            write_xdmf(solved.model, solved.nodes, solved.cells, directory / "solution.xdmf")
         files.insert(0, directory / "solution.xdmf")
     summary = {**solved.summary, "timings": solved.timings.as_dict()}
     if refined is not None:
@@ -455,6 +420,8 @@ def _solution_of(
         if is_final(model, solution, options.max_iterations):
             return solution, ""
         why = reason_text(solution)
+    except CheckpointError as error:
+        raise ConfigurationError(str(error)) from error
     except FAILURES as error:
         why = failure_text(error)
     if model.partition.count <= max(len(scene.bodies), model.comm.size):

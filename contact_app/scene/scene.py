@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NoReturn, Protocol
+from typing import Any, ClassVar, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from contact_app.machine.memory import ROWS_PER_DOF, available_bytes, needed_byt
 from contact_app.scene import configuration as c
 from contact_app.scene.expressions import Expression, ExpressionError
 from contact_app.scene.obstacles import SHAPES, Obstacle, kind_of
+from solver.contact.options import SolverOptions
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
@@ -284,27 +285,6 @@ class Decomposition:
     """None: chosen automatically; a number: graph partition; a tuple: sub-boxes along each axis."""
 
     subdomains: None | int | tuple[int, ...] = None
-
-
-@dataclass(frozen=True)
-class SolverOptions:
-    """Options of the solver, as the configuration documents them.
-
-    `tightest` is the smallest tolerance an automatic one comes to, where the mesh is (nearly)
-    exact.
-    """
-
-    tolerance: float | Literal["auto"] = 1e-6
-    tightest: float = 1e-4
-    expansion: str = "projcg-safe"
-    alpha_u: float = 1.9
-    gamma: float = 1.0
-    max_iterations: int = 10_000
-
-    @property
-    def expected_tolerance(self) -> float:
-        """What an automatic tolerance may come to, before anything is solved."""
-        return 1e-3 if self.tolerance == "auto" else float(self.tolerance)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def verify(
     output: OutputOption = None,
 ) -> None:
     """Solve contact problems with known answers on rows of meshes: tables, rates, a figure."""
-    from contact_app.studies.verification import verify as run
+    from contact_app.studies.verification_report import verify as run
 
     for line in run(cases or [], output or Path("results/verify")):
         typer.echo(line)

@@ -20,11 +20,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator, accuracy_of
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model, build_model
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import write_summary
-from contact_app.run.run import SolvedScene, summary_of
+from contact_app.run.run import summary_of
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
@@ -32,7 +33,7 @@ from solver import MPRGP, SMALBE, BoxQP, Counts
 from solver.contact.driver import certified_answer
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.operators import estimate_norm
-from solver.tfeti.coarse.coarse_problem import ProjectorEquality
+from solver.tfeti.projected import ProjectorEquality
 
 SMALL_CELLS = 40
 #: Relative tolerance of the benchmark.

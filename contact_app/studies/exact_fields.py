@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.assembly import cell_moduli, stress
-from contact_app.run.run import SolvedScene
 from meshes import dolfinx_compat as versions
 from meshes.subdomains import vtk_shapes
 

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.run.run import SolvedScene
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.scene.scene import Material
 
 Array = NDArray[np.float64]

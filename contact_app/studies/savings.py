@@ -8,9 +8,11 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.run.run import solve_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import SolverOptions, build_scene
+from contact_app.scene.scene import build_scene
+from solver.contact.options import SolverOptions
 
 EXACT = SolverOptions().tightest
 """Error of a mesh below which `auto` has nothing to follow."""

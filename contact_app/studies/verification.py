@@ -33,8 +33,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
-from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.run.run import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
@@ -374,21 +375,3 @@ def rate(rows: Sequence[Row], number: int) -> float | None:
         return None
     sizes = np.array([row.dofs for row in rows], dtype=float) ** (-1.0 / rows[0].dimension)
     return float(np.polyfit(np.log(sizes), np.log(errors), 1)[0])
-
-
-def verify(names: Sequence[str], directory: Path) -> Iterator[str]:
-    """Run cases, yield lines of progress, write ``verification.md`` and its figure."""
-    found: list[tuple[Case, list[Row]]] = []
-    for case in find(names):
-        rows = []
-        for row in study(case):
-            rows.append(row)
-            errors = ", ".join(f"{q.name} {q.error:+.2%}" for q in row.quantities)
-            yield f"{case.name} {row.level}: {row.dofs:,} dofs, {row.seconds:.1f} s: {errors}"
-        found.append((case, rows))
-        # What there is so far, should a later case fail.
-        from contact_app.studies.verification_report import write
-
-        written = write(found, directory)
-    for path in written:
-        yield f"wrote {path}"

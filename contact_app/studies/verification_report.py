@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from contact_app.studies.verification import Case, Row, rate
+from contact_app.studies.verification import Case, Row, find, rate, study
 
 SETTLED = 0.2
 """Rate below which an error does not fall."""
@@ -96,3 +96,19 @@ def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
         axes.set_axis_off()
     figure.savefig(target, dpi=120)
     return target
+
+
+def verify(names: Sequence[str], directory: Path) -> Iterator[str]:
+    """Run cases, yield lines of progress, write ``verification.md`` and its figure."""
+    found: list[tuple[Case, list[Row]]] = []
+    for case in find(names):
+        rows = []
+        for row in study(case):
+            rows.append(row)
+            errors = ", ".join(f"{q.name} {q.error:+.2%}" for q in row.quantities)
+            yield f"{case.name} {row.level}: {row.dofs:,} dofs, {row.seconds:.1f} s: {errors}"
+        found.append((case, rows))
+        # partial results are saved, should a later case fail
+        written = write(found, directory)
+    for path in written:
+        yield f"wrote {path}"

@@ -28,14 +28,15 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.errors import ConfigurationError
-from contact_app.machine.result_directory import CHECKPOINT, VECTORS, remove_checkpoint, whole
 from solver import Counts
 from solver.contact.vector_file import read_vectors, write_vectors
 from solver.qp.result import Step
 from solver.qp.smalbe import Restart
 from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
+
+CHECKPOINT, VECTORS = "checkpoint.json", "checkpoint-*.vectors"
+"""Names of the file of the scalars and of the files of vectors."""
 
 EVERY_SECONDS = 30.0
 """Time of solving between two checkpoints: what a run that is killed loses at most."""
@@ -44,6 +45,10 @@ SAME = 1e-6
 """Relative difference up to which the numbers that describe a problem are those of the same."""
 
 log = logging.getLogger("contact_app")
+
+
+class CheckpointError(Exception):
+    """A checkpoint cannot be used; the text says why and what to do."""
 
 
 class Checkpoint:
@@ -89,14 +94,14 @@ class Checkpoint:
 
         Raises
         ------
-        ConfigurationError
+        CheckpointError
             The checkpoint belongs to another problem, or cannot be read.
         """
         self._problem = problem
         description = _description(problem)
         saved = self._read(description) if self.comm.rank == 0 else None
         saved = self.comm.bcast(saved)
-        if isinstance(saved, ConfigurationError):
+        if isinstance(saved, CheckpointError):
             raise saved
         if saved is None:
             return None
@@ -108,9 +113,9 @@ class Checkpoint:
             state["counts"] = Counts(**state["counts"])
             return Restart(**{**state, "sizes": tuple(state["sizes"])}, x=x, multiplier=multiplier)
         except (OSError, KeyError, TypeError, ValueError) as error:
-            raise ConfigurationError(self._unreadable(error)) from error
+            raise CheckpointError(self._unreadable(error)) from error
 
-    def _read(self, here: dict[str, float]) -> dict[str, Any] | ConfigurationError | None:
+    def _read(self, here: dict[str, float]) -> dict[str, Any] | CheckpointError | None:
         """Rank 0: the scalars of the checkpoint, or why they cannot be used."""
         if not self.found:
             return None
@@ -118,7 +123,7 @@ class Checkpoint:
             saved: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
             there, ranks = saved["problem"], saved["ranks"]
             if ranks != self.comm.size:
-                return ConfigurationError(
+                return CheckpointError(
                     f"{self.path}: the checkpoint was written on {ranks} ranks, and on "
                     f"{self.comm.size} its rows have another order; resume on as many ranks, or "
                     "run without --resume"
@@ -128,8 +133,8 @@ class Checkpoint:
             ):
                 return saved
         except (OSError, KeyError, TypeError, ValueError) as error:
-            return ConfigurationError(self._unreadable(error))
-        return ConfigurationError(
+            return CheckpointError(self._unreadable(error))
+        return CheckpointError(
             f"{self.path}: the checkpoint is of another problem (its scene, mesh or "
             "decomposition differ); run without --resume, or into another directory"
         )
@@ -182,11 +187,12 @@ class Checkpoint:
         fault = None
         if self.comm.rank == 0:
             try:
-                with whole(self.path) as part:
-                    part.write_text(json.dumps(text, indent=2) + "\n", encoding="utf-8")
+                part = _part(self.path)
+                part.write_text(json.dumps(text, indent=2) + "\n", encoding="utf-8")
+                part.replace(self.path)
                 stale = previous
             except OSError as error:
-                fault, stale = error, [path]
+                fault, stale = error, [path, _part(self.path)]
             for old in stale:
                 old.unlink(missing_ok=True)
         fault = self.comm.bcast(fault)
@@ -266,6 +272,18 @@ def without_outer_iterations(
     """
     rows = touching.astype(np.float64)
     return Restart(0, multiplier, rows, 0.0, 0.0, 0.0, -math.inf, (), counts)
+
+
+def remove_checkpoint(directory: Path) -> None:
+    """Remove a checkpoint with its vectors."""
+    path = directory / CHECKPOINT
+    for file in (path, _part(path), *directory.glob(VECTORS)):
+        file.unlink(missing_ok=True)
+
+
+def _part(path: Path) -> Path:
+    """Name of the file of scalars while it is not whole."""
+    return path.with_name(f".{path.name}.part")
 
 
 def _next_name(previous: list[Path]) -> str:

@@ -18,12 +18,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.scene.scene import SolverOptions
 from solver import MPRGP, SMALBE, BoxQP, Counts, OuterState, Reason
 from solver.contact.active_set import Guess, Keep, Outcome, State, follow
 from solver.contact.certificate import certify
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
 from solver.contact.duality_gap import duality_gap
+from solver.contact.options import SolverOptions
 from solver.contact.solution import Solution
 from solver.contact.stopping import Assess, Target, aim
 from solver.qp.iterate import Iterate
@@ -31,11 +31,11 @@ from solver.qp.operators import estimate_norm
 from solver.qp.result import Monitor
 from solver.qp.smalbe import Restart
 from solver.tfeti.bodies import body_lengths
-from solver.tfeti.coarse.coarse_problem import ProjectorEquality
 from solver.tfeti.columns import on_columns
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
 from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.projected import ProjectorEquality
 from solver.tfeti.recovery import displacements as recover
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 from solver.tfeti.winkler import bedded, lies_flat

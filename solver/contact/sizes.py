@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from solver.tfeti.bodies import largest
 from solver.tfeti.constraints.rows import RowKind
-from solver.tfeti.dual import DualProblem, interface_slices
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
 
 ROUNDED = 4.0
 """Rounding errors of displacements, in units of ε max|u|, that forces may show."""

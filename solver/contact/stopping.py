@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from contact_app.scene.scene import SolverOptions
+from solver.contact.options import SolverOptions
 from solver.contact.solution import Accuracy, Solution
 
 SHARE = 0.1

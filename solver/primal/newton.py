@@ -38,7 +38,8 @@ from scipy import sparse
 from solver.openmp import one_openmp_thread
 from solver.qp.result import Counts, Monitor, Reason, Step
 from solver.tfeti.constraints.matrix import lent, petsc_rows, scale_rows
-from solver.tfeti.dual import DualProblem, interface_slices
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
 
 Array = NDArray[np.float64]
 

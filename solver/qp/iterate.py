@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg.blas import daxpy
@@ -20,6 +19,7 @@ from solver.qp.box_qp import BoxQP
 from solver.qp.gradients import Block, Scratch, activity_edges
 from solver.qp.memory import CurvatureMemory
 from solver.qp.operators import Operator, estimate_norm
+from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Step
 from solver.vectors import BLOCK, Mask, Vector, blocks
 
@@ -27,16 +27,6 @@ from solver.vectors import BLOCK, Mask, Vector, blocks
 ZERO_CURVATURE = 1e-14
 #: … and below which the Hessian is said to be indefinite.
 NEGATIVE_CURVATURE = -1e-12
-
-
-class Preconditioner(Protocol):
-    """An approximate inverse of the Hessian, symmetric positive definite."""
-
-    def apply(self, r: Vector, free_mask: Mask, out: Vector, /) -> None:
-        """Put the preconditioned free gradient r into out.
-
-        What it puts on components that are not free is cut away.
-        """
 
 
 #: Called with the iterate after each step; copies what it wants to keep.

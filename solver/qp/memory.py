@@ -16,14 +16,11 @@ cut spoils them (p is nearly orthogonal to y) are left out.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from solver.qp.preconditioner import Preconditioner
 from solver.vectors import Mask, Reduction, Vector
-
-if TYPE_CHECKING:
-    from solver.qp.iterate import Preconditioner
 
 #: Least cosine between p and y after the cut.
 COSINE = 1e-3

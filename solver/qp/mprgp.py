@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 from solver.errors import UnboundedError
 from solver.qp.box_qp import BoxQP
 from solver.qp.expansion import Expansion, expansion_by_name
-from solver.qp.iterate import Iterate, Preconditioner, Watch
+from solver.qp.iterate import Iterate, Watch
+from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Reason, Result
 from solver.vectors import Vector
 

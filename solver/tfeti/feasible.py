@@ -10,7 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.dual import DualProblem, interface_slices
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
 
 ROUNDS = 40

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.coupled import CoupledRows
-from solver.tfeti.dual import DualProblem, interface_slices
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
 
 
 class FacePreconditioner:

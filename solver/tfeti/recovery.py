@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.tfeti.dual import DualProblem, interface_slices
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
 
 
 def kernel_coefficients(

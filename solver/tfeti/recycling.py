@@ -24,9 +24,9 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.coarse.coarse_problem import RangeOperator
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.projected import RangeOperator
 
 DIRECTIONS = 100
 """Directions kept."""

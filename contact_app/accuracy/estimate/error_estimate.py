@@ -36,7 +36,7 @@ from contact_app.accuracy.estimate.stress_recovery import StressRecovery, apply,
 from contact_app.model.model import Model
 from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Accuracy, Solution
-from solver.tfeti.dual import interface_slices
+from solver.tfeti.dual_operator import interface_slices
 
 Array = NDArray[np.float64]
 

@@ -46,7 +46,7 @@ from contact_app.results.report import at_most
 from meshes import Subdomain
 from solver.contact.duality_gap import nearest_admissible
 from solver.contact.solution import Solution
-from solver.tfeti.dual import interface_slices
+from solver.tfeti.dual_operator import interface_slices
 
 Array = NDArray[np.float64]
 

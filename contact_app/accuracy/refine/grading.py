@@ -12,14 +12,12 @@ it is no higher than for degree 1, the same cut serves, and layers may grow fast
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from contact_app.run.run import SolvedScene
+from contact_app.accuracy.solved_scene import SolvedScene
 
 Array = NDArray[np.float64]
 

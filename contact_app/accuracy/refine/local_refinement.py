@@ -11,20 +11,17 @@ algorithm for Poisson's equation*, SINUM 33, 1996).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.scene.scene import Body, Box, Scene
 from meshes.bisect import bisected
 from meshes.quadratic import VERTICES
 from meshes.refine import refined
 from meshes.unstructured import CellMesh, matching_rows
-
-if TYPE_CHECKING:
-    from contact_app.run.run import SolvedScene
 
 Array = NDArray[np.float64]
 

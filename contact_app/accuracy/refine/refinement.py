@@ -34,26 +34,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.agreement import Measured, Verdict
+from contact_app.accuracy.contact_limits import slipped_through
 from contact_app.accuracy.judge import Judge, coarser, measured
 from contact_app.accuracy.refine.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.accuracy.refine.local_refinement import locally_refined
 from contact_app.accuracy.refine.warm_start import LastLevel
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
 from contact_app.machine.memory import available_bytes, needed_bytes
-from contact_app.run.contact_limits import slipped_through
 from contact_app.scene.scene import Box, Decomposition, Scene
 from meshes.graded import graded_box
 from solver import Reason
-
-if TYPE_CHECKING:
-    from contact_app.run.run import SolvedScene
 
 MARGIN = 0.97
 """Share of the target that meshes are predicted to reach, and that an estimate, which may be a

@@ -17,23 +17,19 @@ begins with them. Their error in energy norm is about that of the mesh they come
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.patches import Cells
 from contact_app.accuracy.estimate.point_values import PointValues
 from contact_app.accuracy.estimate.stress_recovery import SHEARS
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.facets import moments
 from contact_app.model.model import Model, boundary_facets
 from contact_app.results.pressure import boundary_shares
 from contact_app.results.surface_nodes import SurfaceNodes
 from meshes import Subdomain
-from solver.tfeti.dual import interface_slices
-
-if TYPE_CHECKING:
-    from contact_app.run.run import SolvedScene
+from solver.tfeti.dual_operator import interface_slices
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from contact_app.errors import ContactError
-from contact_app.machine.result_directory import whole
+from contact_app.machine.whole_file import whole
 from contact_app.results.plot.contact_picture import NothingPressedError, draw_contact
 from contact_app.results.plot.plane_picture import draw_plane
 from contact_app.results.plot.space_picture import draw_space

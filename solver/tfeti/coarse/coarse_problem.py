@@ -12,18 +12,17 @@ linear and geometrically non-linear structural analysis problems*, 2000).
 W = I makes Q symmetric. As an equality constraint of the dual problem it then serves as the matrix
 C: with C = Cᵀ = C² the rows are orthonormal, the penalty product Cᵀ C x is one projection, and
 ‖C x‖ measures ‖G x‖ in a norm that does not depend on the scaling of R. Conjugate gradients on a
-face need no symmetric projector: there W is what `crossings` chose, and G W Gᵀ has blocks between
+face need no symmetric projector: there W is what `cross_points` chose, and G W Gᵀ has blocks between
 subdomains with a common face alone, a third of those of G Gᵀ.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 from weakref import finalize
 
 import numpy as np
@@ -38,9 +37,6 @@ from solver.tfeti.coarse.row_patterns import Kind, KindProduct, blocks_of, pays
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, petsc_rows
 from solver.vectors import on_arrays
-
-if TYPE_CHECKING:
-    from solver.tfeti.dual import DualOperator
 
 SHARED = 50_000
 """Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather of the
@@ -408,120 +404,3 @@ def _kernel_parts(
         parts.append((slice(interface, ends[0]), slice(coarse, ends[1]), members, R))
         interface, coarse = ends
     return parts
-
-
-class ProjectorEquality:
-    """Gλ = 0 as the equality Q x = 0 of a SMALBE solve (protocol `Equalities`).
-
-    Parameters
-    ----------
-    on_penalty
-        Told of each penalty ρ the solver chooses; a preconditioner depends on it.
-    """
-
-    norm = 1.0
-
-    def __init__(
-        self, coarse: CoarseProblem, on_penalty: Callable[[float], None] | None = None
-    ) -> None:
-        self.coarse = coarse
-        self.comm = coarse.comm
-        self.rows = coarse.size
-        self._on_penalty = on_penalty
-
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Q x."""
-        self.coarse.apply(x, out)
-
-    def apply_transpose(self, multiplier: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Qᵀ times a multiplier; Q is symmetric."""
-        self.coarse.apply(multiplier, out)
-
-    def penalised(self, operator: ProjectedOperator, rho: float) -> PenalisedOperator:
-        """x to P F P x + ρ Q x, with two projections instead of three."""
-        if self._on_penalty is not None:
-            self._on_penalty(rho)
-        return PenalisedOperator(operator, rho)
-
-
-class ProjectedOperator:
-    """Pᵀ F P on dual vectors."""
-
-    def __init__(
-        self, F: Callable[[NDArray[np.float64], NDArray[np.float64]], None], coarse: CoarseProblem
-    ) -> None:
-        self.F = F
-        self.coarse = coarse
-        self.comm = coarse.comm
-        self.size = coarse.size
-        self._projected = np.empty(self.size)
-
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Pᵀ F P x."""
-        self.coarse.project(x, self._projected)
-        self.F(self._projected, out)
-        self.coarse.project_transpose(out, out)
-
-
-class RangeOperator:
-    """Pᵀ F on the range of P, where it is Pᵀ F P with one projection less.
-
-    Conjugate gradients that start there and are preconditioned within it stay there.
-
-    Attributes
-    ----------
-    image : (interface,)
-        K⁺ Bᵀ x of the last vector x the operator was applied to.
-    """
-
-    def __init__(self, F: DualOperator, coarse: CoarseProblem) -> None:
-        self.F = F
-        self.coarse = coarse
-        self.comm = coarse.comm
-        self.size = coarse.size
-
-    @property
-    def image(self) -> NDArray[np.float64]:
-        """Overwritten by the next product."""
-        return self.F.displacements
-
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Pᵀ F x."""
-        self.F.apply(x, out)
-        self.coarse.project_transpose(out, out)
-
-
-class PenalisedOperator:
-    """P F P + ρ Q on dual vectors, sharing the first projection.
-
-    Attributes
-    ----------
-    image : (2, kernels)
-        G x and (G Gᵀ)⁻¹ G x of the last vector x the operator was applied to: what ‖Q x‖ needs.
-    """
-
-    def __init__(self, projected: ProjectedOperator, rho: float) -> None:
-        self.projected = projected
-        self.rho = rho
-        self.comm = projected.comm
-        self.size = projected.size
-        self.image = np.empty((2, projected.coarse.kernels))
-        self._q = np.empty(self.size)
-        self._p = np.empty(self.size)
-
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """P F P x + ρ Q x."""
-        coarse = self.projected.coarse
-        coarse.restrict(x, self.image[0])
-        coarse.solve(self.image[0], self.image[1])
-        coarse.extend(self.image[1], self._q)
-        np.subtract(x, self._q, out=self._p)
-        self.projected.F(self._p, out)
-        coarse.project(out, out)
-        self._q *= self.rho
-        out += self._q
-
-    def image_norm(self, image: NDArray[np.float64]) -> float:
-        """‖Q x‖ = √((G x)ᵀ (G Gᵀ)⁻¹ G x) from the image of x."""
-        square = self.comm.allreduce(float(np.dot(image[0], image[1])))
-        return math.sqrt(max(square, 0.0))

@@ -9,7 +9,7 @@ held components
     none are written.
 gluing
     for each component that is not held, with m copies, m - 1 rows: an orthonormal basis of the
-    complement of (1, …, 1), which `crossings` chooses and weighs.
+    complement of (1, …, 1), which `cross_points` chooses and weighs.
 contact
     Σ a_k ū_k ≤ g on the means ū of the copies of one node or of several (which other ranks may
     own): each coefficient is shared equally by the m copies, a_k/m, which is orthogonal to the

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.errors import ConfigurationError
 from contact_app.model.model import build_model
 from contact_app.run.progress import together
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from solver import SMALBE, Counts, Reason, Step
-from solver.contact.checkpoint import Attention, Checkpoint, Saver
+from solver.contact.checkpoint import Attention, Checkpoint, CheckpointError, Saver
 from solver.contact.driver import Solution, solve
 from solver.qp.smalbe import Restart
 from solver.tfeti.dual import DualProblem
@@ -131,7 +130,7 @@ def test_a_checkpoint_of_another_problem_is_refused(
         load(CUBE, ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]",
                     "conditions.1.traction=[0,0,-466]"])
     )  # fmt: skip
-    with pytest.raises(ConfigurationError, match="another problem"):
+    with pytest.raises(CheckpointError, match="another problem"):
         go(build_model(other, MPI.COMM_SELF).problem, scene, tmp_path, None, resume=True)
 
 
@@ -139,7 +138,7 @@ def test_a_checkpoint_of_another_problem_is_refused(
 def test_a_damaged_checkpoint_is_refused(problem: DualProblem, scene: Any, tmp_path: Path) -> None:
     go(problem, scene, tmp_path, stopped_after(3), resume=False)
     (tmp_path / "checkpoint-1.vectors").write_bytes(b"")
-    with pytest.raises(ConfigurationError, match="no readable checkpoint"):
+    with pytest.raises(CheckpointError, match="no readable checkpoint"):
         go(problem, scene, tmp_path, None, resume=True)
 
 
@@ -150,7 +149,7 @@ def test_a_checkpoint_of_another_number_of_ranks_is_refused(
     go(problem, scene, tmp_path, stopped_after_steps(5), resume=False)
     path = tmp_path / "checkpoint.json"
     path.write_text(path.read_text().replace('"ranks": 1', '"ranks": 2'))
-    with pytest.raises(ConfigurationError, match="written on 2 ranks"):
+    with pytest.raises(CheckpointError, match="written on 2 ranks"):
         go(problem, scene, tmp_path, None, resume=True)
 
 

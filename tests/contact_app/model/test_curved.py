@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
-from contact_app.run.run import SolvedScene, solve_scene
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.run.run import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors

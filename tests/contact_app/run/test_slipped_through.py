@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from contact_app.run.contact_limits import entered_between
+from contact_app.accuracy.contact_limits import entered_between
 from tests import scenes
 from tests.comparison import solve
 

@@ -8,7 +8,8 @@ import pytest
 
 from contact_app.errors import ConfigurationError
 from contact_app.studies.hertz import Quantity
-from contact_app.studies.verification import CASES, Level, Row, find, rate, study, verify
+from contact_app.studies.verification import CASES, Level, Row, find, rate, study
+from contact_app.studies.verification_report import verify
 
 
 def errors(row: Row) -> list[float]:

@@ -9,8 +9,9 @@ from mpi4py import MPI
 from solver import MPRGP, SMALBE, BoxQP
 from solver.qp.iterate import Iterate
 from solver.qp.operators import estimate_norm
-from solver.tfeti.coarse.coarse_problem import CoarseProblem, PenalisedOperator, ProjectorEquality
+from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.projected import PenalisedOperator, ProjectorEquality
 from tests import scenes
 
 

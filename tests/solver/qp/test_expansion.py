@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from contact_app.studies.safeguard import random_start, search, second_step
 from solver import MPRGP, BoxQP, Reason
 from solver.qp.examples import cycling_problem, figure_1
 from solver.qp.iterate import Iterate
@@ -48,33 +47,6 @@ def test_the_safeguard_solves_figure_1_in_one_step_without_a_further_product():
     result = first_expansion(qp, "projcg-safe", x0)
     assert result.converged
     assert result.counts.hessian == 3  # gradient at x0 and the two of the projected CG step
-
-
-def test_over_many_expansions_the_safeguard_descends_always_and_projected_cg_does_not():
-    found = search(6000)
-    assert found.expansions > 1000
-    assert found.rises > 100
-    assert found.safe_rises == 0
-    assert found.losses == 0
-    assert found.elsewhere == 0  # no product more where projected CG does not raise the cost
-    assert found.further_products < 0.3 * found.rises
-
-
-def test_a_further_product_decides_only_where_it_must():
-    """Of the minima on both ways the lower one is taken, with the gradient that belongs to it."""
-    taken = set()
-    for seed in range(3000):
-        qp, x0 = random_start(seed)
-        plain, safe = (second_step(qp, x0, name) for name in ("projcg", "projcg-safe"))
-        if plain is None or safe is None or cost(qp, plain[0].x) <= plain[1]:
-            continue
-        it = safe[0]
-        taken.add(it.counts.hessian - plain[0].counts.hessian)
-        exact = np.empty(qp.size)
-        qp.operator.apply(it.x, exact)
-        np.testing.assert_allclose(it.g, exact - qp.b, atol=1e-9 * np.abs(exact).max())
-        assert (it.x >= qp.lower).all()
-    assert taken == {0, 1}
 
 
 def test_projected_cg_can_cycle_for_ever_and_the_safeguard_cannot():

@@ -12,8 +12,9 @@ import pytest
 
 from contact_app.errors import CouldNotRunError
 from contact_app.machine import disk
-from contact_app.machine.result_directory import RESULTS, clear, part_of, remove_parts, whole
+from contact_app.machine.whole_file import part_of, whole
 from contact_app.results.xdmf import XDMFWriter, grid_bytes
+from contact_app.run.result_directory import RESULTS, clear, remove_parts
 from tests.ranks import ROOT
 
 

@@ -8,9 +8,10 @@ leaves such a part, and the next one removes it. `run.log` and `history.csv` gro
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+
+from contact_app.machine.whole_file import part_of
+from solver.contact.checkpoint import CHECKPOINT, remove_checkpoint
 
 RESULTS = (
     "summary.json",
@@ -23,33 +24,7 @@ RESULTS = (
 )
 """Files of a run and of ``contact-app plot``, in the order in which they are removed."""
 
-CHECKPOINT, VECTORS = "checkpoint.json", "checkpoint-*.vectors"
-
-LOG, HISTORY = "run.log", "history.csv"
-
-
-def part_of(path: Path) -> Path:
-    """Name of a file that is not whole yet.
-
-    >>> str(part_of(Path("out/summary.json")))
-    'out/.summary.json.part'
-    """
-    return path.with_name(f".{path.name}.part")
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """The name to write a file under, which is renamed at the end of the block.
-
-    If the block ends by an exception the part is removed and an older file stays.
-    """
-    part = part_of(path)
-    try:
-        yield part
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+HISTORY = "history.csv"
 
 
 def clear(directory: Path, resume: bool) -> None:
@@ -70,13 +45,7 @@ def clear(directory: Path, resume: bool) -> None:
     remove_parts(directory)
 
 
-def remove_checkpoint(directory: Path) -> None:
-    """Remove a checkpoint with its vectors."""
-    for file in (directory / CHECKPOINT, *directory.glob(VECTORS)):
-        file.unlink(missing_ok=True)
-
-
 def remove_parts(directory: Path) -> None:
     """Remove files that are not whole."""
-    for name in (*RESULTS, CHECKPOINT):
+    for name in RESULTS:
         part_of(directory / name).unlink(missing_ok=True)

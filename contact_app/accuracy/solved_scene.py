@@ -1,0 +1,53 @@
+"""A scene with its answer: what the estimates start from, refinement repeats and a run writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
+from contact_app.accuracy.guarantee.guarantee import Guarantee
+from contact_app.machine.timings import Timings
+from contact_app.model.model import Model
+from contact_app.results.fields import CellFields, NodeFields, slabs
+from solver.contact.solution import Accuracy, Solution
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedScene:
+    """A solved scene: the model, the answer, its fields and its summary.
+
+    `guaranteed` is what was found where a guaranteed bound of the error was asked for.
+    """
+
+    model: Model
+    solution: Solution
+    nodes: NodeFields
+    cells: CellFields
+    accuracy: Accuracy
+    timings: Timings
+    communication: dict[str, float] | None = None
+    summary: dict[str, Any] = field(default_factory=dict)
+    guaranteed: Guarantee | None = None
+
+    @cached_property
+    def estimator(self) -> ErrorEstimator:
+        """What tells where the error of the answer is."""
+        return ErrorEstimator(self.model)
+
+    def displacement_at_nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Points (n, 3) and displacements (n, dimension) of all nodes, on rank 0 (collective).
+
+        Gathers everything on one rank: for small scenes and tests.
+        """
+        parts = list(
+            slabs(self.model.comm, self.nodes.first, self.nodes.points, self.nodes.displacement)
+        )
+        if not parts:
+            return None
+        points, displacements = zip(*(arrays for _, arrays in parts), strict=True)
+        return np.concatenate(points), np.concatenate(displacements)

@@ -1,0 +1,31 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def part_of(path: Path) -> Path:
+    """Name of a file that is not whole yet.
+
+    >>> str(part_of(Path("out/summary.json")))
+    'out/.summary.json.part'
+    """
+    return path.with_name(f".{path.name}.part")
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """The name to write a file under, which is renamed at the end of the block.
+
+    If the block ends by an exception the part is removed and an older file stays.
+    """
+    part = part_of(path)
+    try:
+        yield part
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise

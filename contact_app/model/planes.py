@@ -1,0 +1,21 @@
+"""The planes of symmetry that a scene was cut at."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.scene.scene import Scene
+
+ON_PLANE = 1e-9
+"""Distance of a node from a plane, over the size of the scene, that is none."""
+
+
+def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (…, 3) lie on each of a scene's planes, (planes, …)."""
+    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
+    tolerance = ON_PLANE * float(np.ptp(ends, axis=(0, 1)).max())
+    on = np.zeros((len(scene.mirrors), *points.shape[:-1]), bool)
+    for k, mirror in enumerate(scene.mirrors):
+        on[k] = np.abs(points[..., mirror.axis] - mirror.at) <= tolerance
+    return on

@@ -1,0 +1,27 @@
+"""What a user may choose of the solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """Options of the solver, as the configuration documents them.
+
+    `tightest` is the smallest tolerance an automatic one comes to, where the mesh is (nearly)
+    exact.
+    """
+
+    tolerance: float | Literal["auto"] = 1e-6
+    tightest: float = 1e-4
+    expansion: str = "projcg-safe"
+    alpha_u: float = 1.9
+    gamma: float = 1.0
+    max_iterations: int = 10_000
+
+    @property
+    def expected_tolerance(self) -> float:
+        """What an automatic tolerance may come to, before anything is solved."""
+        return 1e-3 if self.tolerance == "auto" else float(self.tolerance)

@@ -1,0 +1,17 @@
+"""What an approximate inverse of the Hessian has to offer MPRGP."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from solver.vectors import Mask, Vector
+
+
+class Preconditioner(Protocol):
+    """An approximate inverse of the Hessian, symmetric positive definite."""
+
+    def apply(self, r: Vector, free_mask: Mask, out: Vector, /) -> None:
+        """Put the preconditioned free gradient r into out.
+
+        What it puts on components that are not free is cut away.
+        """

@@ -1,0 +1,172 @@
+"""The plan of the code, read from its files: rooms, direction of imports, size of functions.
+
+Imports under ``TYPE_CHECKING`` and inside functions count like any other: a record that two rooms
+share stands in the lower one.
+"""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+PACKAGES = ("solver", "meshes", "contact_app")
+
+SOLVER = ("errors", "vectors", "openmp", "qp", "tfeti", "primal", "contact")
+"""Rooms and modules of `solver`, lower ones first; each may import those before it."""
+
+APPLICATION = (
+    "errors", "machine", "scene", "model", "results", "accuracy", "run", "studies", "cli",
+    "__main__",
+)  # fmt: skip
+"""The same of `contact_app`."""
+
+MOST_ENTRIES = 12
+"""Entries at the top of `contact_app`."""
+
+LONGEST, MOST_PARAMETERS = 80, 8
+"""Lines and parameters of a function in `solver` and `contact_app`, studies left out."""
+
+LONG = {
+    "contact_app.model.model:_dual_problem": "to be taken apart",
+    "contact_app.run.model_warnings:model_warnings": "one sentence after another",
+    "contact_app.accuracy.refine.refinement:solve_to_accuracy": "the loop over meshes",
+    "contact_app.run.run:run": "the order of a run's stages",
+    "solver.qp.smalbe:SMALBE.solve": "the paper's algorithm with its restarts",
+}
+"""Functions that are longer, with the reason."""
+
+MANY = {
+    "contact_app.model.model:_dual_problem": "to be taken apart",
+    "contact_app.run.run:_solve_once": "to be taken apart",
+    "solver.qp.smalbe:SMALBE.solve": "to be taken apart",
+    "solver.contact.active_set:follow": "to be taken apart",
+}
+"""Functions with more parameters, with the reason."""
+
+
+def modules() -> dict[str, Path]:
+    """All modules by name."""
+    found = {}
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(name: str, path: Path, known: dict[str, Path]) -> set[str]:
+    """Modules of the project that one module imports, wherever it does."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: relative import"
+            full = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {f if f in known else str(node.module) for f in full}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return {f for f in found if f in known and f != name}
+
+
+@pytest.fixture(scope="module")
+def graph() -> dict[str, set[str]]:
+    known = modules()
+    return {name: imports(name, path, known) for name, path in known.items()}
+
+
+def test_no_imports_run_in_circles(graph: dict[str, set[str]]) -> None:
+    done: set[str] = set()
+
+    def visit(name: str, way: tuple[str, ...]) -> None:
+        assert name not in way, " <- ".join((*way[way.index(name) :], name))
+        if name not in done:
+            for other in sorted(graph[name]):
+                visit(other, (*way, name))
+            done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+def floor(name: str, package: str, order: tuple[str, ...]) -> int:
+    """Place of a module in the order; the package itself is above all it exports."""
+    parts = name.split(".")
+    assert parts[0] == package
+    if len(parts) == 1:
+        return -1
+    assert parts[1] in order, f"{name} stands in no room of the plan"
+    return order.index(parts[1])
+
+
+@pytest.mark.parametrize(("package", "order"), [("solver", SOLVER), ("contact_app", APPLICATION)])
+def test_no_room_imports_a_higher_one(
+    graph: dict[str, set[str]], package: str, order: tuple[str, ...]
+) -> None:
+    upwards = [
+        f"{name} imports {other}"
+        for name, others in graph.items()
+        for other in sorted(others)
+        if name.split(".")[0] == package == other.split(".")[0]
+        if other != package and name != package
+        if floor(other, package, order) > floor(name, package, order)
+    ]
+    assert not upwards
+
+
+def test_the_packages_stand_above_each_other(graph: dict[str, set[str]]) -> None:
+    allowed = {"solver": {"solver"}, "meshes": {"meshes"}, "contact_app": set(PACKAGES)}
+    wrong = [
+        f"{name} imports {other}"
+        for name, others in graph.items()
+        for other in others
+        if other.split(".")[0] not in allowed[name.split(".")[0]]
+    ]
+    assert not wrong
+
+
+def test_the_top_of_the_application_is_seen_at_a_glance() -> None:
+    entries = [p.name for p in (ROOT / "contact_app").iterdir() if p.name != "__pycache__"]
+    assert len(entries) <= MOST_ENTRIES, sorted(entries)
+
+
+def functions() -> Iterator[tuple[str, ast.FunctionDef]]:
+    """Functions and methods of solver and application with their names."""
+
+    def within(prefix: str, node: ast.AST) -> Iterator[tuple[str, ast.FunctionDef]]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.FunctionDef):
+                yield prefix + child.name, child
+            if isinstance(child, ast.ClassDef | ast.FunctionDef):
+                yield from within(f"{prefix}{child.name}.", child)
+
+    for name, path in modules().items():
+        if name.startswith("meshes") or ".studies" in name:
+            continue
+        yield from within(f"{name}:", ast.parse(path.read_text(encoding="utf-8")))
+
+
+def test_functions_are_of_a_screen_or_two() -> None:
+    lengths = {name: (node.end_lineno or 0) - node.lineno + 1 for name, node in functions()}
+    long = {name for name, length in lengths.items() if length > LONGEST}
+    assert long == set(LONG)
+
+
+def test_functions_have_few_parameters() -> None:
+    def count(node: ast.FunctionDef) -> int:
+        found = node.args
+        names = [a.arg for a in (*found.posonlyargs, *found.args, *found.kwonlyargs)]
+        return len([n for n in names if n not in ("self", "cls")])
+
+    many = {name for name, node in functions() if count(node) > MOST_PARAMETERS}
+    assert many == set(MANY)
+
+
+def test_tests_of_the_solver_import_the_solver_alone() -> None:
+    for path in sorted((ROOT / "tests" / "solver").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert name.split(".")[0] not in ("contact_app", "meshes"), f"{path}: {name}"
