@@ -12,8 +12,8 @@ linear and geometrically non-linear structural analysis problems*, 2000).
 W = I makes Q symmetric. As an equality constraint of the dual problem it then serves as the matrix
 C: with C = Cᵀ = C² the rows are orthonormal, the penalty product Cᵀ C x is one projection, and
 ‖C x‖ measures ‖G x‖ in a norm that does not depend on the scaling of R. Conjugate gradients on a
-face need no symmetric projector: there W is what `cross_points` chose, and G W Gᵀ has blocks between
-subdomains with a common face alone, a third of those of G Gᵀ.
+face need no symmetric projector: there W is what `cross_points` chose, and G W Gᵀ has blocks
+between subdomains with a common face alone, a third of those of G Gᵀ.
 """
 
 from __future__ import annotations

@@ -27,4 +27,4 @@ def test_every_strategy_and_file_it_names_exists():
         assert name in text or name.split("-")[0] in text
     for file in re.findall(r"^\| (`.*?\.py`(?:, `.*?\.py`)*)", text, re.M):
         for part in re.findall(r"`(.*?)`", file):
-            assert README.with_name(part).is_file(), part
+            assert (README.parent / part).is_file(), part
