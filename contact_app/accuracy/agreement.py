@@ -153,6 +153,10 @@ class Agreement:
         self._levels.append(level)
         return compared(level, before, self.limits)
 
+    def forget(self) -> None:
+        """Leave out the last level: what it says compares with no other's."""
+        self._levels.pop()
+
     def add_coarser(self, coarse: Measured) -> Verdict:
         """Put a coarser mesh before the last level; what it says of that level's estimate."""
         self._levels.insert(-1, coarse)
@@ -163,6 +167,10 @@ def compared(level: Measured, before: list[Measured], limits: Limits = FALLING) 
     """What other levels, the last first, say of the estimate of a level."""
     if not before:
         return Verdict(1.0, "no other mesh confirms its estimate")
+    if max(level.square, 2.0 * abs(before[0].energy - level.energy)) <= EXACT**2 * abs(
+        level.energy
+    ):
+        return Verdict(1.0)  # exact to round-off on both meshes
     same = [other for other in before if other.degree == level.degree]
     for other in same:
         if apart(other, level, limits):

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.facets import moments, shapes_at_points
@@ -28,6 +29,9 @@ which they are told of."""
 BETWEEN = 0.1
 """Depth of a round obstacle between nodes, over the largest displacement, from which on it is told.
 Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the radius of contact."""
+
+FLAT = 1e-9
+"""Extent of a flat boundary across itself, over its size."""
 
 FACETS_ACROSS = {2: 8.0 / np.pi, 3: 6.0}
 """Facets across a contact times the variation of its pressure within them."""
@@ -66,10 +70,11 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
 
 
 def entered_between(model: Model, solution: Solution, number: int) -> float:
-    """How deep a round obstacle enters its contact boundary between nodes, where none was before.
+    """How deep a round obstacle enters its contact boundary between nodes.
 
     Contact is watched at nodes. An obstacle whose contact is narrower than a facet slips through
-    between them, and no node tells. In units of length (collective).
+    between them, and no node tells. Where the boundary is not flat, depth that was there before
+    does not count: straight facets stand for a round surface. In units of length (collective).
     """
     scene, comm, d = model.scene, model.comm, model.scene.dimension
     contact, depth = scene.contacts[number], 0.0
@@ -91,8 +96,30 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
         except ConfigurationError:  # a point in the middle of a round obstacle has no normal
             continue
         left = gap + np.einsum("ij,ij->i", normal[:, :d], moved)
-        depth = max(depth, float(-left[gap >= 0.0].min(initial=0.0)))
+        told = (gap >= 0.0) | _flat(s.points()[facets])
+        depth = max(depth, float(-left[told].min(initial=0.0)))
     return float(comm.allreduce(depth, op=MPI.MAX))
+
+
+def _flat(points: NDArray[np.float64]) -> bool:
+    """Whether facets (n, nodes, 3) lie in one plane across an axis."""
+    size = np.ptp(points, axis=(0, 1))
+    return bool(size[: 2 if size[2] == 0.0 else 3].min() <= FLAT * size.max())
+
+
+def crossing(model: Model, solution: Solution, nodes: NodeFields) -> list[float]:
+    """Squared error in energy norm that obstacles between the nodes add, one number a contact.
+
+    An obstacle that enters by δ between the nodes of a contact of force F is as good as moved by δ.
+    That changes the force by about F/n² for n facets across the contact, since the obstacle's
+    surface falls by n² δ over it: the error is F δ/n². Only obstacles (collective).
+    """
+    problem, d = model.problem, len(model.scene.contacts)
+    force = np.maximum(solution.multiplier * problem.spread, 0.0)[problem.inequality]
+    forces = problem.comm.allreduce(np.bincount(problem.contact.sources, force, d)[:d])
+    across = np.maximum(facets_across(model, nodes)[:d], 1.0)
+    depths = np.array([entered_between(model, solution, number) for number in range(d)])
+    return list(forces * depths / across**2)
 
 
 def slipped_through(model: Model, solution: Solution) -> list[str]:

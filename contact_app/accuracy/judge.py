@@ -63,6 +63,10 @@ class Judge:
         falling = self._calibration is not None
         return falling and alone(estimate, target, _fewest(self._scene))
 
+    def forget(self) -> None:
+        """Compare the next levels with those before the last one."""
+        self._agreement.forget()
+
     def compare_with(self, coarse: Measured) -> Verdict:
         """What a coarser mesh than the last says of the estimate of the last."""
         return self._agreement.add_coarser(coarse)

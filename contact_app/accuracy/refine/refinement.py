@@ -41,7 +41,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.agreement import Measured, Verdict
-from contact_app.accuracy.contact_limits import slipped_through
+from contact_app.accuracy.contact_limits import crossing, slipped_through
 from contact_app.accuracy.judge import Judge, coarser, measured
 from contact_app.accuracy.refine.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.accuracy.refine.local_refinement import locally_refined
@@ -100,6 +100,8 @@ least from then on, when it is what the last ones left."""
 
 MOST_LEVELS = 12
 
+NO_STRAINS = "the bodies are not strained beyond rounding errors: no relative error can be told"
+
 Grids = list[list[NDArray[np.float64]]]
 
 
@@ -153,8 +155,12 @@ class Level:
         return self.discretisation / self.calibration
 
     def as_dict(self) -> dict[str, Any]:
-        """As `summary.json` holds it."""
-        return {key: value for key, value in asdict(self).items() if value is not None}
+        """As `summary.json` holds it: null where nothing can be said."""
+        found = {key: value for key, value in asdict(self).items() if value is not None}
+        return {
+            key: None if isinstance(value, float) and math.isnan(value) else value
+            for key, value in found.items()
+        }
 
     def __str__(self) -> str:
         corrected = ""
@@ -218,10 +224,17 @@ def solve_to_accuracy(
         unseen = slipped_through(solved.model, solved.solution)
         if unseen:  # what no mesh so coarse shows no two can agree on
             verdict = Verdict(1.0, unseen[0])
+            judge.forget()
         uncorrected = solved.accuracy
         solved = replace(solved, accuracy=uncorrected.calibrated(share))
         levels.append(_level(solved, math.sqrt(share)))
         tell(f"level {len(levels)}: {levels[-1]}")
+        if math.isnan(levels[-1].error):
+            return Refined(solved, (*checks, *levels), NO_STRAINS)
+        crossed = _crossed(solved)
+        if not unseen and math.hypot(levels[-1].error, crossed) > enough >= levels[-1].error:
+            unseen = [f"obstacles enter between the nodes, which may add {100 * crossed:.2g} %"]
+            verdict = Verdict(1.0, unseen[0])
         if solved.solution.reason is Reason.STOPPED:
             return Refined(solved, (*checks, *levels), "the run was interrupted")
         below = levels[-1].error <= enough
@@ -309,6 +322,12 @@ def comparable(levels: Sequence[Level]) -> list[float]:
 def _measured(solved: SolvedScene) -> Measured:
     """What an answer says of its error, before any correction."""
     return measured(solved.accuracy, solved.solution.measures.energy, solved.model.scene)
+
+
+def _crossed(solved: SolvedScene) -> float:
+    """Relative error in energy norm that obstacles between the nodes add."""
+    squares = crossing(solved.model, solved.solution, solved.nodes)
+    return math.sqrt(sum(squares) / solved.accuracy.square) if sum(squares) > 0.0 else 0.0
 
 
 def _solved_coarser(scene: Scene | None, solve: Solve) -> SolvedScene | None:
