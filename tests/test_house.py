@@ -42,7 +42,6 @@ MANY = {
     "contact_app.model.model:_dual_problem": "to be taken apart",
     "contact_app.run.run:_solve_once": "to be taken apart",
     "solver.qp.smalbe:SMALBE.solve": "to be taken apart",
-    "solver.contact.active_set:follow": "to be taken apart",
 }
 """Functions with more parameters, with the reason."""
 

@@ -72,8 +72,11 @@ def failure_text(error: Exception) -> str:
 def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
     """Whether no other way is to be tried (collective).
 
-    So it is where the answer is certified, or the user stopped or limited the solve.
+    So it is where the answer is certified, or the user stopped or limited the solve, or named its
+    method.
     """
+    if model.scene.solver.method != "auto":
+        return True
     if solution.converged or solution.reason is Reason.STOPPED:
         return True
     rows = model.comm.allreduce(model.problem.size)
@@ -127,8 +130,9 @@ def solve_directly(
     certificate, measures = certify(problem, multiplier, found.displacements, tolerance)
     spent = found.counts if before is None else before.counts + found.counts
     return Solution(
-        multiplier, found.displacements, certificate, measures, spent, found.reason, tolerance
-    )
+        multiplier, found.displacements, certificate, measures, spent, found.reason, tolerance,
+        method="newton",
+    )  # fmt: skip
 
 
 def _has_room(model: Model) -> bool:

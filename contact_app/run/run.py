@@ -504,6 +504,7 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
             "contact": problem.count(RowKind.CONTACT),
         },
         "solver": {
+            "method": solution.method,
             "converged": solution.converged,
             "tolerance": solution.tolerance,
             "reason": reason_text(solution),

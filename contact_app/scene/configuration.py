@@ -277,6 +277,13 @@ class Split(Model):
 class Solver(Model):
     """How far and by what to solve."""
 
+    method: Literal["auto", "active-set", "smalbe"] = Field(
+        "auto",
+        description="auto: primal-dual active sets, with SMALBE-M where they do not settle. "
+        "active-set: the same without SMALBE-M. smalbe: the algorithm of Kružík et al. (2020), "
+        "MPRGP with the named expansion inside SMALBE-M; it is meant where an expansion is named "
+        "without a method. The two named ones do nothing else where they fail.",
+    )
     tolerance: Annotated[
         float | Literal["auto"],
         WithJsonSchema(
@@ -302,6 +309,13 @@ class Solver(Model):
     max_iterations: Annotated[int, Field(ge=1, le=MOST_ITERATIONS)] = Field(
         10_000, description="Limit of inner iterations."
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _an_expansion_means_smalbe(cls, value: Any) -> Any:
+        if isinstance(value, dict) and "expansion" in value and "method" not in value:
+            return {**value, "method": "smalbe"}
+        return value
 
     @field_validator("tolerance", mode="wrap")
     @classmethod

@@ -28,8 +28,9 @@ from contact_app.run.run import Totals, summarise
 from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
 from solver import MPRGP, SMALBE, BoxQP, Reason
+from solver.contact.answers import certified_answer
 from solver.contact.checkpoint import Attention, Checkpoint, Saver
-from solver.contact.driver import certified_answer, solve
+from solver.contact.driver import solve
 from solver.contact.solution import Solution
 from solver.qp.operators import estimate_norm
 from solver.qp.result import Monitor

@@ -22,7 +22,7 @@ from contact_app.studies.bench import config
 from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import FacePreconditioner
-from solver.tfeti.winkler import bedded
+from solver.tfeti.winkler import winkler_contact
 
 REPEATS = 20
 CASES = (
@@ -63,7 +63,7 @@ class Shares:
         """Measure them on the first face of a solve."""
         if problem.coarse is None:
             raise ValueError("one body in one subdomain has no coarse problem")
-        touching = bedded(problem)
+        touching = winkler_contact(problem)
         problem = problem.face(touching)
         coarse = problem.coarse
         assert coarse is not None

@@ -1,12 +1,12 @@
-"""Faces of the dual problem: contact rows taken as equalities or left out, the rest solved by CG.
+"""Primal-dual active sets on the dual problem of Total FETI.
 
-On a face nothing is left to bounds or augmented Lagrangians: rows that touch join the coarse
-problem, open ones leave it, and conjugate gradients run without a restart. The solution of the
-right face is the solution. `follow` looks for it by primal-dual active sets, solved no further than
-a decision needs: rows that pull by more than the face's error open, and with them their mirror
-image across the edge where they end (`solver.tfeti.constraints.contact_edge`); rows that are
-crossed by more than it close (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as a
-semismooth Newton method*, 2002), and only a face that asks for no change is solved to the end.
+The contact rows of the active set hold with equality, the others are left out
+(`solver.tfeti.active_set_problem`). The solution of the right active set is the solution of the
+contact problem. `active_set_loop` looks for it: an active set is solved no further than a decision
+needs; rows whose tensile multiplier exceeds the error leave the set, and with them their mirror
+image across the edge of contact (`solver.tfeti.constraints.contact_edge`); rows that are penetrated
+by more than the error join it (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as
+a semismooth Newton method*, 2002). Only a set that needs no change is solved to the end.
 """
 
 from __future__ import annotations
@@ -14,157 +14,122 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver import MPRGP, BoxQP, Counts, Reason
+from solver.contact.law import ContactLaw, Frictionless
 from solver.errors import QPError
 from solver.qp.iterate import Iterate, Watch
-from solver.qp.result import Monitor
+from solver.qp.mprgp import MPRGP
+from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.constraints.contact_edge import mirrored
 from solver.tfeti.constraints.hierarchy import RowLevels
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
-from solver.tfeti.preconditioner import FacePreconditioner
-from solver.tfeti.recovery import add_motions
-from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
+from solver.tfeti.recycling import Directions
 
-FIRST_LOOK, NEXT_LOOK = 0.3, 0.1
-"""Reduction of the residual before the first look at a face and between later ones."""
-
-EAGER_LOOK = 0.5
-"""The same between looks that may end a solve before it is settled what touches."""
-
-THINNED_LOOK = 0.1
-"""The same where some of the rows stand for all: what a level decides the next has to undo."""
-
-LOOKS = 3
-"""Looks at a face before it is solved to the end."""
-
-SIGNIFICANT = 0.1
-"""Forces and distances that change a face, relatively, over the estimate of its error."""
-
-FIRST = 0.02
-"""Share of the load, from where it first closes a contact on, whose contacts the first face has."""
-
-ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
-"""Rounding errors of F λ over ‖F‖ ‖λ‖."""
-
-MARGIN, TIGHTEN = 0.7, 0.3
-"""Share of the largest jump allowed at which an answer is shown; factor on the residual where it
-was not accepted."""
-
-DEEPER = 0.1
-"""Factor on the first look's residual each time the active sets come back to one they had."""
-
-STALLED = 2
-"""Steps on a face, over its unknowns, after which rounding holds conjugate gradients up, which end
-within one of them in exact arithmetic: its rows hardly keep some body in place or hardly differ."""
-
-PEELED = 0.1
-"""Share of the touching rows that open, face after face, where contact peels off."""
-
-FACES = 60
-"""Faces tried: where contact peels off row by row each is a handful of products."""
-
-OUTSIDE = 10.0
-"""Residual that conjugate gradients leave, over the part of the right-hand side that rounding
-puts outside the range of P, which no step can remove."""
-
-SHORT = 4
-"""Steps on a face up to which that part is not worth the projection that finds it."""
-
-IDEMPOTENT = 1e-8
-"""Relative difference of QQ and Q above which a coarse problem counts as singular."""
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """A multiplier in equilibrium, and the displacements that go with it.
-
-    Attributes
-    ----------
-    multiplier : (dual,)
-        λ.
-    motions : (kernels,)
-        α, which lets the jumps on the face be smallest.
-    touching : (dual,)
-        Contact rows of the face.
-    jumps : (dual,)
-        B u - c.
-    lengths : (dual,)
-        What each row's jump is relative to: the displacement of its body on the interface.
-    displacements : (interface,)
-        u.
-    strained
-        a(u, u), twice the energy of the strains.
-    """
-
-    multiplier: NDArray[np.float64]
-    motions: NDArray[np.float64]
-    touching: NDArray[np.bool_]
-    jumps: NDArray[np.float64]
-    lengths: NDArray[np.float64]
-    displacements: NDArray[np.float64]
-    strained: float
-
-    def distance(self, problem: DualProblem) -> NDArray[np.float64]:
-        """Jumps, and the penetration of contact rows; over the body's displacement."""
-        return self.jumps / (problem.spread * self.lengths)
-
-    def worst(self, problem: DualProblem) -> float:
-        """Largest jump or penetration, over the displacement of its body."""
-        one_sided = problem.inequality & ~self.touching
-        distance = self.distance(problem)
-        return largest_magnitude(
-            problem.comm, np.where(one_sided, np.maximum(distance, 0.0), distance)
-        )
-
-    def homogenised(self, problem: DualProblem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x = λ - λ̃ and t = Cᵀ μ = Q (F λ - d) - Gᵀ α, for SMALBE to go on from."""
-        coarse = problem.coarse
-        assert coarse is not None
-        force, kernel_part = np.empty(problem.size), np.empty(problem.size)
-        coarse.extend(self.motions, kernel_part)
-        coarse.apply(kernel_part - self.jumps, force)
-        return self.multiplier - problem.offset, force - kernel_part
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """How faces ended.
-
-    Attributes
-    ----------
-    reason
-        `ACCEPTED`, why the solver ended, or None where another face is asked for.
-    state
-        The last one looked at.
-    following : (dual,)
-        The contact rows that touch from there on.
-    """
-
-    reason: Reason | None
-    state: State | None
-    following: NDArray[np.bool_]
-    counts: Counts
-
-
-Accept = Callable[[State], bool]
-"""The caller's own test of a face's solution; the same on all ranks."""
-
-Lacks = Callable[[State], float]
-"""Factor by which the error of a state has to fall before it is worth a test; one or less where it
-is worth one as it stands."""
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Keep:
-    """Saves the state of a face at steps where one is wanted.
+class ActiveSetOptions:
+    """The tuned numbers of the active-set loop.
+
+    Attributes
+    ----------
+    most_sets
+        Active sets that are tried: where contact peels off row by row, each set is a handful of
+        operator applications.
+    first_reduction, next_reduction
+        Reduction of the residual before the first evaluation of the KKT residuals on a set and
+        between later ones.
+    early_reduction
+        The same between evaluations that may end a solve before the set is settled.
+    coarse_reduction
+        `first_reduction` on the coarser levels of the constraint hierarchy: the next level has to
+        undo what a coarser one decides wrongly.
+    evaluations
+        Evaluations on a set before it is solved to the end.
+    significant
+        Forces and distances that change a set, relatively, over the estimate of its error.
+    first_share
+        Share of the load, from where it first closes a contact on, whose contacts join an empty
+        set.
+    margin
+        Share of the largest jump allowed at which an answer is shown to the stopping test.
+    tighten
+        Factor on the residual after an answer that was not accepted.
+    deeper
+        Factor on `first_reduction` each time the loop comes back to a set that it had.
+    peeled
+        Share of the active rows that leave, set after set, where contact peels off.
+    release_at_edge
+        Whether rows leave together with their mirror image across the edge of contact.
+    """
+
+    most_sets: int = 60
+    first_reduction: float = 0.3
+    next_reduction: float = 0.1
+    early_reduction: float = 0.5
+    coarse_reduction: float = 0.1
+    evaluations: int = 3
+    significant: float = 0.1
+    first_share: float = 0.02
+    margin: float = 0.7
+    tighten: float = 0.3
+    deeper: float = 0.1
+    peeled: float = 0.1
+    release_at_edge: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the loop begins.
+
+    Attributes
+    ----------
+    active : (dual,)
+        The initial active set.
+    multiplier : (dual,)
+        Where the first set begins; the smallest multiplier in equilibrium if None.
+    alternative
+        Gives another initial active set (collective). It is asked where contact peels off from the
+        first set on: of bodies that lie flat and lift off for the most part, the loop alone would
+        remove row after row.
+    """
+
+    active: Mask
+    multiplier: NDArray[np.float64] | None = None
+    alternative: Callable[[], Mask] | None = None
+
+
+@dataclass(frozen=True)
+class StoppingTest:
+    """What the loop asks about the answer of a set; the same on all ranks.
+
+    Attributes
+    ----------
+    required_reduction
+        Factor by which the error of a state has to fall before it is worth a certificate; one or
+        less where it is worth one as it stands. Asked again after each answer that fails.
+    accept
+        Certifies the answer of a state; whether it passes.
+    may_end_early
+        Whether an answer will do although its set still changes.
+    """
+
+    required_reduction: Callable[[State], float]
+    accept: Callable[[State], bool]
+    may_end_early: bool = False
+
+
+@dataclass(frozen=True)
+class StateSaver:
+    """Saves the state of a set at steps where one is wanted.
 
     Attributes
     ----------
@@ -173,334 +138,225 @@ class Keep:
     save
         Told of the state and of the work up to it.
     before
-        Work of faces before this one.
+        Work of earlier sets.
     """
 
     due: Callable[[], bool]
     save: Callable[[State, Counts], None]
     before: Counts = field(default_factory=Counts)
 
-    def watch(self, face: Face) -> Watch:
-        """What sees the iterates of a face."""
+    def watch(self, on_set: ActiveSetProblem) -> Watch:
+        """Sees the iterates of a set."""
 
         def saw(it: Iterate) -> None:
             if self.due():
-                self.save(face.state(), self.before + face.counts)
+                self.save(on_set.state(), self.before + on_set.counts)
 
         return saw
 
 
-Guess = Callable[[], NDArray[np.bool_]]
-"""Contact rows that touch, (dual,) (collective)."""
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How the solve on a set, or the loop, ended.
+
+    Attributes
+    ----------
+    reason
+        `ACCEPTED`, why the solver ended, or None where another set is asked for.
+    state
+        The last one evaluated.
+    following : (dual,)
+        The active set from there on.
+    counts
+        Work of the set, or of all of them.
+    """
+
+    reason: Reason | None
+    state: State | None
+    following: Mask
+    counts: Counts
 
 
-class Face:
-    """Conjugate gradients with some contact rows closed and the others open.
+def active_set_loop(
+    problem: DualProblem,
+    start: Start,
+    test: StoppingTest,
+    inner: MPRGP,
+    monitor: Monitor | None = None,
+    saver: StateSaver | None = None,
+    options: ActiveSetOptions | None = None,
+    law: ContactLaw | None = None,
+) -> Outcome:
+    """Solve active sets, each until it asks for another, until an answer is accepted (collective).
 
     Parameters
     ----------
-    touching : (dual,)
-        Contact rows that hold with equality.
-    multiplier : (dual,)
-        Where to begin: the nearest multiplier in equilibrium; at the smallest one unless given.
-    directions
-        Of earlier faces, which serve again; those of this one join them.
-    levels
-        Which open rows may close; a face that asks for no change goes on to the next level.
-    beyond
-        Whether rows open in the mirror image of what pulls, too.
+    inner
+        Limits the iterations of all sets together.
 
-    Raises
-    ------
-    ArithmeticError
-        The touching rows do not keep every body in place.
+    Returns
+    -------
+    The last outcome, with the work of all sets; its reason is None where the sets do not settle:
+    SMALBE-M, whose convergence is proved, then goes on from there.
+    """
+    options, law = options or ActiveSetOptions(), law or Frictionless()
+    active, multiplier, alternative = start.active, start.multiplier, start.alternative
+    hierarchy = RowLevels(problem, thinned=problem.held_without_contact and multiplier is None)
+    update = ActiveSetUpdate(problem, hierarchy, law, options, options.release_at_edge)
+    directions, seen, counts = Directions(problem), set[int](), Counts()
+    reduction = options.first_reduction if hierarchy.finest else options.coarse_reduction
+    active = active & hierarchy.allowed
+    found = Outcome(None, None, active, counts)
+    for number in range(options.most_sets):
+        fingerprint = _fingerprint(problem.comm, active)
+        if fingerprint in seen:  # decided too early, or the sets do not settle
+            reduction *= options.deeper
+            update = replace(update, release_at_edge=False)
+            seen.clear()
+        seen.add(fingerprint)
+        try:
+            on_set = ActiveSetProblem(problem, active, multiplier, directions)
+        except ArithmeticError:  # a body is held by rows that have left the set
+            break
+        left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
+        watch = replace(saver, before=counts).watch(on_set) if saver else None
+        try:
+            found = solve_on_set(on_set, update, test, left, monitor, watch, reduction)
+        except QPError:  # the active rows hold a body so badly that rounding lets it go
+            counts = counts + on_set.counts
+            found = Outcome(None, None, active, counts)
+            break
+        counts = counts + found.counts
+        # its B and coarse problem, before the next has its own: petsc4py leaves them for later
+        del on_set, watch
+        PETSc.garbage_cleanup(problem.comm)
+        if found.reason is not None or found.state is None:
+            break
+        following = found.following
+        if alternative is not None and not _peels(problem.comm, active, following, options.peeled):
+            alternative = None
+        if alternative is not None and number == 1:  # the second set in a row peels
+            following, alternative = following & alternative(), None
+        multiplier, active = found.state.multiplier, following
+    return replace(found, counts=counts)
+
+
+def solve_on_set(
+    on_set: ActiveSetProblem,
+    update: ActiveSetUpdate,
+    test: StoppingTest,
+    inner: MPRGP,
+    monitor: Monitor | None = None,
+    watch: Watch | None = None,
+    first_reduction: float | None = None,
+) -> Outcome:
+    """Solve on an active set until the set has to change, or its answer is accepted (collective).
+
+    Parameters
+    ----------
+    first_reduction
+        Reduction of the residual before the first evaluation, if not that of the options.
+    """
+    options, comm = update.options, on_set.problem.comm
+    wanted = (first_reduction or options.first_reduction) * on_set.residual
+    evaluations = 0
+    while True:
+        ended = on_set.solve(inner, wanted, monitor, watch)
+        state = on_set.state()
+        following = update.following(on_set, state)
+        if not (ended.converged or ended is Reason.ROUND_OFF):
+            return Outcome(ended, state, following, on_set.counts)
+        changes = _changes(comm, on_set.active, following)
+        asks = test.may_end_early or not changes
+        lack = test.required_reduction(state) if asks else math.inf
+        at_end = not changes and on_set.at_round_off
+        if lack <= 1.0 or at_end:
+            if test.accept(state):
+                return Outcome(Reason.ACCEPTED, state, following, on_set.counts)
+            if at_end:
+                return Outcome(Reason.ROUND_OFF, state, following, on_set.counts)
+            lack = max(test.required_reduction(state), options.margin / options.tighten)
+        if changes:
+            return Outcome(None, state, following, on_set.counts)
+        evaluations += 1
+        wanted = options.margin * on_set.residual / max(lack, 1.0)
+        if test.may_end_early:
+            wanted = max(wanted, options.early_reduction * on_set.residual)
+        elif evaluations < options.evaluations:
+            wanted = max(wanted, options.next_reduction * on_set.residual)
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveSetUpdate:
+    """The primal-dual update: the KKT residuals of a state decide on the next active set.
+
+    Attributes
+    ----------
+    hierarchy
+        Which open rows may join; where no row changes it goes on to its next level.
+    release_at_edge
+        Whether rows leave together with their mirror image across the edge of contact.
     """
 
-    def __init__(
-        self,
-        problem: DualProblem,
-        touching: NDArray[np.bool_],
-        multiplier: NDArray[np.float64] | None = None,
-        directions: Directions | None = None,
-        levels: RowLevels | None = None,
-        beyond: bool = True,
-    ) -> None:
-        self.problem, self.touching = problem, touching
-        self._beyond = beyond
-        self._levels = levels or RowLevels(problem, thinned=False)
-        directions = directions or Directions(problem)
-        recycled = Recycled(directions, touching)
-        self.glued = problem.face(touching, multiplier)
-        assert self.glued.coarse is not None
-        if not recycled.empty:
-            self.glued.move_offset(*recycled.best(self.glued.rhs))
-        if not problem.held_without_contact:
-            self._check_coarse_problem()
-        # no penalty here: steps that leave the range of P would meet no curvature, and none does
-        own = FacePreconditioner(self.glued, math.inf)
-        operator = RecordedOperator(self.glued, directions)
-        preconditioner = DeflatedPreconditioner(own, recycled, operator)
-        self._iterate = it = Iterate(BoxQP(operator, self.glued.rhs), preconditioner=preconditioner)
-        it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
-        it.measure_b()
-        it.begin()
-        it.counts.hessian += 1  # of the right-hand side
-        self._weight = it.reduction.norm(self.glued.offset)
-        self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
-        self._before = it.reduction.collectives
+    problem: DualProblem
+    hierarchy: RowLevels
+    law: ContactLaw
+    options: ActiveSetOptions
+    release_at_edge: bool = True
 
-    def _check_coarse_problem(self) -> None:
-        """Q is a projection unless G Gᵀ of the face is singular, which a factor need not see."""
-        problem, coarse = self.problem, self.glued.coarse
-        assert coarse is not None
-        once, twice = np.empty(problem.size), np.empty(problem.size)
-        coarse.apply(np.where(self.problem.inequality & ~self.touching, 0.0, problem.d), once)
-        coarse.apply(once, twice)
-        size = largest_magnitude(problem.comm, once)
-        if not largest_magnitude(problem.comm, twice - once) <= IDEMPOTENT * size:
-            raise ArithmeticError("the coarse problem of a face is singular")
+    @classmethod
+    def simple(cls, problem: DualProblem) -> ActiveSetUpdate:
+        """Without contact the rows of all levels, the frictionless law and default options."""
+        return cls(problem, RowLevels(problem, thinned=False), Frictionless(), ActiveSetOptions())
 
-    @property
-    def residual(self) -> float:
-        """Of conjugate gradients, relative to the right-hand side."""
-        it = self._iterate
-        return it.projected_gradient_norm / (it.b_norm or 1.0)
-
-    def error(self, strained: float) -> float:
-        """Estimate of the error of the multipliers in energy norm, over that of the strains.
-
-        The preconditioner M stands for F⁻¹ in rᵀ F⁻¹ r, the square of the error.
-        """
-        it = self._iterate
-        square = self.problem.comm.allreduce(float(it.z @ it.free))
-        return math.sqrt(max(square, 0.0) / strained) if strained > 0.0 else 1.0
-
-    @property
-    def at_round_off(self) -> bool:
-        """Whether no step can make the residual smaller."""
-        it = self._iterate
-        return it.at_round_off() or it.projected_gradient_norm <= self._smallest or self._stalls
-
-    @property
-    def _smallest(self) -> float:
-        """Residual that round-off leaves: of the right-hand side, and of what it was made of."""
-        it = self._iterate
-        floor = max(self.glued.round_off, ROUNDED * it.largest * self._weight)
-        return floor if it.counts.cg <= SHORT else max(floor, OUTSIDE * self._outside)
-
-    @cached_property
-    def _outside(self) -> float:
-        """Norm of the right-hand side outside the range of P (collective)."""
-        assert self.glued.coarse is not None
-        outside = np.empty(self.problem.size)
-        self.glued.coarse.apply_transpose(self.glued.rhs, outside)
-        return self._iterate.reduction.norm(outside)
-
-    @property
-    def counts(self) -> Counts:
-        """Work so far."""
-        it = self._iterate
-        return replace(it.counts, collectives=it.reduction.collectives - self._before)
-
-    def solve(
-        self, inner: MPRGP, aim: float, monitor: Monitor | None, keep: Keep | None = None
-    ) -> Reason:
-        """Go on to a relative residual, directions kept; `inner` limits all iterations of it."""
-        self._iterate.watch = None if keep is None else keep.watch(self)
-
-        def stop(it: Iterate) -> Reason | None:
-            tolerance = max(aim * it.b_norm, self._smallest)
-            if it.projected_gradient_norm <= tolerance and it.drift > 0.5 * tolerance:
-                it.evaluate()  # recurrences lost what the tolerance asks for
-            if it.projected_gradient_norm <= tolerance:
-                return Reason.CONVERGED
-            self._stalls = it.counts.cg >= self._most
-            return Reason.ROUND_OFF if self._stalls else None
-
-        try:
-            return inner.minimise(self._iterate, stop, monitor)
-        finally:
-            self._iterate.watch = None  # it knows the face, which would keep itself alive
-
-    def state(self) -> State:
-        """What the iterate means for the whole problem (collective).
-
-        Takes no product: the directions' displacements were kept.
-        """
-        problem, it = self.problem, self._iterate
-        assert self.glued.coarse is not None
-        assert problem.coarse is not None
-        multiplier = self.glued.offset + it.x
-        assert it.image is not None
-        u = self.glued.displacements_of_offset - it.image
-        strained = problem.strain_energy(multiplier, u)
-        jumps = problem.residual(u)  # d - F λ
-        alpha = -self.glued.coarse.coefficients(jumps)
-        kernel_part = np.empty(problem.size)
-        problem.coarse.extend(alpha, kernel_part)
-        jumps += kernel_part
-        add_motions(problem, alpha, u)
-        lengths = problem.bodies.of_rows(problem.lengths(u))
-        return State(multiplier, alpha, self.touching, jumps, lengths, u, strained)
-
-    def look(self) -> tuple[State, NDArray[np.bool_]]:
-        """The state, and the contact rows that touch next (collective)."""
-        problem, state = self.problem, self.state()
-        multiplier, jumps = state.multiplier, state.jumps
+    def following(self, on_set: ActiveSetProblem, state: State) -> Mask:
+        """The next active set, (dual,) (collective)."""
+        problem, active = self.problem, on_set.active
         distance = state.distance(problem)
-        error = SIGNIFICANT * self.error(state.strained)
-        strongest = largest_magnitude(problem.comm, multiplier[self.touching])
-        stays = multiplier > -error * strongest
-        if self._beyond:
-            stays &= ~mirrored(problem, self.touching, self.touching & ~stays)
+        error = self.options.significant * on_set.error(state.strained)
+        strongest = largest_magnitude(problem.comm, state.multiplier[active])
+        stays = self.law.may_stay_active(state.multiplier, error * strongest)
+        if self.release_at_edge:
+            stays &= ~mirrored(problem, active, active & ~stays)
         for _ in range(2):
-            crossed = self._levels.allowed & (distance > error)
-            if not problem.comm.allreduce(int(self.touching.sum())):
-                crossed &= self._reached_first(jumps, crossed)
-            following = problem.inequality & np.where(self.touching, stays, crossed)
-            changes = problem.comm.allreduce(int((following != self.touching).sum()))
-            if changes or self._levels.finest:
+            joins = self.hierarchy.allowed & self.law.closes(distance, error)
+            if not problem.comm.allreduce(int(active.sum())):
+                joins &= self._first_to_close(state.jumps, joins)
+            following = problem.inequality & np.where(active, stays, joins)
+            if self.hierarchy.finest or _changes(problem.comm, active, following):
                 break
-            self._levels.refine()
-        return state, following
+            self.hierarchy.refine()
+        return following
 
-    def _reached_first(
-        self, jumps: NDArray[np.float64], crossed: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
-        """Crossed rows that a growing load closes first; with them closed others may stay open.
+    def _first_to_close(self, jumps: NDArray[np.float64], penetrated: Mask) -> Mask:
+        """Penetrated rows that a growing load closes first; others may then stay open.
 
         Parameters
         ----------
         jumps : (dual,)
             B u - c of the full load without contact; B u grows with the load.
         """
-        gaps = np.maximum(self.problem.c, 0.0)
-        moved = np.where(crossed, jumps + self.problem.c, 1.0)
-        share = np.where(crossed, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
-        first = self.problem.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
-        return np.asarray(share <= first + FIRST * (1.0 - first))
+        problem = self.problem
+        gaps = np.maximum(problem.c, 0.0)
+        moved = np.where(penetrated, jumps + problem.c, 1.0)
+        share = np.where(penetrated, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
+        first = problem.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
+        return np.asarray(share <= first + self.options.first_share * (1.0 - first))
 
 
-def decide(
-    face: Face,
-    inner: MPRGP,
-    lacks: Lacks,
-    accept: Accept,
-    monitor: Monitor | None,
-    keep: Keep | None = None,
-    first_look: float = FIRST_LOOK,
-    eager: bool = False,
-) -> Outcome:
-    """Solve a face until it asks for another, or its answer is accepted.
-
-    Parameters
-    ----------
-    lacks
-        Asked again after each answer that is not accepted.
-    first_look
-        Reduction of the residual before the first look.
-    eager
-        Whether an answer will do although the face asks for another.
-    """
-    aim, looks = first_look * face.residual, 0
-    while True:
-        ended = face.solve(inner, aim, monitor, keep)
-        state, following = face.look()
-        if not (ended.converged or ended is Reason.ROUND_OFF):
-            return Outcome(ended, state, following, face.counts)
-        changes = face.problem.comm.allreduce(int((following != face.touching).sum()))
-        lack = lacks(state) if eager or not changes else math.inf
-        if lack <= 1.0 or (not changes and face.at_round_off):
-            if accept(state):
-                return Outcome(Reason.ACCEPTED, state, following, face.counts)
-            if not changes and face.at_round_off:
-                return Outcome(Reason.ROUND_OFF, state, following, face.counts)
-            lack = max(lacks(state), MARGIN / TIGHTEN)
-        if changes:
-            return Outcome(None, state, following, face.counts)
-        looks += 1
-        needed = MARGIN * face.residual / max(lack, 1.0)
-        if eager:
-            aim = max(needed, EAGER_LOOK * face.residual)
-        else:
-            aim = needed if looks >= LOOKS else max(needed, NEXT_LOOK * face.residual)
+def _fingerprint(comm: MPI.Intracomm, active: Mask) -> int:
+    """A number that tells active sets apart (collective)."""
+    return hash(tuple(comm.allgather(hash(active.tobytes()))))
 
 
-def follow(
-    problem: DualProblem,
-    inner: MPRGP,
-    multiplier: NDArray[np.float64] | None,
-    touching: NDArray[np.bool_],
-    lacks: Lacks,
-    accept: Accept,
-    monitor: Monitor | None,
-    keep: Keep | None = None,
-    eager: bool = False,
-    fewer: Guess | None = None,
-) -> Outcome:
-    """Active sets from the contact rows that touch, until an answer is accepted.
-
-    Parameters
-    ----------
-    multiplier : (dual,)
-        Where the first face begins; as for `Face`.
-    lacks, eager
-        As in `decide`.
-    fewer
-        Another guess of what touches, asked where rows open face after face from the first on: of
-        bodies that lie flat and lift off for the most part, faces alone peel row after row.
-
-    Returns
-    -------
-    The last outcome, with the work of all faces; its reason is None where they did not settle.
-    """
-    counts = Counts()
-    seen: set[int] = set()
-    beyond = True
-    found = Outcome(None, None, touching, counts)
-    directions = Directions(problem)
-    levels = RowLevels(problem, thinned=problem.held_without_contact and multiplier is None)
-    touching = touching & levels.allowed
-    first_look = FIRST_LOOK if levels.finest else THINNED_LOOK
-    for number in range(FACES):
-        fingerprint = hash(tuple(problem.comm.allgather(hash(touching.tobytes()))))
-        if fingerprint in seen:  # decided too early, or the sets do not settle
-            first_look *= DEEPER
-            beyond = False
-            seen.clear()
-        seen.add(fingerprint)
-        try:
-            face = Face(problem, touching, multiplier, directions, levels, beyond)
-        except ArithmeticError:  # a body is kept by rows that have opened
-            break
-        left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
-        try:
-            found = decide(
-                face, left, lacks, accept, monitor,
-                keep and replace(keep, before=counts), first_look, eager,
-            )  # fmt: skip
-        except QPError:  # the rows that touch keep a body so badly that rounding lets it go
-            counts = counts + face.counts
-            found = Outcome(None, None, touching, counts)
-            break
-        counts = counts + found.counts
-        # its B and coarse problem, before the next has its own: petsc4py leaves them for later
-        del face
-        PETSc.garbage_cleanup(problem.comm)
-        if found.reason is not None or found.state is None:
-            break
-        following = found.following
-        if fewer is not None and not _peels(problem.comm, touching, following):
-            fewer = None
-        if fewer is not None and number == 1:  # the second face in a row peels
-            following, fewer = following & fewer(), None
-        multiplier, touching = found.state.multiplier, following
-    return replace(found, counts=counts)
+def _changes(comm: MPI.Intracomm, active: Mask, following: Mask) -> int:
+    """Rows that join or leave (collective)."""
+    return int(comm.allreduce(int((following != active).sum())))
 
 
-def _peels(comm: MPI.Intracomm, touching: NDArray[np.bool_], following: NDArray[np.bool_]) -> bool:
-    """Whether contact rows open in number and none closes (collective)."""
-    closed, opened, before = comm.allreduce(
-        np.array([(following & ~touching).sum(), (touching & ~following).sum(), touching.sum()])
+def _peels(comm: MPI.Intracomm, active: Mask, following: Mask, share: float) -> bool:
+    """Whether at least that share of the rows leaves and none joins (collective)."""
+    joined, gone, before = comm.allreduce(
+        np.array([(following & ~active).sum(), (active & ~following).sum(), active.sum()])
     )
-    return not closed and bool(opened > PEELED * before)
+    return not joined and bool(gone > share * before)

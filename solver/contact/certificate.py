@@ -103,7 +103,7 @@ class Certificate:
         """The same numbers, held against a tolerance."""
         return replace(self, passed=max(self._shares(tolerance)) <= 1.0)
 
-    def lacks(self, tolerance: float) -> float:
+    def required_reduction(self, tolerance: float) -> float:
         """Factor by which the error has to fall; one or less where the certificate passes.
 
         The gap is of second order in it. What is not a number passes nothing.

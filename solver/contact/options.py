@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+Method = Literal["auto", "active-set", "smalbe"]
+"""Which algorithm solves the dual problem (`solver.contact.driver`)."""
+
 
 @dataclass(frozen=True)
 class SolverOptions:
@@ -14,6 +17,7 @@ class SolverOptions:
     exact.
     """
 
+    method: Method = "auto"
     tolerance: float | Literal["auto"] = 1e-6
     tightest: float = 1e-4
     expansion: str = "projcg-safe"

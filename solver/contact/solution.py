@@ -92,6 +92,8 @@ class Solution:
         What the certificate was held against.
     accuracy
         Errors of the mesh and of the solver; None until they are estimated.
+    method
+        Which algorithm found it; "direct" where there was nothing to iterate.
     warm
         Whether it grew out of the multipliers that were given to begin with.
     """
@@ -104,6 +106,7 @@ class Solution:
     reason: Reason
     tolerance: float
     accuracy: Accuracy | None = None
+    method: str = "direct"
     warm: bool = False
 
     @property

@@ -37,7 +37,7 @@ SHARPENS = 20.0
 """What a sharper duality gap takes off the error at best."""
 
 AGAIN = 0.7
-"""Factor on what is asked of the next answer of a face after one that held less than promised."""
+"""Factor on what is asked of the next answer of an active set after one that fell short."""
 
 STEADY = 0.15
 """Algebraic error over that of the mesh below which the latter's estimate is not made again: it is
@@ -48,8 +48,8 @@ Assess = Callable[[Solution], Accuracy]
 Gap = Callable[[bool], float]
 
 
-class Target:
-    """A tolerance that is given.
+class StoppingRule:
+    """Stops at a tolerance that is given.
 
     Attributes
     ----------
@@ -59,18 +59,18 @@ class Target:
         Products that may pass between a certificate that failed and the next.
     relaxations
         Steps that sharpen the duality gap of certificates.
-    eager
-        Whether answers are tried before it is settled what touches.
+    may_end_early
+        Whether answers are tried before the active set is settled.
     """
 
     patience = 0
     relaxations = 0
-    eager = False
+    may_end_early = False
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
 
-    def lacks(self, worst: float, strained: float, gap: Gap) -> float:
+    def required_reduction(self, worst: float, strained: float, gap: Gap) -> float:
         """Factor by which the error of an answer has to fall before it is worth a certificate.
 
         Parameters
@@ -84,9 +84,9 @@ class Target:
         """
         return worst / self.tolerance
 
-    def lacks_certified(self, solution: Solution) -> float:
+    def required_of_certified(self, solution: Solution) -> float:
         """The same of an answer whose certificate failed, as far as that tells."""
-        return solution.certificate.lacks(self.tolerance)
+        return solution.certificate.required_reduction(self.tolerance)
 
     def judge(self, solution: Solution) -> Solution:
         """The answer with the verdict of its certificate; may tighten the tolerance."""
@@ -94,8 +94,8 @@ class Target:
         return replace(solution, certificate=certificate, tolerance=self.tolerance)
 
 
-class AutomaticTarget(Target):
-    """A tolerance that follows the discretisation error.
+class AutomaticRule(StoppingRule):
+    """Stops at a tolerance that follows the discretisation error.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class AutomaticTarget(Target):
 
     patience = 6
     relaxations = 3
-    eager = True
+    may_end_early = True
 
     def __init__(self, assess: Assess, tightest: float) -> None:
         super().__init__(LOOSEST)
@@ -118,7 +118,7 @@ class AutomaticTarget(Target):
         self._wait = 0
         self._assessed: tuple[Accuracy, float] | None = None
 
-    def lacks(self, worst: float, strained: float, gap: Gap) -> float:
+    def required_reduction(self, worst: float, strained: float, gap: Gap) -> float:
         """As of a tolerance that is given: of jumps, and of the error that the gap bounds."""
         lack = worst / self._chosen
         if self._wait:
@@ -135,8 +135,8 @@ class AutomaticTarget(Target):
         self._wait = int(math.log(max(self._lack, 1.0)) / math.log(GAIN))
         return self._lack
 
-    def lacks_certified(self, solution: Solution) -> float:
-        """Nothing that `lacks` does not know: `judge` has set the limits of both."""
+    def required_of_certified(self, solution: Solution) -> float:
+        """Nothing that `required_reduction` does not know: `judge` has set the limits of both."""
         return 1.0
 
     def judge(self, solution: Solution) -> Solution:
@@ -197,8 +197,8 @@ class AutomaticTarget(Target):
         self.tolerance /= max(excess, 2.0)
 
 
-def aim(options: SolverOptions, assess: Assess | None) -> Target:
-    """The target that a scene's tolerance means.
+def stopping_rule(options: SolverOptions, assess: Assess | None) -> StoppingRule:
+    """The rule that a scene's tolerance means.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def aim(options: SolverOptions, assess: Assess | None) -> Target:
         An automatic tolerance without anything to assess an answer with.
     """
     if options.tolerance != "auto":
-        return Target(options.tolerance)
+        return StoppingRule(options.tolerance)
     if assess is None:
         raise ValueError("an automatic tolerance needs an estimate of the error")
-    return AutomaticTarget(assess, options.tightest)
+    return AutomaticRule(assess, options.tightest)

@@ -29,6 +29,9 @@ class Reason(Enum):
         "The iterates kept growing along a direction of next to no curvature while the cost fell: "
         "it seems to be unbounded below."
     )
+    UNSETTLED = (
+        "The active sets did not settle; solver.method auto goes on with SMALBE-M, which converges."
+    )
     STOPPED = "The monitor asked to stop; the result holds the last iterate."
 
     @property

@@ -43,7 +43,7 @@ FLAT = 1e-12
 """Gaps over the largest coordinate that are none."""
 
 
-def lies_flat(problem: DualProblem) -> bool:
+def gaps_are_zero(problem: DualProblem) -> bool:
     """Whether every contact node touches before any load, and no two rows overlap (collective)."""
     comm, points = problem.comm, problem.contact.points
     size = comm.allreduce(float(np.abs(points).max(initial=0.0)), op=MPI.MAX)
@@ -52,8 +52,8 @@ def lies_flat(problem: DualProblem) -> bool:
     return not comm.allreduce(int((apart | overlaps).sum()))
 
 
-def bedded(problem: DualProblem) -> NDArray[np.bool_]:
-    """Contact rows (dual,) that touch where rigid subdomains lie on springs."""
+def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
+    """Contact rows (dual,) that are pressed where rigid subdomains lie on a Winkler foundation."""
     coarse, comm = problem.coarse, problem.comm
     assert coarse is not None
     contact = problem.inequality

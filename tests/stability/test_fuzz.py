@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from solver.contact import active_set as faces
+from solver.contact import active_set
+from solver.tfeti.active_set_problem import ActiveSetProblem
 from tests.scenes import Config
 from tests.stability import fuzz
 from tests.stability.defect_scenes import EVERY, KINDS, kind_of
@@ -49,15 +50,15 @@ def test_a_face_that_rounding_holds_up_is_left(monkeypatch: pytest.MonkeyPatch) 
     How many products all faces take together rounding decides, 900 to 12,400 have been seen; on
     one face steps are limited by its unknowns.
     """
-    decide = faces.decide
+    solve_on_set = active_set.solve_on_set
     taken: list[float] = []
 
-    def watched(face: faces.Face, *given: Any, **named: Any) -> faces.Outcome:
-        found = decide(face, *given, **named)
-        taken.append(found.counts.cg / face.problem.size)
+    def watched(on_set: ActiveSetProblem, *given: Any, **named: Any) -> active_set.Outcome:
+        found = solve_on_set(on_set, *given, **named)
+        taken.append(found.counts.cg / on_set.problem.size)
         return found
 
-    monkeypatch.setattr(faces, "decide", watched)
+    monkeypatch.setattr(active_set, "solve_on_set", watched)
     verdict = fuzz.judge(269)
     assert verdict.kind == "agrees"
     assert verdict.products < 20_000

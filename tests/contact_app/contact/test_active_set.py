@@ -1,4 +1,4 @@
-"""What a look at a face knows without a product, and when an automatic tolerance lets it end."""
+"""What a look at a on_set knows without a product, and when an automatic tolerance lets it end."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from contact_app.model.model import build_model
 from contact_app.studies.failing_scenes import slender
 from solver import MPRGP, Reason
-from solver.contact.active_set import Face, State, decide
+from solver.contact.active_set import ActiveSetUpdate, StoppingTest, solve_on_set
 from solver.contact.driver import solve
 from solver.contact.duality_gap import duality_gap
 from solver.contact.solution import Accuracy
-from solver.contact.stopping import GAIN, LOOSEST, SHARPENS, AutomaticTarget
+from solver.contact.stopping import GAIN, LOOSEST, SHARPENS, AutomaticRule
+from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import follows
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
-from solver.tfeti.winkler import bedded
+from solver.tfeti.winkler import winkler_contact
 from tests import scenes
 
 
@@ -28,27 +29,27 @@ def problem() -> DualProblem:
     return build_model(scene, MPI.COMM_SELF).problem
 
 
-def touching(problem: DualProblem) -> NDArray[np.bool_]:
+def every_second(problem: DualProblem) -> NDArray[np.bool_]:
     """Every second contact row."""
     result = problem.inequality.copy()
     result[np.flatnonzero(result)[::2]] = False
     return result
 
 
-def looked(problem: DualProblem, aim: float) -> tuple[Face, State]:
-    face = Face(problem, touching(problem))
-    face.solve(MPRGP(), aim, None)
-    return face, face.look()[0]
+def solved_to(problem: DualProblem, aim: float) -> tuple[ActiveSetProblem, State]:
+    on_set = ActiveSetProblem(problem, every_second(problem))
+    on_set.solve(MPRGP(), aim, None)
+    return on_set, on_set.state()
 
 
-def test_a_look_sees_what_a_product_would_tell(problem: DualProblem) -> None:
-    face, state = looked(problem, 0.1)
+def test_a_state_tells_what_an_operator_application_would(problem: DualProblem) -> None:
+    on_set, state = solved_to(problem, 0.1)
     multiplier = state.multiplier
     free = interface_displacements(problem, multiplier, np.zeros(len(problem.e)))
     motions = state.displacements - free
     scale = np.abs(state.displacements).max()
     # they differ by rigid motions alone, which no multiplier in equilibrium does work on
-    change = np.where(problem.inequality & ~face.touching, 0.0, multiplier - problem.offset)
+    change = np.where(problem.inequality & ~on_set.active, 0.0, multiplier - problem.offset)
     other = problem.constraint_forces(change)
     assert abs(other @ motions) <= 1e-10 * np.linalg.norm(other) * np.linalg.norm(motions)
     jumps = problem.residual(state.displacements) / problem.spread
@@ -57,16 +58,16 @@ def test_a_look_sees_what_a_product_would_tell(problem: DualProblem) -> None:
     assert state.strained == pytest.approx(strained, rel=1e-10)
 
 
-def test_a_face_goes_on_from_the_last_multiplier(problem: DualProblem) -> None:
-    """Solved from there the same face is at its end, and its first product is all it takes."""
-    face, state = looked(problem, 1e-8)
-    again = Face(problem, touching(problem), state.multiplier)
+def test_an_active_set_goes_on_from_the_last_multiplier(problem: DualProblem) -> None:
+    """Solved from there the same set is at its end, and its first product is all it takes."""
+    on_set, state = solved_to(problem, 1e-8)
+    again = ActiveSetProblem(problem, every_second(problem), state.multiplier)
     assert again.counts.hessian == 1
-    np.testing.assert_allclose(again.look()[0].displacements, state.displacements, atol=1e-12)
+    np.testing.assert_allclose(again.state().displacements, state.displacements, atol=1e-12)
 
 
 def test_what_smalbe_goes_on_from_stands_for_the_same_displacements(problem: DualProblem) -> None:
-    state = looked(problem, 1e-3)[1]
+    state = solved_to(problem, 1e-3)[1]
     x, force = state.homogenised(problem)
     multiplier = problem.offset + x
     alpha = kernel_coefficients(problem, multiplier, force)
@@ -80,9 +81,11 @@ def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
     assert follows(problem)
     options = scenes.build(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2]).solver
     energy = solve(problem, options, None).measures.energy
-    face = Face(problem, np.zeros(problem.size, bool))  # without contact λ is admissible
-    face.solve(MPRGP(), 0.3, None)
-    state = face.look()[0]
+    on_set = ActiveSetProblem(
+        problem, np.zeros(problem.size, bool)
+    )  # without contact λ is admissible
+    on_set.solve(MPRGP(), 0.3, None)
+    state = on_set.state()
     multiplier = state.multiplier
     plain, sharp = (duality_gap(problem, multiplier, state.displacements, k) for k in (0, 3))
     dual = -0.5 * state.strained - float(multiplier @ problem.c)
@@ -99,51 +102,55 @@ def beside_two_walls(cell: str, angle: float) -> DualProblem:
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_a_face_ends_within_a_step_for_each_unknown(cell: str) -> None:
+def test_an_active_set_ends_within_a_step_for_each_unknown(cell: str) -> None:
     problem = beside_two_walls(cell, 0.1)
-    face = Face(problem, problem.inequality)
-    assert face.solve(MPRGP(), 1e-8, None) is Reason.CONVERGED
-    assert face.counts.cg < problem.size
+    on_set = ActiveSetProblem(problem, problem.inequality)
+    assert on_set.solve(MPRGP(), 1e-8, None) is Reason.CONVERGED
+    assert on_set.counts.cg < problem.size
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_a_face_that_rounding_holds_up_ends_all_the_same(cell: str) -> None:
+def test_an_active_set_that_rounding_holds_up_ends_all_the_same(cell: str) -> None:
     """The two rows of a node are the angle apart, which F and its preconditioner square each.
 
     The smallest eigenvalue of their product is its fourth power, over the largest: 1e-4 leaves no
     digit, and without a limit the solve never ends.
     """
     problem = beside_two_walls(cell, 1e-4)
-    face, inner = Face(problem, problem.inequality), MPRGP(max_iterations=8 * problem.size)
-    assert face.solve(inner, 1e-8, None) is Reason.ROUND_OFF
-    assert problem.size < face.counts.cg <= 2 * problem.size
-    assert face.at_round_off
+    on_set, inner = (
+        ActiveSetProblem(problem, problem.inequality),
+        MPRGP(max_iterations=8 * problem.size),
+    )
+    assert on_set.solve(inner, 1e-8, None) is Reason.ROUND_OFF
+    assert problem.size < on_set.counts.cg <= 2 * problem.size
+    assert on_set.at_round_off
     # whoever asked for it goes on elsewhere, without another step on it
-    spent = face.counts.hessian
-    found = decide(face, inner, lambda state: 1.0, lambda state: False, None)
+    spent = on_set.counts.hessian
+    test = StoppingTest(lambda state: 1.0, lambda state: False)
+    found = solve_on_set(on_set, ActiveSetUpdate.simple(problem), test, inner)
     assert found.reason in (None, Reason.ROUND_OFF)
     assert found.counts.hessian == spent
 
 
-def test_a_face_knows_what_rounding_leaves_outside_the_range_of_the_projector() -> None:
+def test_an_active_set_knows_what_rounding_leaves_outside_the_range_of_the_projector() -> None:
     """A beam 1:300 in thirty parts: 5e-4 of the right-hand side, which no step removes.
 
     Steps go on until rounding holds them up otherwise, two for each unknown.
     """
     scene = scenes.build(slender(300.0, [300, 1]), [30, 1])
     problem = build_model(scene, MPI.COMM_SELF).problem
-    face = Face(problem, bedded(problem))
-    assert face.solve(MPRGP(), 0.0, None) is Reason.CONVERGED
-    assert face.counts.cg < problem.size / 10
-    assert face.at_round_off
+    on_set = ActiveSetProblem(problem, winkler_contact(problem))
+    assert on_set.solve(MPRGP(), 0.0, None) is Reason.CONVERGED
+    assert on_set.counts.cg < problem.size / 10
+    assert on_set.at_round_off
 
 
 def test_an_automatic_tolerance_asks_for_the_gap_where_it_may_decide() -> None:
     asked: list[bool] = []
 
-    def target() -> AutomaticTarget:
+    def target() -> AutomaticRule:
         asked.clear()
-        return AutomaticTarget(lambda answer: Accuracy(1.0, 0.0, 1.0), 1e-4)
+        return AutomaticRule(lambda answer: Accuracy(1.0, 0.0, 1.0), 1e-4)
 
     def gap(error: float):
         def told(sharp: bool) -> float:
@@ -152,15 +159,15 @@ def test_an_automatic_tolerance_asks_for_the_gap_where_it_may_decide() -> None:
 
         return told
 
-    assert target().lacks(2.0 * LOOSEST, 1.0, gap(0.1)) == pytest.approx(2.0)
+    assert target().required_reduction(2.0 * LOOSEST, 1.0, gap(0.1)) == pytest.approx(2.0)
     assert asked == []  # jumps say no
-    assert target().lacks(0.0, 1.0, gap(0.5)) == pytest.approx(0.5)
+    assert target().required_reduction(0.0, 1.0, gap(0.5)) == pytest.approx(0.5)
     assert asked == [False]
-    assert target().lacks(0.0, 1.0, gap(2.0)) == pytest.approx(2.0)
+    assert target().required_reduction(0.0, 1.0, gap(2.0)) == pytest.approx(2.0)
     assert asked == [False, True]
     far = target()
-    assert far.lacks(0.0, 1.0, gap(3.0 * SHARPENS)) == pytest.approx(3.0 * SHARPENS)
+    assert far.required_reduction(0.0, 1.0, gap(3.0 * SHARPENS)) == pytest.approx(3.0 * SHARPENS)
     assert asked == [False]  # no sharper one would do, and the next look is passed over
-    assert far.lacks(0.0, 1.0, gap(0.1)) == pytest.approx(3.0 * SHARPENS / GAIN)
+    assert far.required_reduction(0.0, 1.0, gap(0.1)) == pytest.approx(3.0 * SHARPENS / GAIN)
     assert asked == [False]
-    assert far.lacks(0.0, 1.0, gap(0.1)) == pytest.approx(0.1)
+    assert far.required_reduction(0.0, 1.0, gap(0.1)) == pytest.approx(0.1)

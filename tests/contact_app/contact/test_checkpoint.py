@@ -17,6 +17,7 @@ from contact_app.run.progress import together
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from solver import SMALBE, Counts, Reason, Step
+from solver.contact.active_set import ActiveSetOptions
 from solver.contact.checkpoint import Attention, Checkpoint, CheckpointError, Saver
 from solver.contact.driver import Solution, solve
 from solver.qp.smalbe import Restart
@@ -45,8 +46,17 @@ def stopped_after_steps(steps: int) -> Any:
     return lambda event: next(taken) > steps
 
 
+SMALBE_ALONE = ActiveSetOptions(most_sets=0)
+
+
 def go(
-    problem: DualProblem, scene: Any, directory: Path, stop: Any, resume: bool, every: float = 1e9
+    problem: DualProblem,
+    scene: Any,
+    directory: Path,
+    stop: Any,
+    resume: bool,
+    every: float = 1e9,
+    sets: ActiveSetOptions | None = None,
 ) -> Solution:
     """Solve; as in a run, a step at which it is stopped is saved, and steps `every` seconds."""
     checkpoint = Checkpoint(directory, MPI.COMM_SELF, resume, every)
@@ -56,7 +66,7 @@ def go(
         asked[0] = stop is not None and stop(event)
 
     monitor = together(ask, Attention(MPI.COMM_SELF, lambda: asked[0], checkpoint))
-    solution = solve(problem, scene.solver, monitor, checkpoint)
+    solution = solve(problem, scene.solver, monitor, checkpoint, active_sets=sets)
     assert (solution.reason is Reason.STOPPED) == (stop is not None)
     return solution
 
@@ -64,12 +74,6 @@ def go(
 def state_of(directory: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads((directory / "checkpoint.json").read_text())["state"]
     return found
-
-
-@pytest.fixture
-def smalbe_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No active sets but those of SMALBE."""
-    monkeypatch.setattr("solver.contact.active_set.FACES", 0)
 
 
 def test_a_solve_stopped_on_a_face_goes_on_from_there(
@@ -90,15 +94,14 @@ def test_a_solve_stopped_on_a_face_goes_on_from_there(
     assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
 
 
-@pytest.mark.usefixtures("smalbe_alone")
 def test_a_resumed_solve_ends_with_the_same_answer(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
-    straight = solve(problem, scene.solver, None)
-    stopped = go(problem, scene, tmp_path, stopped_after(4), resume=False)
+    straight = solve(problem, scene.solver, active_sets=SMALBE_ALONE)
+    stopped = go(problem, scene, tmp_path, stopped_after(4), resume=False, sets=SMALBE_ALONE)
     assert not stopped.converged
     assert state_of(tmp_path)["outer"] == 4
-    resumed = go(problem, scene, tmp_path, None, resume=True)
+    resumed = go(problem, scene, tmp_path, None, resume=True, sets=SMALBE_ALONE)
     assert resumed.converged
     assert resumed.counts.outer == pytest.approx(straight.counts.outer, abs=2)
     # going on costs the start's product, and the steps of the outer iteration that was cut
@@ -109,37 +112,41 @@ def test_a_resumed_solve_ends_with_the_same_answer(
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * largest)
 
 
-@pytest.mark.usefixtures("smalbe_alone")
 def test_one_checkpoint_is_left_and_it_can_be_removed(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
-    go(problem, scene, tmp_path, stopped_after(5), resume=False)
+    go(problem, scene, tmp_path, stopped_after(5), resume=False, sets=SMALBE_ALONE)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["checkpoint-1.vectors", "checkpoint.json"]
-    go(problem, scene, tmp_path, stopped_after(7), resume=True)
+    go(problem, scene, tmp_path, stopped_after(7), resume=True, sets=SMALBE_ALONE)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["checkpoint-2.vectors", "checkpoint.json"]
     Checkpoint(tmp_path, MPI.COMM_SELF, True).remove()
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("smalbe_alone")
 def test_a_checkpoint_of_another_problem_is_refused(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
-    go(problem, scene, tmp_path, stopped_after(3), resume=False)
+    go(problem, scene, tmp_path, stopped_after(3), resume=False, sets=SMALBE_ALONE)
     other = build_scene(
         load(CUBE, ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]",
                     "conditions.1.traction=[0,0,-466]"])
     )  # fmt: skip
     with pytest.raises(CheckpointError, match="another problem"):
-        go(build_model(other, MPI.COMM_SELF).problem, scene, tmp_path, None, resume=True)
+        go(
+            build_model(other, MPI.COMM_SELF).problem,
+            scene,
+            tmp_path,
+            None,
+            resume=True,
+            sets=SMALBE_ALONE,
+        )
 
 
-@pytest.mark.usefixtures("smalbe_alone")
 def test_a_damaged_checkpoint_is_refused(problem: DualProblem, scene: Any, tmp_path: Path) -> None:
-    go(problem, scene, tmp_path, stopped_after(3), resume=False)
+    go(problem, scene, tmp_path, stopped_after(3), resume=False, sets=SMALBE_ALONE)
     (tmp_path / "checkpoint-1.vectors").write_bytes(b"")
     with pytest.raises(CheckpointError, match="no readable checkpoint"):
-        go(problem, scene, tmp_path, None, resume=True)
+        go(problem, scene, tmp_path, None, resume=True, sets=SMALBE_ALONE)
 
 
 def test_a_checkpoint_of_another_number_of_ranks_is_refused(
@@ -175,15 +182,15 @@ def test_whatever_the_algorithm_does_it_goes_on_from_there(
     """By far fewer products than from the beginning, to the same answer."""
     changes, steps, on_sets = KINDS[kind]
     if not on_sets:  # no active sets, and a first outer iteration of more than a few steps
-        monkeypatch.setattr("solver.contact.active_set.FACES", 0)
-        monkeypatch.setattr("solver.contact.driver.SMALBE", partial(SMALBE, M=1e-3))
+        monkeypatch.setattr("solver.contact.by_smalbe.SMALBE", partial(SMALBE, M=1e-3))
+    sets = None if on_sets else SMALBE_ALONE
     overrides = ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]"]
     overrides += [f"{'solver.' * (k == 'tolerance')}{k}={v}" for k, v in changes.items()]
     scene = build_scene(load(CUBE, overrides))
     problem = build_model(scene, MPI.COMM_SELF).problem
-    straight = solve(problem, scene.solver, None)
+    straight = solve(problem, scene.solver, active_sets=sets)
     if ended == "stopped":
-        go(problem, scene, tmp_path, stopped_after_steps(steps), resume=False)
+        go(problem, scene, tmp_path, stopped_after_steps(steps), resume=False, sets=sets)
     else:  # at a step, without a word; a checkpoint is written at every step
 
         def kill(event: Step) -> bool:
@@ -193,13 +200,13 @@ def test_whatever_the_algorithm_does_it_goes_on_from_there(
 
         taken = stopped_after_steps(steps)
         with pytest.raises(KeyboardInterrupt):
-            go(problem, scene, tmp_path, kill, resume=False, every=0.0)
+            go(problem, scene, tmp_path, kill, resume=False, every=0.0, sets=sets)
     state = state_of(tmp_path)
     assert state["outer"] == 0
     assert (state["rho"] > 0.0) is not on_sets
     spent = state["counts"]["hessian"]
     assert spent >= steps - 2
-    resumed = go(problem, scene, tmp_path, None, resume=True)
+    resumed = go(problem, scene, tmp_path, None, resume=True, sets=sets)
     assert resumed.converged
     assert resumed.counts.hessian - spent <= straight.counts.hessian - 0.5 * spent
     assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)

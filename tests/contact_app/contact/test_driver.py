@@ -18,9 +18,12 @@ from contact_app.model.model import build_model
 from contact_app.run.run import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
-from solver.contact import active_set as faces
-from solver.contact.active_set import Face
-from solver.contact.driver import certified_answer
+from solver.contact import active_set
+from solver.contact.active_set import ActiveSetOptions
+from solver.contact.answers import certified_answer
+from solver.contact.driver import solve
+from solver.qp.result import Reason
+from solver.tfeti.active_set_problem import ActiveSetProblem
 from solver.tfeti.feasible import feasible_multiplier
 from tests import scenes
 
@@ -95,19 +98,50 @@ def test_faces_end_what_augmented_lagrangians_are_slow_with(
 
 
 @pytest.mark.parametrize("name", ["cube", "stack", "plate_and_pins"])
-def test_smalbe_finds_the_same_answer_without_faces(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with_faces = summary(name)
-    monkeypatch.setattr("solver.contact.active_set.FACES", 0)
-    alone = summary(name)
-    assert alone["certificate"]["passed"]
-    assert alone["solver"]["outer_iterations"] > 5
-    assert with_faces["solver"]["outer_iterations"] <= 1
-    assert alone["solution"]["energy"] == pytest.approx(with_faces["solution"]["energy"], rel=1e-5)
-    assert alone["solution"]["active_contacts"] == pytest.approx(
-        with_faces["solution"]["active_contacts"], abs=2
+def test_smalbe_finds_the_same_answer_without_active_sets(name: str) -> None:
+    scene = build_scene(load(CONFIGS / f"{name}.yaml"))
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    by_sets = solve(problem, scene.solver)
+    alone = solve(problem, scene.solver, active_sets=ActiveSetOptions(most_sets=0))
+    assert (by_sets.method, alone.method) == ("active-set", "smalbe")
+    assert alone.converged
+    assert alone.counts.outer > 5
+    assert by_sets.counts.outer <= 1
+    assert alone.measures.energy == pytest.approx(by_sets.measures.energy, rel=1e-5)
+    active = [int((a.multiplier[problem.inequality] > 0.0).sum()) for a in (by_sets, alone)]
+    assert active[0] == pytest.approx(active[1], abs=2)
+
+
+@pytest.mark.parametrize("name", ["cube", "block_2d", "corner"])
+@pytest.mark.parametrize("method", ["smalbe", "active-set"])
+def test_the_method_asked_for_finds_the_same_answer(name: str, method: str) -> None:
+    """The paper's algorithm on any scene; active sets without SMALBE-M behind them."""
+    auto = summary(name)
+    asked = summary(name, f"solver.method={method}")
+    assert asked["certificate"]["passed"]
+    assert asked["solution"]["energy"] == pytest.approx(auto["solution"]["energy"], rel=1e-5)
+    if method == "smalbe":
+        assert asked["solver"]["method"] == "smalbe"
+    else:
+        assert asked["solver"]["method"] == auto["solver"]["method"]
+
+
+def test_an_expansion_without_a_method_means_the_papers_algorithm() -> None:
+    found = summary("cube", "solver.expansion=fixed")["solver"]
+    assert found["method"] == "smalbe"
+    assert found["expansion_steps"] > 0
+    assert (
+        summary("cube", "solver={expansion: fixed, method: auto}")["solver"]["method"] != "smalbe"
     )
+
+
+def test_active_sets_that_do_not_settle_are_told() -> None:
+    scene = build_scene(load(CONFIGS / "cube.yaml", ["solver.method=active-set"]))
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    found = solve(problem, scene.solver, active_sets=ActiveSetOptions(most_sets=2))
+    assert found.reason is Reason.UNSETTLED
+    assert not found.converged
+    assert found.counts.hessian > 0
 
 
 def test_the_default_cube_stays_cheap() -> None:
@@ -141,18 +175,18 @@ def test_an_answer_far_from_the_solution_is_not_certified() -> None:
     assert answer.certificate.equilibrium < 1e-9
 
 
-def test_a_face_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_active_set_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without waiting for Python's collector: on large problems each holds a gigabyte."""
-    made: list[weakref.ref[Face]] = []
+    made: list[weakref.ref[ActiveSetProblem]] = []
     alive: list[int] = []
-    begin = Face.__init__
+    begin = ActiveSetProblem.__init__
 
-    def counting(self: Face, *arguments: Any) -> None:
-        alive.append(sum(face() is not None for face in made))
+    def counting(self: ActiveSetProblem, *arguments: Any) -> None:
+        alive.append(sum(one() is not None for one in made))
         made.append(weakref.ref(self))
         begin(self, *arguments)
 
-    monkeypatch.setattr(Face, "__init__", counting)
+    monkeypatch.setattr(ActiveSetProblem, "__init__", counting)
     gc.disable()
     try:
         summary("cube")
@@ -163,25 +197,25 @@ def test_a_face_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatc
 
 
 def test_active_sets_that_come_back_are_decided_later(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second face is made to ask for the first again, as one left too early may."""
-    looks: list[float] = []
+    """The second set is made to ask for the first again, as one left too early may."""
+    reductions: list[float] = []
     sets: list[NDArray[np.bool_]] = []
-    decide = faces.decide
+    solve_on_set = active_set.solve_on_set
 
-    def hasty(face: Face, *arguments: Any) -> faces.Outcome:
-        looks.append(arguments[5])
-        sets.append(face.touching)
-        found = decide(face, *arguments)
-        if len(looks) == 2:
+    def hasty(on_set: ActiveSetProblem, *arguments: Any) -> active_set.Outcome:
+        reductions.append(arguments[5])
+        sets.append(on_set.active)
+        found = solve_on_set(on_set, *arguments)
+        if len(reductions) == 2:
             found = replace(found, reason=None, following=sets[0])
         return found
 
-    monkeypatch.setattr(faces, "decide", hasty)
+    monkeypatch.setattr(active_set, "solve_on_set", hasty)
     found = summary("cube")
     assert found["certificate"]["passed"]
     assert found["solver"]["outer_iterations"] == 0
-    assert looks[1] == looks[0]
-    assert looks[2] == pytest.approx(0.1 * looks[0])
+    assert reductions[1] == reductions[0]
+    assert reductions[2] == pytest.approx(0.1 * reductions[0])
 
 
 def test_rows_of_b_come_one_face_edge_or_corner_after_another() -> None:

@@ -13,8 +13,8 @@ from contact_app.model.model import build_model
 from contact_app.run.run import solve_scene
 from contact_app.studies.failing_scenes import locking
 from solver import MPRGP
-from solver.contact.active_set import Face
 from solver.tfeti import recycling
+from solver.tfeti.active_set_problem import ActiveSetProblem
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.recycling import Directions, Recycled
 from tests import scenes
@@ -35,7 +35,7 @@ def closed(problem: DualProblem, count: int) -> NDArray[np.bool_]:
     return touching
 
 
-def solved(face: Face) -> tuple[NDArray[np.float64], int]:
+def solved(face: ActiveSetProblem) -> tuple[NDArray[np.float64], int]:
     """The face's multiplier and the products it took."""
     face.solve(MPRGP(max_iterations=500), TOLERANCE, None)
     state, _ = face.look()
@@ -50,9 +50,9 @@ def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
     directions = Directions(problem)
     near = None
     for before in (16, 12):
-        near, _ = solved(Face(problem, closed(problem, before), near, directions))
-    alone, all_products = solved(Face(problem, closed(problem, count), near))
-    found, products = solved(Face(problem, closed(problem, count), near, directions))
+        near, _ = solved(ActiveSetProblem(problem, closed(problem, before), near, directions))
+    alone, all_products = solved(ActiveSetProblem(problem, closed(problem, count), near))
+    found, products = solved(ActiveSetProblem(problem, closed(problem, count), near, directions))
     assert found == pytest.approx(alone, abs=1e-6 * np.abs(alone).max())
     assert products < all_products / 2
 
@@ -60,7 +60,7 @@ def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
 def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualProblem) -> None:
     """It keeps open rows empty and equilibrium, and leaves a residual orthogonal to the rest."""
     directions = Directions(problem)
-    near, _ = solved(Face(problem, closed(problem, 16), None, directions))
+    near, _ = solved(ActiveSetProblem(problem, closed(problem, 16), None, directions))
     touching = closed(problem, 13)
     glued = problem.face(touching, near)
     np.testing.assert_allclose(glued.d, glued.residual(glued.free_displacements))
@@ -109,13 +109,15 @@ def test_directions_that_are_not_light_are_kept_once_a_face_is_hard(
     monkeypatch.setattr(recycling, "LIGHT", 0)
     directions = Directions(problem)
     first, second = (closed(problem, count) for count in (16, 12))
-    near, products = solved(Face(problem, first, None, directions))
+    near, products = solved(ActiveSetProblem(problem, first, None, directions))
     steps = products - 1  # the right-hand side is the other
     assert steps > recycling.EASY
     assert directions.kept == steps - recycling.EASY
-    _, products = solved(Face(problem, second, near, directions))
+    _, products = solved(ActiveSetProblem(problem, second, near, directions))
     assert directions.kept == steps - recycling.EASY + products - 1
 
     easy = Directions(problem)
-    Face(problem, first, None, easy).solve(MPRGP(max_iterations=recycling.EASY), TOLERANCE, None)
+    ActiveSetProblem(problem, first, None, easy).solve(
+        MPRGP(max_iterations=recycling.EASY), TOLERANCE, None
+    )
     assert easy.kept == 0

@@ -13,7 +13,7 @@ from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from contact_app.studies.verification import ROOT
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.winkler import SOFTNESS, bedded, lies_flat
+from solver.tfeti.winkler import SOFTNESS, gaps_are_zero, winkler_contact
 from tests import scenes
 
 CASES = {
@@ -55,7 +55,7 @@ def test_rigid_bodies_on_springs(case: str) -> None:
     pull = problem.d - found.x @ G
     decided = problem.inequality & (np.abs(pull) > 1e-4 * np.abs(pull).max())
     assert np.linalg.norm(reached[1]) < 1e-3 * np.linalg.norm(problem.e)
-    touching = bedded(problem)
+    touching = winkler_contact(problem)
     np.testing.assert_array_equal(touching[decided], pull[decided] > 0.0)
     assert touching.any()
     assert not touching[~problem.inequality].any()
@@ -94,7 +94,7 @@ def test_a_ball_kept_by_a_plane_needs_few_products() -> None:
 def test_what_lies_flat(name: str, flat: bool) -> None:
     """All gaps are closed, and no node has two rows that say the same."""
     scene = scenes.build(scenes.ALL[name]("hexahedron", 4), [2, 2, 2])
-    assert lies_flat(build_model(scene, MPI.COMM_SELF).problem) is flat
+    assert gaps_are_zero(build_model(scene, MPI.COMM_SELF).problem) is flat
 
 
 FINE = ["bodies.0.mesh.box.cells=[40, 40, 40]", "decomposition={subdomains: [10, 10, 10]}"]

@@ -1,0 +1,75 @@
+"""Answers: from multipliers to displacements with their certificate."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.contact.certificate import certify
+from solver.contact.solution import Solution
+from solver.contact.stopping import StoppingRule
+from solver.qp.result import Counts, Reason
+from solver.tfeti.active_set_problem import State
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.feasible import feasible_multiplier
+from solver.tfeti.recovery import displacements as recover
+from solver.tfeti.recovery import kernel_coefficients
+
+
+def answer_of_iterate(
+    problem: DualProblem,
+    rule: StoppingRule,
+    x: NDArray[np.float64],
+    equality_force: NDArray[np.float64] | None,
+) -> Solution:
+    """`certified_answer` held against what a stopping rule asks for now."""
+    return certified_answer(problem, x, equality_force, rule.tolerance, rule.relaxations)
+
+
+def answer_of_state(problem: DualProblem, rule: StoppingRule, state: State) -> Solution:
+    """The answer that the solution on an active set stands for, judged."""
+    multiplier = feasible_multiplier(problem, state.multiplier, state.active)
+    return rule.judge(
+        _certified(problem, multiplier, state.motions, rule.tolerance, rule.relaxations)
+    )
+
+
+def certified_answer(
+    problem: DualProblem,
+    x: NDArray[np.float64],
+    equality_force: NDArray[np.float64] | None,
+    tolerance: float,
+    relaxations: int = 0,
+) -> Solution:
+    """Recover and certify what an iterate of the solver stands for.
+
+    Contact rows above their bound carry force.
+
+    Parameters
+    ----------
+    tolerance
+        What the certificate is held against.
+    relaxations
+        Of the certificate: steps that sharpen the duality gap.
+    """
+    balanced = x.copy()
+    if problem.coarse is not None:
+        problem.coarse.project(x, balanced)
+    active = np.zeros(problem.size, bool)
+    if problem.lower is not None:
+        active = x > problem.lower
+    multiplier = feasible_multiplier(problem, problem.offset + balanced, active)
+    alpha = kernel_coefficients(problem, multiplier, equality_force)
+    return _certified(problem, multiplier, alpha, tolerance, relaxations)
+
+
+def _certified(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    alpha: NDArray[np.float64],
+    tolerance: float,
+    relaxations: int,
+) -> Solution:
+    u = recover(problem, multiplier, alpha)
+    certificate, measures = certify(problem, multiplier, u, tolerance, relaxations)
+    return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, tolerance)

@@ -1,0 +1,74 @@
+"""MPRGP alone to a certified answer, where no equality is left beside the projector."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.contact.answers import answer_of_iterate
+from solver.contact.checkpoint import Saver, without_outer_iterations
+from solver.contact.solution import Solution
+from solver.contact.task import Task
+from solver.qp.box_qp import BoxQP
+from solver.qp.iterate import Iterate
+from solver.qp.result import Counts
+from solver.tfeti.columns import on_columns
+
+METHOD = "mprgp"
+
+MEMORY = 10
+"""Pairs that MPRGP remembers on contact rows of whole bodies: they are short beside an operator
+application."""
+
+
+def solve_by_mprgp(
+    task: Task, start: NDArray[np.float64] | None, accelerated: bool = True
+) -> Solution:
+    """MPRGP; without contact rows it is the conjugate gradient method (collective).
+
+    Parameters
+    ----------
+    start : (dual,)
+        Multipliers to begin with.
+    accelerated
+        Whether contact rows of whole bodies begin with columns of F and remember curvature; the
+        paper's algorithm does neither.
+    """
+    problem, rule, checkpoint = task.problem, task.rule, task.checkpoint
+    qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0
+    inner, before = replace(task.inner, atol=problem.round_off), Counts()
+    restart = checkpoint.load(problem) if checkpoint else None
+    warm = start is not None
+    if restart is not None:
+        start, before = restart.x, restart.counts
+    if accelerated and problem.coarse is None and problem.one_sided:
+        inner = replace(inner, memory=MEMORY)
+        if start is None:
+            start, columns = on_columns(problem)
+    if start is not None and problem.coarse is not None:
+        start = start - problem.offset
+        problem.coarse.project(start, start)
+    answer: Solution | None = None
+
+    def certify(x: NDArray[np.float64]) -> Solution:
+        nonlocal answer
+        answer = rule.judge(answer_of_iterate(problem, rule, x, None))
+        return answer
+
+    before = before + Counts(hessian=columns)
+    saver = Saver(checkpoint, before)
+
+    def watch(it: Iterate) -> None:
+        if saver.due:
+            none = np.zeros(problem.size, bool)
+            saver(without_outer_iterations(problem.offset + it.x, none, replace(it.counts)))
+
+    result = inner.solve(
+        qp, x0=start, monitor=task.monitor, accept=lambda x: certify(x).converged, watch=watch
+    )
+    if answer is None or not answer.converged:
+        answer = certify(result.x)
+    counts = before + result.counts
+    return replace(answer, counts=counts, reason=result.reason, method=METHOD, warm=warm)

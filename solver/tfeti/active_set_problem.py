@@ -1,0 +1,245 @@
+"""The dual problem with an active set: its contact rows are equalities, the others are left out.
+
+Nothing is left to bounds or augmented Lagrangians then. Active rows join the coarse problem, the
+others leave it, and projected conjugate gradients solve
+
+    min ½ λᵀ F λ - λᵀ d  over  G λ = e  in the rows that hold with equality.
+
+The preconditioner is that of the dual problem, deflated by search directions of earlier sets.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.qp.box_qp import BoxQP
+from solver.qp.iterate import Iterate, Watch
+from solver.qp.mprgp import MPRGP
+from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.feasible import largest_magnitude
+from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.recovery import add_motions
+from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
+
+STALLED = 2
+"""Steps on an active set, over its unknowns, after which rounding errors hold conjugate gradients
+up. In exact arithmetic they end within one: its rows hardly hold some body, or hardly differ."""
+
+OUTSIDE = 10.0
+"""Residual that conjugate gradients leave, over the part of the right-hand side that rounding
+puts outside the range of P, which no step can remove."""
+
+SHORT = 4
+"""Steps on an active set up to which that part is not worth the projection that finds it."""
+
+IDEMPOTENT = 1e-8
+"""Relative difference of QQ and Q above which a coarse problem counts as singular."""
+
+
+ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
+"""Rounding errors of F λ over ‖F‖ ‖λ‖."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A multiplier in equilibrium, and the displacements that go with it.
+
+    Attributes
+    ----------
+    multiplier : (dual,)
+        λ.
+    motions : (kernels,)
+        α, with which the jumps of the rows that hold with equality are smallest.
+    active : (dual,)
+        Contact rows that hold with equality.
+    jumps : (dual,)
+        B u - c.
+    lengths : (dual,)
+        What each row's jump is relative to: the displacement of its body on the interface.
+    displacements : (interface,)
+        u.
+    strained
+        a(u, u), twice the energy of the strains.
+    """
+
+    multiplier: NDArray[np.float64]
+    motions: NDArray[np.float64]
+    active: NDArray[np.bool_]
+    jumps: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    displacements: NDArray[np.float64]
+    strained: float
+
+    def distance(self, problem: DualProblem) -> NDArray[np.float64]:
+        """Jumps, and the penetration of contact rows; over the body's displacement."""
+        return self.jumps / (problem.spread * self.lengths)
+
+    def worst(self, problem: DualProblem) -> float:
+        """Largest jump or penetration, over the displacement of its body."""
+        one_sided = problem.inequality & ~self.active
+        distance = self.distance(problem)
+        return largest_magnitude(
+            problem.comm, np.where(one_sided, np.maximum(distance, 0.0), distance)
+        )
+
+    def homogenised(self, problem: DualProblem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x = λ - λ̃ and t = Cᵀ μ = Q (F λ - d) - Gᵀ α, for SMALBE to go on from."""
+        coarse = problem.coarse
+        assert coarse is not None
+        force, kernel_part = np.empty(problem.size), np.empty(problem.size)
+        coarse.extend(self.motions, kernel_part)
+        coarse.apply(kernel_part - self.jumps, force)
+        return self.multiplier - problem.offset, force - kernel_part
+
+
+class ActiveSetProblem:
+    """Conjugate gradients with the contact rows of an active set as equalities, without the others.
+
+    Parameters
+    ----------
+    active : (dual,)
+        The active set: contact rows that hold with equality.
+    multiplier : (dual,)
+        Where to begin: the nearest multiplier in equilibrium; at the smallest one unless given.
+    directions
+        Search directions of earlier active sets, which serve again; those of this one join them.
+
+    Raises
+    ------
+    ArithmeticError
+        The active rows do not hold every body in place.
+    """
+
+    def __init__(
+        self,
+        problem: DualProblem,
+        active: NDArray[np.bool_],
+        multiplier: NDArray[np.float64] | None = None,
+        directions: Directions | None = None,
+    ) -> None:
+        self.problem, self.active = problem, active
+        directions = directions or Directions(problem)
+        recycled = Recycled(directions, active)
+        self.reduced = problem.face(active, multiplier)
+        assert self.reduced.coarse is not None
+        if not recycled.empty:
+            self.reduced.move_offset(*recycled.best(self.reduced.rhs))
+        if not problem.held_without_contact:
+            self._check_coarse_problem()
+        # no penalty here: steps that leave the range of P would meet no curvature, and none does
+        own = FacePreconditioner(self.reduced, math.inf)
+        operator = RecordedOperator(self.reduced, directions)
+        preconditioner = DeflatedPreconditioner(own, recycled, operator)
+        self._iterate = it = Iterate(
+            BoxQP(operator, self.reduced.rhs), preconditioner=preconditioner
+        )
+        it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
+        it.measure_b()
+        it.begin()
+        it.counts.hessian += 1  # of the right-hand side
+        self._weight = it.reduction.norm(self.reduced.offset)
+        self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
+        self._before = it.reduction.collectives
+
+    def _check_coarse_problem(self) -> None:
+        """Q is a projection unless G Gᵀ of the set is singular, which a factor need not see."""
+        problem, coarse = self.problem, self.reduced.coarse
+        assert coarse is not None
+        once, twice = np.empty(problem.size), np.empty(problem.size)
+        coarse.apply(np.where(self.problem.inequality & ~self.active, 0.0, problem.d), once)
+        coarse.apply(once, twice)
+        size = largest_magnitude(problem.comm, once)
+        if not largest_magnitude(problem.comm, twice - once) <= IDEMPOTENT * size:
+            raise ArithmeticError("the coarse problem of an active set is singular")
+
+    @property
+    def residual(self) -> float:
+        """Of conjugate gradients, relative to the right-hand side."""
+        it = self._iterate
+        return it.projected_gradient_norm / (it.b_norm or 1.0)
+
+    def error(self, strained: float) -> float:
+        """Estimate of the error of the multipliers in energy norm, over that of the strains.
+
+        The preconditioner M stands for F⁻¹ in rᵀ F⁻¹ r, the square of the error.
+        """
+        it = self._iterate
+        square = self.problem.comm.allreduce(float(it.z @ it.free))
+        return math.sqrt(max(square, 0.0) / strained) if strained > 0.0 else 1.0
+
+    @property
+    def at_round_off(self) -> bool:
+        """Whether no step can make the residual smaller."""
+        it = self._iterate
+        return it.at_round_off() or it.projected_gradient_norm <= self._smallest or self._stalls
+
+    @property
+    def _smallest(self) -> float:
+        """Residual that round-off leaves: of the right-hand side, and of what it was made of."""
+        it = self._iterate
+        floor = max(self.reduced.round_off, ROUNDED * it.largest * self._weight)
+        return floor if it.counts.cg <= SHORT else max(floor, OUTSIDE * self._outside)
+
+    @cached_property
+    def _outside(self) -> float:
+        """Norm of the right-hand side outside the range of P (collective)."""
+        assert self.reduced.coarse is not None
+        outside = np.empty(self.problem.size)
+        self.reduced.coarse.apply_transpose(self.reduced.rhs, outside)
+        return self._iterate.reduction.norm(outside)
+
+    @property
+    def counts(self) -> Counts:
+        """Work so far."""
+        it = self._iterate
+        return replace(it.counts, collectives=it.reduction.collectives - self._before)
+
+    def solve(
+        self, inner: MPRGP, residual: float, monitor: Monitor | None, watch: Watch | None = None
+    ) -> Reason:
+        """Go on to a relative residual; `inner` limits all iterations on this set.
+
+        `watch` sees each iterate.
+        """
+        self._iterate.watch = watch
+
+        def stop(it: Iterate) -> Reason | None:
+            tolerance = max(residual * it.b_norm, self._smallest)
+            if it.projected_gradient_norm <= tolerance and it.drift > 0.5 * tolerance:
+                it.evaluate()  # recurrences lost what the tolerance asks for
+            if it.projected_gradient_norm <= tolerance:
+                return Reason.CONVERGED
+            self._stalls = it.counts.cg >= self._most
+            return Reason.ROUND_OFF if self._stalls else None
+
+        try:
+            return inner.minimise(self._iterate, stop, monitor)
+        finally:
+            self._iterate.watch = None  # it knows this object, which would hold itself alive
+
+    def state(self) -> State:
+        """What the iterate means for the whole problem (collective).
+
+        Takes no product: the directions' displacements were kept.
+        """
+        problem, it = self.problem, self._iterate
+        assert self.reduced.coarse is not None
+        assert problem.coarse is not None
+        multiplier = self.reduced.offset + it.x
+        assert it.image is not None
+        u = self.reduced.displacements_of_offset - it.image
+        strained = problem.strain_energy(multiplier, u)
+        jumps = problem.residual(u)  # d - F λ
+        alpha = -self.reduced.coarse.coefficients(jumps)
+        kernel_part = np.empty(problem.size)
+        problem.coarse.extend(alpha, kernel_part)
+        jumps += kernel_part
+        add_motions(problem, alpha, u)
+        lengths = problem.bodies.of_rows(problem.lengths(u))
+        return State(multiplier, alpha, self.active, jumps, lengths, u, strained)
