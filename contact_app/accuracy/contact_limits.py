@@ -17,9 +17,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
-from contact_app.model.facets import moments, shapes_at_points
+from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model, boundary_nodes, facets_of, surface_facets
 from contact_app.results.fields import NodeFields
+from contact_app.scene.scene import Contact
 from solver.contact.solution import Solution
 
 ENTERED = 1e-2
@@ -32,6 +33,13 @@ Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the r
 
 FLAT = 1e-9
 """Extent of a flat boundary across itself, over its size."""
+
+UNFELT = 1e-2
+"""The same in runs to an accuracy where the obstacle presses no node: no force tells what the depth
+is worth."""
+
+CONCENTRATED = 2.0
+"""Facets across a contact below which it is a concentrated force for the mesh."""
 
 FACETS_ACROSS = {2: 8.0 / np.pi, 3: 6.0}
 """Facets across a contact times the variation of its pressure within them."""
@@ -86,7 +94,7 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
             continue
         facets = s.reference.facets[rows]
         u = solution.displacements[cls][:, column].reshape(-1, d)
-        shapes = shapes_at_points(d, facets.shape[1])
+        shapes = shapes_on_lattice(d, facets.shape[1])
         points, moved = (
             np.einsum("qk,fki->fqi", shapes, values[facets]).reshape(-1, values.shape[1])
             for values in (s.points(), u)
@@ -107,28 +115,61 @@ def _flat(points: NDArray[np.float64]) -> bool:
     return bool(size[: 2 if size[2] == 0.0 else 3].min() <= FLAT * size.max())
 
 
-def crossing(model: Model, solution: Solution, nodes: NodeFields) -> list[float]:
-    """Squared error in energy norm that obstacles between the nodes add, one number a contact.
+def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float:
+    """Squared error in energy norm that coarse contact with round obstacles adds (collective).
 
     An obstacle that enters by δ between the nodes of a contact of force F is as good as moved by δ.
     That changes the force by about F/n² for n facets across the contact, since the obstacle's
-    surface falls by n² δ over it: the error is F δ/n². Only obstacles (collective).
+    surface falls by n² δ over it: the error is F δ/n². A contact of less than two facets is a
+    concentrated force for the mesh, whose own displacement is that of the mesh: F²/(π E) in the
+    plane, F²/(2 E h) on facets of size h in space (Boussinesq).
     """
-    problem, d = model.problem, len(model.scene.contacts)
+    scene, problem, count = model.scene, model.problem, len(model.scene.contacts)
     force = np.maximum(solution.multiplier * problem.spread, 0.0)[problem.inequality]
-    forces = problem.comm.allreduce(np.bincount(problem.contact.sources, force, d)[:d])
-    across = np.maximum(facets_across(model, nodes)[:d], 1.0)
-    depths = np.array([entered_between(model, solution, number) for number in range(d)])
-    return list(forces * depths / across**2)
+    forces = problem.comm.allreduce(np.bincount(problem.contact.sources, force, count)[:count])
+    across = facets_across(model, nodes)[:count]
+    square = 0.0
+    for number, contact in enumerate(scene.contacts):
+        if contact.obstacle.curvature_radius is None or forces[number] == 0.0:
+            continue
+        depth = entered_between(model, solution, number)
+        square += forces[number] * depth / max(across[number], 1.0) ** 2
+        if across[number] < CONCENTRATED:
+            young = min(m.young for m in scene.bodies[contact.body].materials)
+            width = np.pi if scene.dimension == 2 else 2.0 * _facet_size(model, contact)
+            square += forces[number] ** 2 / (width * young)
+    return float(square)
 
 
-def slipped_through(model: Model, solution: Solution) -> list[str]:
-    """Sentences on contacts whose obstacle passes between the nodes (collective)."""
-    scene, said = model.scene, []
+def _facet_size(model: Model, contact: Contact) -> float:
+    """Root of the mean area of the facets of a contact boundary (collective)."""
+    chosen = facets_of(model.scene, model.partition, contact.body, contact.boundary)
+    sums = np.zeros(2)
+    for s, rows in zip(model.partition.subdomains, chosen, strict=True):
+        if len(rows):
+            points = s.points()[s.reference.facets[rows]]
+            sums += [moments(points, model.scene.dimension).sum(), len(rows)]
+    area, facets = model.comm.allreduce(sums)
+    return float(np.sqrt(area / facets))
+
+
+def slipped_through(model: Model, solution: Solution, unfelt: float = BETWEEN) -> list[str]:
+    """Sentences on contacts whose obstacle passes between the nodes (collective).
+
+    Parameters
+    ----------
+    unfelt
+        Depth over the largest displacement from which on an obstacle is told that presses no node.
+    """
+    scene, problem, said = model.scene, model.problem, []
+    pressed = problem.inequality.copy()
+    pressed[problem.inequality] = solution.multiplier[problem.inequality] > 0.0
+    sources = problem.contact.sources[pressed[problem.inequality]]
+    felt = problem.comm.allreduce(np.bincount(sources, minlength=len(scene.touching)))
     for number, contact in enumerate(scene.contacts):
         depth = entered_between(model, solution, number)
         moved = float(solution.measures.displacements[contact.body])
-        if depth > BETWEEN * moved:
+        if depth > (BETWEEN if felt[number] else unfelt) * moved:
             said.append(
                 f"{contact.source}: between the nodes of {scene.bodies[contact.body].name} the "
                 f"obstacle enters by up to {depth:.2g}, {100.0 * depth / moved:.2g} % of the "

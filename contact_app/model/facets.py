@@ -25,6 +25,9 @@ KINDS = {
 }
 """Name, vertices and order of a facet by the dimension of the scene and the number of nodes."""
 
+LATTICE = 12
+"""Intervals along an edge between the points at which a facet is looked at."""
+
 RULE = 8
 """Degree of the quadrature; the square root in the area of curved facets is no polynomial."""
 
@@ -38,9 +41,16 @@ def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDAr
     return weights, values[0], values[1], versions.lagrange_slopes(name, order, points)
 
 
-def shapes_at_points(dimension: int, nodes: int) -> NDArray[np.float64]:
-    """Values of the shape functions at the points of the quadrature, (points, nodes)."""
-    return _tables(dimension, nodes)[2]
+@cache
+def shapes_on_lattice(dimension: int, nodes: int) -> NDArray[np.float64]:
+    """Values of the shape functions at points all over a facet, (points, nodes)."""
+    name, _, order = KINDS[dimension, nodes]
+    axis = np.linspace(0.0, 1.0, LATTICE + 1)
+    points = np.stack(np.meshgrid(*[axis] * (dimension - 1), indexing="ij"), axis=-1)
+    points = points.reshape(-1, dimension - 1)
+    if name == "triangle":
+        points = points[points.sum(axis=1) <= 1.0 + 1e-9]
+    return versions.lagrange_values(name, order, points)
 
 
 @cache

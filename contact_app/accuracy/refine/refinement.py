@@ -41,7 +41,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.agreement import Measured, Verdict
-from contact_app.accuracy.contact_limits import crossing, slipped_through
+from contact_app.accuracy.contact_limits import UNFELT, coarse_contact, slipped_through
 from contact_app.accuracy.judge import Judge, coarser, measured
 from contact_app.accuracy.refine.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.accuracy.refine.local_refinement import locally_refined
@@ -221,7 +221,7 @@ def solve_to_accuracy(
         share, verdict = judge.hear(
             _measured(solved), solved.accuracy.discretisation, grids is not None
         )
-        unseen = slipped_through(solved.model, solved.solution)
+        unseen = slipped_through(solved.model, solved.solution, UNFELT)
         if unseen:  # what no mesh so coarse shows no two can agree on
             verdict = Verdict(1.0, unseen[0])
             judge.forget()
@@ -233,7 +233,7 @@ def solve_to_accuracy(
             return Refined(solved, (*checks, *levels), NO_STRAINS)
         crossed = _crossed(solved)
         if not unseen and math.hypot(levels[-1].error, crossed) > enough >= levels[-1].error:
-            unseen = [f"obstacles enter between the nodes, which may add {100 * crossed:.2g} %"]
+            unseen = [f"contact on a few facets may add {100 * crossed:.2g} %"]
             verdict = Verdict(1.0, unseen[0])
         if solved.solution.reason is Reason.STOPPED:
             return Refined(solved, (*checks, *levels), "the run was interrupted")
@@ -325,9 +325,9 @@ def _measured(solved: SolvedScene) -> Measured:
 
 
 def _crossed(solved: SolvedScene) -> float:
-    """Relative error in energy norm that obstacles between the nodes add."""
-    squares = crossing(solved.model, solved.solution, solved.nodes)
-    return math.sqrt(sum(squares) / solved.accuracy.square) if sum(squares) > 0.0 else 0.0
+    """Relative error in energy norm that coarse contact with round obstacles adds."""
+    square = coarse_contact(solved.model, solved.solution, solved.nodes)
+    return math.sqrt(square / solved.accuracy.square) if square > 0.0 else 0.0
 
 
 def _solved_coarser(scene: Scene | None, solve: Solve) -> SolvedScene | None:

@@ -35,7 +35,7 @@ def test_the_distance_of_fields_on_different_grids() -> None:
     ("dimension", "seed", "target"), [(2, 70, 0.15), (2, 87, 0.3), (2, 5087, 0.08)]
 )
 def test_a_random_claim_holds(dimension: int, seed: int, target: float, tmp_path: Path) -> None:
-    """Three that were wrong by 3.8, 1.3 and 1.6 times: discs on few cells, ν = 0.49 in bending."""
+    """They were wrong by 1.3 to 3.8 times: discs on few cells, ν = 0.49 in bending."""
     scene = claim_scene(seed, dimension)
     known = truth(scene, scene_of(scene, None), tmp_path)
     claim = run_claim(scene, target, known, [])
