@@ -38,7 +38,7 @@ def closed(problem: DualProblem, count: int) -> NDArray[np.bool_]:
 def solved(face: ActiveSetProblem) -> tuple[NDArray[np.float64], int]:
     """The face's multiplier and the products it took."""
     face.solve(MPRGP(max_iterations=500), TOLERANCE, None)
-    state, _ = face.look()
+    state = face.state()
     return state.multiplier, face.counts.hessian
 
 
