@@ -74,7 +74,7 @@ def test_an_error_of_the_weak_body_is_seen_and_named() -> None:
     assert seen.deciding(1e-8) == 1
     assert seen.duality_gap > 1e-6
     assert measures.gap < 1e-10 * abs(measures.energy), "nobody would see it beside the strong one"
-    assert seen.lacks(1e-8) > 10.0
+    assert seen.required_reduction(1e-8) > 10.0
 
 
 def on_rubber(cell: str = "hexahedron") -> scenes.Config:
@@ -197,6 +197,6 @@ def test_a_body_that_is_merely_moved_is_certified() -> None:
 
 def test_what_is_no_number_passes_nothing() -> None:
     certificate = solve(beside(1.0, strong=False)).solution.certificate
-    assert certificate.lacks(1e-6) <= 1.0
+    assert certificate.required_reduction(1e-6) <= 1.0
     broken = type(certificate)(0.0, 0.0, 0.0, 0.0, math.nan, 0.0, passed=False)
     assert not broken.judged(1.0).passed
