@@ -69,6 +69,10 @@ class ActiveSetOptions:
         Share of the active rows that leave, set after set, where contact peels off.
     release_at_edge
         Whether rows leave together with their mirror image across the edge of contact.
+    rejoining
+        Share of the rows released as mirror images that may join later sets again. More of them
+        show that the front is not where the rule expects it, as where a base lifts off for the
+        most part: the sets would nearly cycle, so the rule is switched off.
     """
 
     most_sets: int = 60
@@ -84,6 +88,7 @@ class ActiveSetOptions:
     deeper: float = 0.1
     peeled: float = 0.1
     release_at_edge: bool = True
+    rejoining: float = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,12 +174,15 @@ class Outcome:
         The active set from there on.
     counts
         Work of the set, or of all of them.
+    released : (dual,)
+        Rows that left although the law lets them stay, as mirror images across the contact edge.
     """
 
     reason: Reason | None
     state: State | None
     following: Mask
     counts: Counts
+    released: Mask | None = None
 
 
 def active_set_loop(
@@ -206,6 +214,7 @@ def active_set_loop(
     directions, seen, counts = Directions(problem), set[int](), Counts()
     reduction = options.first_reduction if hierarchy.finest else options.coarse_reduction
     active = active & hierarchy.allowed
+    released, again = np.zeros(problem.size, bool), np.zeros(problem.size, bool)
     found = Outcome(None, None, active, counts)
     for number in range(options.most_sets):
         fingerprint = _fingerprint(problem.comm, active)
@@ -237,6 +246,11 @@ def active_set_loop(
             alternative = None
         if alternative is not None and number == 1:  # the second set in a row peels
             following, alternative = following & alternative(), None
+        if update.release_at_edge:
+            again |= released & following
+            released |= found.released if found.released is not None else False
+            if _share(problem.comm, again, released) > options.rejoining:
+                update = replace(update, release_at_edge=False)
         multiplier, active = found.state.multiplier, following
     return replace(found, counts=counts)
 
@@ -263,7 +277,7 @@ def solve_on_set(
     while True:
         ended = on_set.solve(inner, wanted, monitor, watch)
         state = on_set.state()
-        following = update.following(on_set, state)
+        following, released = update.following(on_set, state)
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, on_set.counts)
         changes = _changes(comm, on_set.active, following)
@@ -277,7 +291,7 @@ def solve_on_set(
                 return Outcome(Reason.ROUND_OFF, state, following, on_set.counts)
             lack = max(test.required_reduction(state), options.margin / options.tighten)
         if changes:
-            return Outcome(None, state, following, on_set.counts)
+            return Outcome(None, state, following, on_set.counts, released)
         evaluations += 1
         wanted = options.margin * on_set.residual / max(lack, 1.0)
         if test.may_end_early:
@@ -309,15 +323,17 @@ class ActiveSetUpdate:
         """Without contact the rows of all levels, the frictionless law and default options."""
         return cls(problem, RowLevels(problem, thinned=False), Frictionless(), ActiveSetOptions())
 
-    def following(self, on_set: ActiveSetProblem, state: State) -> Mask:
-        """The next active set, (dual,) (collective)."""
+    def following(self, on_set: ActiveSetProblem, state: State) -> tuple[Mask, Mask]:
+        """The next active set, and the rows released as mirror images, (dual,) (collective)."""
         problem, active = self.problem, on_set.active
         distance = state.distance(problem)
         error = self.options.significant * on_set.error(state.strained)
         strongest = largest_magnitude(problem.comm, state.multiplier[active])
         stays = self.law.may_stay_active(state.multiplier, error * strongest)
+        released = np.zeros(problem.size, bool)
         if self.release_at_edge:
-            stays &= ~mirrored(problem, active, active & ~stays)
+            released = stays & mirrored(problem, active, active & ~stays)
+            stays &= ~released
         for _ in range(2):
             joins = self.hierarchy.allowed & self.law.closes(distance, error)
             if not problem.comm.allreduce(int(active.sum())):
@@ -326,7 +342,7 @@ class ActiveSetUpdate:
             if self.hierarchy.finest or _changes(problem.comm, active, following):
                 break
             self.hierarchy.refine()
-        return following
+        return following, released
 
     def _first_to_close(self, jumps: NDArray[np.float64], penetrated: Mask) -> Mask:
         """Penetrated rows that a growing load closes first; others may then stay open.
@@ -352,6 +368,12 @@ def _fingerprint(comm: MPI.Intracomm, active: Mask) -> int:
 def _changes(comm: MPI.Intracomm, active: Mask, following: Mask) -> int:
     """Rows that join or leave (collective)."""
     return int(comm.allreduce(int((following != active).sum())))
+
+
+def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
+    """How many rows of a mask are in part of it, over all of them (collective)."""
+    few, all_rows = comm.allreduce(np.array([part.sum(), whole.sum()]))
+    return float(few) / max(float(all_rows), 1.0)
 
 
 def _peels(comm: MPI.Intracomm, active: Mask, following: Mask, share: float) -> bool:
