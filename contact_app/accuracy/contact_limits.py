@@ -38,8 +38,8 @@ UNFELT = 1e-2
 """The same in runs to an accuracy where the obstacle presses no node: no force tells what the depth
 is worth."""
 
-CONCENTRATED = 2.0
-"""Facets across a contact below which it is a concentrated force for the mesh."""
+CONCENTRATED = {2: 1, 3: 3}
+"""Nodes in contact, by dimension, up to which their force is a concentrated one."""
 
 FACETS_ACROSS = {2: 8.0 / np.pi, 3: 6.0}
 """Facets across a contact times the variation of its pressure within them."""
@@ -116,27 +116,29 @@ def _flat(points: NDArray[np.float64]) -> bool:
 
 
 def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float:
-    """Squared error in energy norm that coarse contact with round obstacles adds (collective).
+    """Squared error in energy norm that coarse contact with obstacles adds (collective).
 
     An obstacle that enters by δ between the nodes of a contact of force F is as good as moved by δ.
     That changes the force by about F/n² for n facets across the contact, since the obstacle's
-    surface falls by n² δ over it: the error is F δ/n². A contact of less than two facets is a
-    concentrated force for the mesh, whose own displacement is that of the mesh: F²/(π E) in the
-    plane, F²/(2 E h) on facets of size h in space (Boussinesq).
+    surface falls by n² δ over it: the error is F δ/n². A contact of a node or two is a concentrated
+    force, whose own displacement is that of the mesh: 4 F²/(π E) in the plane, F²/(2 E h) on facets
+    of size h in space (of the order of Flamant's and Boussinesq's solutions).
     """
     scene, problem, count = model.scene, model.problem, len(model.scene.contacts)
     force = np.maximum(solution.multiplier * problem.spread, 0.0)[problem.inequality]
-    forces = problem.comm.allreduce(np.bincount(problem.contact.sources, force, count)[:count])
+    sources = problem.contact.sources
+    forces = problem.comm.allreduce(np.bincount(sources, force, count)[:count])
+    pressed = problem.comm.allreduce(np.bincount(sources[force > 0.0], minlength=count)[:count])
     across = facets_across(model, nodes)[:count]
     square = 0.0
     for number, contact in enumerate(scene.contacts):
-        if contact.obstacle.curvature_radius is None or forces[number] == 0.0:
+        if forces[number] == 0.0:
             continue
         depth = entered_between(model, solution, number)
         square += forces[number] * depth / max(across[number], 1.0) ** 2
-        if across[number] < CONCENTRATED:
+        if pressed[number] <= CONCENTRATED[scene.dimension]:
             young = min(m.young for m in scene.bodies[contact.body].materials)
-            width = np.pi if scene.dimension == 2 else 2.0 * _facet_size(model, contact)
+            width = np.pi / 4.0 if scene.dimension == 2 else 2.0 * _facet_size(model, contact)
             square += forces[number] ** 2 / (width * young)
     return float(square)
 

@@ -325,7 +325,7 @@ def _measured(solved: SolvedScene) -> Measured:
 
 
 def _crossed(solved: SolvedScene) -> float:
-    """Relative error in energy norm that coarse contact with round obstacles adds."""
+    """Relative error in energy norm that coarse contact with obstacles adds."""
     square = coarse_contact(solved.model, solved.solution, solved.nodes)
     return math.sqrt(square / solved.accuracy.square) if square > 0.0 else 0.0
 
