@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,9 @@ from contact_app.machine.memory import ROWS_PER_DOF, available_bytes, needed_byt
 from contact_app.scene import configuration as c
 from contact_app.scene.expressions import Expression, ExpressionError
 from contact_app.scene.obstacles import SHAPES, Obstacle, kind_of
-from solver.contact.options import SolverOptions
+
+if TYPE_CHECKING:
+    from solver.contact.options import SolverOptions
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
@@ -445,6 +447,8 @@ class _Builder:
 
     def _solver(self) -> SolverOptions:
         """With an accuracy the solver follows the mesh, unless a tolerance is given."""
+        from solver.contact.options import SolverOptions  # with PETSc, which reading needs not
+
         given, accuracy = self.c.solver, self.c.accuracy
         options = SolverOptions(**given.model_dump())
         if accuracy is not None and "tolerance" not in given.model_fields_set:
