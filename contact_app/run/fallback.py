@@ -72,11 +72,10 @@ def failure_text(error: Exception) -> str:
 def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
     """Whether no other way is to be tried (collective).
 
-    So it is where the answer is certified, or the user stopped or limited the solve, or named its
-    method.
+    So it is where the answer is certified, or the user stopped or limited the solve. A method that
+    the user named is tried first and gives way to the others like the automatic one: the warnings
+    and `summary.solver.method` tell which method answered.
     """
-    if model.scene.solver.method != "auto":
-        return True
     if solution.converged or solution.reason is Reason.STOPPED:
         return True
     rows = model.comm.allreduce(model.problem.size)

@@ -282,7 +282,8 @@ class Solver(Model):
         description="auto: primal-dual active sets, with SMALBE-M where they do not settle. "
         "active-set: the same without SMALBE-M. smalbe: the algorithm of Kružík et al. (2020), "
         "MPRGP with the named expansion inside SMALBE-M; it is meant where an expansion is named "
-        "without a method. The two named ones do nothing else where they fail.",
+        "without a method. Where the method ends without a certificate, the scene is solved again "
+        "in as few subdomains as possible and then by Newton's method; a warning says so.",
     )
     tolerance: Annotated[
         float | Literal["auto"],
