@@ -80,12 +80,14 @@ class Verdict:
         return self.kind not in GOOD
 
 
-def judge(seed: int) -> Verdict:
-    """Solve a random scene and compare it with the reference."""
+def judge(seed: int, method: str | None = None) -> Verdict:
+    """Solve a random scene, by a method if one is given, and compare it with the reference."""
     from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
     from contact_app.run.run import solve_scene
 
     made, subdomains = random_scene(seed)
+    if method is not None:
+        made["solver"]["method"] = method
     solved, message = None, ""
     began = time.process_time()
     try:
