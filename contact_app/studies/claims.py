@@ -8,7 +8,7 @@ of the runs that claim to have met their target (exit code 0), how many exceed i
 ``--limit`` the seconds after which a run is given up, ``--cache`` the directory of references.
 
 Scenes without equilibrium, with contradictory conditions, or whose reference does not converge are
-left out and counted. ``--levels FILE`` also writes every level of every run with its measured
+left out and counted, and so are targets below three times the error of the reference. ``--levels FILE`` also writes every level of every run with its measured
 error, one line of JSON each.
 """
 
@@ -150,6 +150,9 @@ def study(
             continue
         for target in options.targets:
             levels: list[Any] = []
+            if not known.judges(target):
+                yield f"not judged: {seed}: {claim.words}: {target:g}: the reference is too coarse"
+                continue
             try:
                 with time_limit(limit):
                     found = run_claim(claim, target, known, levels)
