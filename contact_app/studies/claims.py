@@ -8,8 +8,8 @@ of the runs that claim to have met their target (exit code 0), how many exceed i
 ``--limit`` the seconds after which a run is given up, ``--cache`` the directory of references.
 
 Scenes without equilibrium, with contradictory conditions, or whose reference does not converge are
-left out and counted, and so are targets below three times the error of the reference. ``--levels FILE`` also writes every level of every run with its measured
-error, one line of JSON each.
+left out and counted, and so are targets below three times the error of the reference. ``--levels
+FILE`` also writes every level of every run with its measured error, one line of JSON each.
 """
 
 from __future__ import annotations

@@ -3,8 +3,10 @@
 The reference has quadrilaterals or hexahedra of degree 2 between grid lines that are finer than the
 start by `FINER` at least, and halve again and again towards the sides of the box and towards places
 where a load, a support or a contact begins, where stresses may be singular. Where its estimated
-error is above 2 %, its lines are laid anew by that error, more of them, up to three times. An answer is not held against a reference whose own error is above a third of the
-target: the distance of two answers of equal error says little of either. What it then lacks to the exact answer, η_f², is added to the square of each error.
+error is above 2 %, its lines are laid anew by that error, more of them, up to three times. An
+answer is not held against a reference whose own error is above a third of the target: the distance
+of two answers of equal error says little of either. What it then lacks to the exact answer, η_f²,
+is added to the square of each error.
 
 The error of an answer u_h is the larger of two: its distance ‖u_f - u_h‖ in energy norm, summed by
 quadrature on the cells of both meshes together (`grid_fields`), and beside flat obstacles also
