@@ -104,15 +104,15 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
         except ConfigurationError:  # a point in the middle of a round obstacle has no normal
             continue
         left = gap + np.einsum("ij,ij->i", normal[:, :d], moved)
-        told = (gap >= 0.0) | _flat(s.points()[facets])
+        told = (gap >= 0.0) | _flat(s.points()[facets][..., :d])
         depth = max(depth, float(-left[told].min(initial=0.0)))
     return float(comm.allreduce(depth, op=MPI.MAX))
 
 
 def _flat(points: NDArray[np.float64]) -> bool:
-    """Whether facets (n, nodes, 3) lie in one plane across an axis."""
+    """Whether facets (n, nodes, d) lie in one plane across an axis."""
     size = np.ptp(points, axis=(0, 1))
-    return bool(size[: 2 if size[2] == 0.0 else 3].min() <= FLAT * size.max())
+    return bool(size.min() <= FLAT * size.max())
 
 
 def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float:
@@ -120,9 +120,11 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
 
     An obstacle that enters by δ between the nodes of a contact of force F is as good as moved by δ.
     That changes the force by about F/n² for n facets across the contact, since the obstacle's
-    surface falls by n² δ over it: the error is F δ/n². A contact of a node or two is a concentrated
-    force, whose own displacement is that of the mesh: 4 F²/(π E) in the plane, F²/(2 E h) on facets
-    of size h in space (of the order of Flamant's and Boussinesq's solutions).
+    surface falls by n² δ over it: the error is F δ/n². Where F is smaller than the force k δ that
+    pushes the obstacle out of a facet of size h, it tells little, and k δ² is the error; k = π E/8
+    in the plane and E h in space. A contact of a node or two is a concentrated force, whose own
+    displacement is that of the mesh, F²/(2 k) (of the order of Flamant's and Boussinesq's
+    solutions).
     """
     scene, problem, count = model.scene, model.problem, len(model.scene.contacts)
     force = np.maximum(solution.multiplier * problem.spread, 0.0)[problem.inequality]
@@ -135,11 +137,12 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
         if forces[number] == 0.0:
             continue
         depth = entered_between(model, solution, number)
+        young = min(m.young for m in scene.bodies[contact.body].materials)
+        width = np.pi / 8.0 if scene.dimension == 2 else _facet_size(model, contact)
         square += forces[number] * depth / max(across[number], 1.0) ** 2
+        square += young * width * depth**2
         if pressed[number] <= CONCENTRATED[scene.dimension]:
-            young = min(m.young for m in scene.bodies[contact.body].materials)
-            width = np.pi / 4.0 if scene.dimension == 2 else 2.0 * _facet_size(model, contact)
-            square += forces[number] ** 2 / (width * young)
+            square += forces[number] ** 2 / (2.0 * young * width)
     return float(square)
 
 
