@@ -17,8 +17,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.model.boundaries import boundary_nodes, facets_of, surface_facets
 from contact_app.model.facets import moments, shapes_on_lattice
-from contact_app.model.model import Model, boundary_nodes, facets_of, surface_facets
+from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.scene.scene import Contact
 from solver.contact.solution import Solution

@@ -7,39 +7,26 @@ and its conditions are rows of B.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from hashlib import sha1
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import block_diag
 
-from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
 from contact_app.model.assembly import Element
-from contact_app.model.averaged_rows import averaged_rows, has_averaged_rows
-from contact_app.model.candidates import Needed, estimated, reaches
-from contact_app.model.decomposition import choose_split
-from contact_app.model.far_obstacles import distant
-from contact_app.model.pairs import gather_surface, of_what_is_solved, owned_rows
-from contact_app.scene.scene import (
-    Body,
-    Contact,
-    DisplacementCondition,
-    Material,
-    Pressure,
-    Scene,
-    Traction,
-)
-from meshes import Partition, Reference, Subdomain, decompose
-from meshes.mortar import SurfacesApartError, mean_gaps
-from solver.contact.equilibrium import BodyBalance, balance, by_body, holds
+from contact_app.model.candidates import Needed
+from contact_app.model.equilibrium import directions_in_words, group_numbers, upward
+from contact_app.model.outline import Outline, Tell, outline
+from contact_app.model.supports import SupportRows, support_rows
+from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.scene.scene import Material, Scene
+from meshes import Partition, Reference
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.coarse.gram import KernelRows
@@ -47,26 +34,9 @@ from solver.tfeti.coarse.row_patterns import Kind, kinds_of
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.nodal import nodal_rows
-from solver.tfeti.constraints.rows import (
-    ContactRows,
-    ContradictionError,
-    HeldRows,
-    NodeConditions,
-    RowKind,
-    Rows,
-    cut_held,
-    drop_parallel,
-    merge_contact,
-    merge_held,
-    write_rows,
-)
+from solver.tfeti.constraints.rows import ContactRows, HeldRows, RowKind, Rows, write_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.classes import subdomain_class
-from solver.tfeti.subdomain.kernels import (
-    MOTIONS,
-    fixing_nodes,
-    rigid_motions,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,143 +93,6 @@ class Model:
         return NodeExchange(self.comm, np.concatenate(nodes), self.partition.nodes)
 
 
-def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
-    """Cut the scene's bodies into subdomains.
-
-    Raises
-    ------
-    ConfigurationError
-        The decomposition asked for is impossible.
-    """
-    try:
-        shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
-        choose = partial(choose_split, alone=len(shapes) == 1)
-        return decompose(shapes, scene.decomposition.subdomains, comm, choose)
-    except ValueError as error:
-        raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
-
-
-@dataclass(frozen=True, eq=False)
-class Outline:
-    """What is known of a model before anything is assembled into matrices or factored.
-
-    Attributes
-    ----------
-    held, contact
-        Held nodes and contact rows this rank owns.
-    needed, left_out
-        Which of this rank's candidate rows `contact` holds, and the others.
-    merged
-        Rows that are redundant beside a candidate row of the same node.
-    reach
-        How far the nodes of each contact may come nearer, (contacts,).
-    elements
-        Finite-element forms by the identity of their reference.
-    loads
-        Load vector of each subdomain of this rank, None where nothing acts.
-    balances
-        What holds each body.
-    """
-
-    partition: Partition
-    surface: _Surface
-    exchange: NodeExchange
-    held: HeldRows
-    contact: ContactRows
-    needed: NDArray[np.bool_]
-    left_out: ContactRows
-    merged: ContactRows
-    reach: NDArray[np.float64]
-    elements: dict[int, Element]
-    loads: list[NDArray[np.float64] | None]
-    balances: list[BodyBalance]
-
-    @property
-    def candidates(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Gaps and contacts of all candidate rows of this rank, within reach and not."""
-        parts = (self.contact, self.left_out)
-        gaps, sources = (
-            np.concatenate([getattr(p, n) for p in parts]) for n in ("gaps", "sources")
-        )
-        return gaps, sources
-
-    @property
-    def eliminated(self) -> NDArray[np.bool_]:
-        """Bodies that are one held subdomain: no gluing, no coarse problem, (bodies,)."""
-        whole = np.array([n == 1 for n in self.partition.subdomains_of_body])
-        return whole & np.array([b.held for b in self.balances])
-
-
-Tell = Callable[[Scene, Outline], None]
-
-
-def outline(
-    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
-) -> Outline:
-    """Cut into subdomains, find conditions, loads and what balances them (collective).
-
-    Parameters
-    ----------
-    timings
-        Where the time of each stage is added.
-    needed
-        Candidate rows that become contact rows; if not all, whoever solves has to hold the answer
-        against the others.
-
-    Raises
-    ------
-    NoEquilibriumError
-        A body leaves, or conditions on a node exclude each other.
-    ConfigurationError
-        The decomposition is impossible or a boundary is empty.
-    """
-    timings = timings or Timings()
-    with timings.measure("setup"):
-        partition = partition_scene(scene, comm)
-    surface = _Surface(partition)
-    with _agreed(comm):
-        conditions = _conditions(scene, partition)
-    _refuse_empty(scene, partition, conditions)
-    length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
-    exchange = NodeExchange(comm, surface.nodes, partition.nodes)
-    try:
-        held = merge_held(exchange, conditions)
-        contact, merged = merge_contact(exchange, conditions, held, length)
-        pairs = [_pair_rows(scene, partition, exchange, i) for i in range(len(scene.pairs))]
-        averaged = [
-            _averaged_rows(scene, partition, exchange, i)
-            for i, c in enumerate(scene.contacts)
-            if has_averaged_rows(scene.bodies[c.body])
-        ]
-        pairs = [cut_held(exchange, rows, held, length) for rows in pairs]
-        averaged = [cut_held(exchange, rows, held, length) for rows in averaged]
-        contact = ContactRows.join([contact, *averaged, *pairs])
-        if averaged or pairs:
-            contact, redundant = drop_parallel(exchange, contact, length)
-            merged = ContactRows.join([merged, redundant])
-    except ContradictionError as error:
-        raise _contradiction(scene, error) from error
-
-    elements: dict[int, Element] = {}
-    for subdomain in partition.subdomains:
-        reference = subdomain.reference
-        if id(reference) not in elements:
-            elements[id(reference)] = Element(reference, scene.dimension)
-    with timings.measure("assembly"):
-        loads = _loads(scene, partition, elements)
-    balances = _balances(scene, partition, held, contact, loads)
-    reach = np.full(len(scene.touching), np.inf)
-    if not isinstance(needed, str) or needed == "estimated":
-        reach = _reach(scene, partition, contact, loads, balances)
-    if isinstance(needed, str):
-        all_rows = np.ones(len(contact.nodes), bool)
-        needed = all_rows if needed == "all" else estimated(contact, reach)
-    return Outline(
-        partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed),
-        merged, reach, elements, loads, balances,
-    )  # fmt: skip
-
-
 def build_model(
     scene: Scene,
     comm: MPI.Intracomm,
@@ -291,7 +124,7 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
     rows, contact = write_rows(
         exchange, surface.subdomains, held, contact, eliminated[body_of_held]
     )
-    supports = _supports(scene, partition, surface, balances)
+    supports = support_rows(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
 
     problem, place, keys = _dual_problem(
@@ -301,7 +134,7 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
     notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
     for body, found in zip(scene.bodies, balances, strict=True):
         if found.free_motions.shape[1]:
-            freely = _directions(_upward(found.free_motions))
+            freely = directions_in_words(upward(found.free_motions))
             notes.append(
                 f"{body.name} can move freely along {freely} and no load works on that motion: it "
                 "is held where it is"
@@ -332,456 +165,9 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
     )
 
 
-def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int32]:
-    """Rows of the reference's facets on a boundary: those with all nodes on it."""
-    if boundary not in body.boundaries:
-        return subdomain.boundaries.get(boundary, np.zeros(0, np.int32))
-    surface = surface_facets(subdomain, body)
-    if len(surface) == 0:
-        return surface
-    inside = body.boundaries[boundary](subdomain.points())
-    return surface[inside[subdomain.reference.facets[surface]].all(axis=1)]
-
-
-def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
-    """Rows of the reference's facets on the surface of a body, cuts of symmetry not among them."""
-    cuts = [subdomain.boundaries[name] for name in body.cuts if name in subdomain.boundaries]
-    return np.setdiff1d(subdomain.exterior, np.concatenate(cuts)) if cuts else subdomain.exterior
-
-
-def facets_of(
-    scene: Scene, partition: Partition, body: int, boundary: str
-) -> list[NDArray[np.int32]]:
-    """Rows of the reference's facets of each subdomain of this rank on a boundary of a body."""
-    none = np.zeros(0, np.int32)
-    return [
-        boundary_facets(s, scene.bodies[body], boundary) if s.body == body else none
-        for s in partition.subdomains
-    ]
-
-
-def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int64]:
-    """Local surface nodes on a boundary."""
-    facets = subdomain.reference.facets
-    if boundary not in body.boundaries:
-        return np.unique(facets[boundary_facets(subdomain, body, boundary)])
-    nodes = np.unique(facets[surface_facets(subdomain, body)])
-    if len(nodes) == 0:
-        return nodes
-    return nodes[body.boundaries[boundary](subdomain.points()[nodes])]
-
-
-class _Surface:
-    """Copies of surface nodes of this rank's subdomains, one after another."""
-
-    def __init__(self, partition: Partition) -> None:
-        self.local: list[NDArray[np.int64]] = []
-        cache: dict[int, NDArray[np.int64]] = {}
-        for s in partition.subdomains:
-            key = id(s.reference)
-            if key not in cache:
-                cache[key] = np.unique(s.reference.facets).astype(np.int64)
-            self.local.append(cache[key])
-        self.starts = np.cumsum([0, *(len(n) for n in self.local)])
-        parts = [s.nodes[local] for s, local in zip(partition.subdomains, self.local, strict=True)]
-        self.nodes: NDArray[np.int64] = np.concatenate(parts)
-        numbers = np.array([s.number for s in partition.subdomains], np.int64)
-        self.subdomains = np.repeat(numbers, np.diff(self.starts))
-
-    def copies(self, subdomain: int) -> slice:
-        """Copies of one subdomain (local number)."""
-        return slice(int(self.starts[subdomain]), int(self.starts[subdomain + 1]))
-
-
-def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
-    """Held nodes and contact rows as this rank's subdomains see them."""
-    d = scene.dimension
-    held: list[tuple] = []
-    touching: list[tuple] = []
-    for s in partition.subdomains:
-        body = scene.bodies[s.body]
-        points = s.points()
-        for i, condition in enumerate(scene.displacements):
-            if condition.body != s.body:
-                continue
-            nodes = boundary_nodes(s, body, condition.boundary)
-            mask = np.array([v is not None for v in condition.values])
-            values = np.array([v or 0.0 for v in condition.values])
-            shape = (len(nodes), d)
-            held.append(
-                (
-                    s.nodes[nodes], points[nodes], np.broadcast_to(mask, shape),
-                    np.broadcast_to(values, shape), np.full(len(nodes), i),
-                )
-            )  # fmt: skip
-        for i, contact in enumerate(scene.contacts):
-            if contact.body != s.body or has_averaged_rows(body):
-                continue
-            nodes = boundary_nodes(s, body, contact.boundary)
-            if len(nodes) == 0:
-                continue
-            try:
-                gap, normal = contact.obstacle.gap_and_normal(points[nodes])
-            except ConfigurationError as error:
-                raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
-            touching.append(
-                (s.nodes[nodes], points[nodes], -normal[:, :d], gap, np.full(len(nodes), i))
-            )
-    none = np.zeros(0, np.int64)
-    held.append((none, np.zeros((0, 3)), np.zeros((0, d), bool), np.zeros((0, d)), none))
-    touching.append((none, np.zeros((0, 3)), np.zeros((0, d)), np.zeros(0), none))
-    joined = [[np.concatenate(c) for c in zip(*part, strict=True)] for part in (held, touching)]
-    return NodeConditions(*joined[0], *joined[1])
-
-
-def _averaged_rows(
-    scene: Scene, partition: Partition, exchange: NodeExchange, number: int
-) -> ContactRows:
-    """Rows of a contact that is kept in the mean about vertices."""
-    contact = scene.contacts[number]
-    body = scene.bodies[contact.body]
-    chosen = facets_of(scene, partition, contact.body, contact.boundary)
-    if not partition.comm.allreduce(sum(map(len, chosen))):
-        raise ConfigurationError(
-            f"{scene.at(contact.source)}.on: no whole facet of the surface of {body.name} lies on "
-            f"{contact.boundary}; contact of tetrahedra of degree 2 needs facets all of whose "
-            "nodes are on it"
-        )
-    with _agreed(partition.comm):
-        try:
-            return averaged_rows(partition, exchange, chosen, contact.obstacle, number)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
-
-
-def _pair_rows(
-    scene: Scene, partition: Partition, exchange: NodeExchange, number: int
-) -> ContactRows:
-    """Mortar rows of a pair of bodies; the message names a side that has no facet."""
-    pair = scene.pairs[number]
-    sides = []
-    for key, b, boundary in (
-        ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
-    ):  # fmt: skip
-        body = scene.bodies[b]
-        chosen = facets_of(scene, partition, b, boundary)
-        side = gather_surface(scene, partition, chosen)
-        if side is None:
-            raise ConfigurationError(
-                f"{scene.at(pair.source)}.{key}: no whole facet of the surface of {body.name} lies "
-                f"on {boundary}; contact between bodies needs facets all of whose nodes are on it"
-            )
-        sides.append(side)
-    try:
-        found = mean_gaps(*sides)
-    except SurfacesApartError as error:
-        raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
-    if scene.mirrors:
-        found = of_what_is_solved(scene, partition.nodes, found)
-    return owned_rows(exchange, found, len(scene.contacts) + number)
-
-
-@contextmanager
-def _agreed(comm: MPI.Intracomm) -> Iterator[None]:
-    """Raise a `ConfigurationError` of any rank on all ranks."""
-    message = None
-    try:
-        yield
-    except ConfigurationError as error:
-        message = str(error)
-    messages = [m for m in comm.allgather(message) if m]
-    if messages:
-        raise ConfigurationError(messages[0])
-
-
-def _refuse_empty(scene: Scene, partition: Partition, conditions: NodeConditions) -> None:
-    """Refuse conditions and contacts whose boundary has no node."""
-    groups: tuple[tuple[Sequence[DisplacementCondition | Contact], NDArray[np.int64]], ...] = (
-        (scene.displacements, conditions.held_source),
-        (scene.contacts, conditions.contact_source),
-    )
-    for things, sources in groups:
-        count = partition.comm.allreduce(np.bincount(sources, minlength=len(things)))
-        for thing, nodes in zip(things, count, strict=False):
-            if nodes == 0 and not (
-                isinstance(thing, Contact) and has_averaged_rows(scene.bodies[thing.body])
-            ):
-                raise ConfigurationError(
-                    f"{scene.at(thing.source)}.on: no node of the surface of "
-                    f"{scene.bodies[thing.body].name} lies on {thing.boundary}; change the "
-                    "boundary's `where` or the mesh"
-                )
-
-
-def _loads(
-    scene: Scene, partition: Partition, elements: dict[int, Element]
-) -> list[NDArray[np.float64] | None]:
-    """Load vector of each subdomain of this rank, None where nothing acts."""
-    facet_loads: tuple[Traction | Pressure, ...] = (*scene.tractions, *scene.pressures)
-    found = np.zeros(len(facet_loads), bool)
-    cache: dict[Hashable, NDArray[np.float64]] = {}
-    loads: list[NDArray[np.float64] | None] = []
-    for s in partition.subdomains:
-        element = elements[id(s.reference)]
-        parts = []
-        for i, load in enumerate(facet_loads):
-            if load.body != s.body:
-                continue
-            rows = boundary_facets(s, scene.bodies[s.body], load.boundary)
-            if len(rows) == 0:
-                continue
-            found[i] = True
-            key: Hashable = (id(s.reference), i, rows.tobytes())
-            if key not in cache:
-                if i < len(scene.tractions):
-                    cache[key] = element.traction(rows, np.array(scene.tractions[i].vector))
-                else:
-                    pressure = scene.pressures[i - len(scene.tractions)].value
-                    cache[key] = element.pressure(rows, pressure)
-            parts.append(cache[key])
-        for i, force in enumerate(scene.forces):
-            if force.body == s.body:
-                key = (id(s.reference), "force", i)
-                if key not in cache:
-                    cache[key] = element.body_force(np.array(force.vector))
-                parts.append(cache[key])
-        loads.append(np.sum(parts, axis=0) if parts else None)
-    found = partition.comm.allreduce(found.astype(int)) > 0
-    for load, some in zip(facet_loads, found, strict=True):
-        if not some:
-            raise ConfigurationError(
-                f"{scene.at(load.source)}.on: no whole facet of the surface of "
-                f"{scene.bodies[load.body].name} lies on {load.boundary}; a load needs facets all "
-                "of whose nodes are on it"
-            )
-    return loads
-
-
-def _balances(
-    scene: Scene,
-    partition: Partition,
-    held: HeldRows,
-    contact: ContactRows,
-    loads: Iterable[NDArray[np.float64] | None],
-) -> list[BodyBalance]:
-    """What holds each body; raises where a load drives a body away."""
-    d, comm = scene.dimension, partition.comm
-    count = len(scene.bodies)
-    work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
-    for s, load in zip(partition.subdomains, loads, strict=True):
-        if load is not None:
-            motions = rigid_motions(s.points(), d, *_frame(scene.bodies[s.body]))
-            work[s.body] += load @ motions.reshape(len(load), -1)
-            scale[s.body] += np.abs(load).sum()
-    work, scale = comm.allreduce(work), comm.allreduce(scale)
-    seen = _contact_motions(scene, partition, contact)
-    balances: list[BodyBalance | None] = [None] * count
-    for group in _groups_in_contact(scene):
-        held_rows = []
-        for b in group:
-            first, last = partition.first_node[b], partition.first_node[b + 1]
-            mine = (held.nodes >= first) & (held.nodes < last)
-            motions = rigid_motions(held.points[mine], d, *_frame(scene.bodies[b]))
-            held_rows.append(motions[held.held[mine]])
-        columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
-        contact_rows = seen[:, columns]
-        contact_rows = contact_rows[np.diff(contact_rows.indptr) > 0].toarray()
-        found = balance(
-            comm, block_diag(*held_rows), contact_rows, work[group].ravel(),
-            float(scale[group].sum()),
-        )  # fmt: skip
-        if found.escape is not None:
-            hints = distant(scene, contact.gaps, contact.sources, comm)
-            raise NoEquilibriumError(
-                f"{scene.source}: the scene has no equilibrium: nothing stops "
-                f"{_leaving(scene, group, found.escape)} under its loads"
-                + "".join(f"\n  {hint}" for hint in hints)
-            )
-        shares = by_body(found.free_motions, MOTIONS[d])
-        for b, rows, free in zip(group, held_rows, shares, strict=True):
-            balances[b] = BodyBalance(free, None, held=holds(comm, rows))
-    return [b for b in balances if b is not None]
-
-
-def _reach(
-    scene: Scene,
-    partition: Partition,
-    contact: ContactRows,
-    loads: Iterable[NDArray[np.float64] | None],
-    balances: list[BodyBalance],
-) -> NDArray[np.float64]:
-    """How far the nodes of each contact may come nearer, (contacts,) (collective)."""
-    forces, overlaps = np.zeros(len(scene.bodies)), np.zeros(len(scene.touching))
-    for s, load in zip(partition.subdomains, loads, strict=True):
-        if load is not None:
-            forces[s.body] += np.abs(load).sum()
-    np.maximum.at(overlaps, contact.sources, -contact.gaps)
-    forces = partition.comm.allreduce(forces)
-    overlaps = np.max(partition.comm.allgather(overlaps), axis=0)
-    held = np.array([b.held for b in balances])
-    return reaches(scene, _groups_in_contact(scene), forces, held, overlaps)
-
-
-def left_out_notes(scene: Scene, known: Outline) -> list[str]:
-    """What is left out of the contacts, a sentence each (collective)."""
-    comm, count = known.partition.comm, len(scene.touching)
-    sources = known.left_out.sources
-    far = known.left_out.gaps > known.reach[sources]
-    numbers = [np.bincount(s, minlength=count) for s in (sources[far], sources[~far])]
-    numbers.append(np.bincount(known.contact.sources, minlength=count))
-    out, repeated, near = comm.allreduce(np.stack(numbers))
-    held = "; the answer is held against them, and they get rows where it comes that far"
-    notes = []
-    for i, item in enumerate(scene.touching):
-        of = f"of {out[i] + repeated[i] + near[i]:,} candidate nodes"
-        if out[i]:
-            notes.append(
-                f"{item.source}: {out[i]:,} {of} are farther away than they can move "
-                f"({known.reach[i]:.3g} at most, by an estimate) and have no row{held}"
-            )
-        if repeated[i]:
-            notes.append(
-                f"{item.source}: at {repeated[i]:,} {of} another contact is nearer in nearly the "
-                f"same direction, and they have no row{held}"
-            )
-    return notes
-
-
-def _group_numbers(scene: Scene) -> NDArray[np.int64]:
-    """The group of each body, (bodies,): bodies that may touch, directly or through others."""
-    count = len(scene.bodies)
-    ends = np.array([(p.body, p.other) for p in scene.pairs]).reshape(-1, 2)
-    graph = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
-    _, label = sparse.csgraph.connected_components(graph, directed=False)
-    return np.asarray(label, np.int64)
-
-
-def _groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
-    """Bodies that may touch each other, directly or through others."""
-    label = _group_numbers(scene)
-    return [np.flatnonzero(label == k) for k in np.unique(label)]
-
-
-def _contact_motions(scene: Scene, partition: Partition, contact: ContactRows) -> sparse.csr_matrix:
-    """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
-    d, entries = scene.dimension, contact.entries
-    body = np.searchsorted(partition.first_node, entries.node, side="right") - 1
-    values = np.zeros((len(entries.row), MOTIONS[d]))
-    for b in np.unique(body):
-        mine = np.flatnonzero(body == b)
-        motions = rigid_motions(entries.points[mine], d, *_frame(scene.bodies[b]))
-        values[mine] = motions[np.arange(len(mine)), entries.component[mine]]
-    values *= entries.value[:, None]
-    column = body[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])
-    row = np.broadcast_to(entries.row[:, None], column.shape)
-    return sparse.csr_matrix(
-        (values.ravel(), (row.ravel(), column.ravel())),
-        shape=(len(contact.nodes), len(scene.bodies) * MOTIONS[d]),
-    )
-
-
-def _leaving(scene: Scene, group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:
-    """Which bodies of a group leave, and where to."""
-    motions = escape.reshape(len(group), -1)
-    size = np.abs(motions).max(axis=1)
-    said = [
-        f"{scene.bodies[b].name} from leaving along {_directions(motion[:, None])}"
-        for b, motion, s in zip(group, motions, size, strict=True)
-        if s > 1e-6 * size.max()
-    ]
-    return " and ".join(said)
-
-
-def _frame(body: Body) -> tuple[NDArray[np.float64], float]:
-    """Centre and length of a body, to which its rigid motions refer."""
-    centre = np.zeros(3)
-    lower, upper = np.array(body.mesh.lower), np.array(body.mesh.upper)
-    centre[: len(lower)] = 0.5 * (lower + upper)
-    return centre, float((upper - lower).max())
-
-
-def _upward(motions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motions (motions, k) that go either way, with a sign of which the first part is positive."""
-    large = np.abs(motions) > 1e-3 * np.abs(motions).max(axis=0)
-    return motions * np.sign(motions[large.argmax(axis=0), np.arange(motions.shape[1])])
-
-
-def _directions(motions: NDArray[np.float64]) -> str:
-    """Rigid motions (motions, k) in words."""
-    planar = len(motions) == 3
-    names = ["x", "y", "a turn about z"] if planar else [
-        "x", "y", "z", "a turn about x", "a turn about y", "a turn about z"
-    ]  # fmt: skip
-    words = []
-    for motion in motions.T:
-        motion = motion / np.abs(motion).max()
-        if motion[np.argmax(np.abs(motion))] < 0 and motions.shape[1] > 1:
-            motion = -motion
-        terms = []
-        for value, name in zip(motion, names, strict=True):
-            if abs(value) > 1e-3:
-                sign = "-" if value < 0 else "+"
-                terms.append(f"{'' if abs(value) > 0.999 else f'{abs(value):.2g} '}{sign}{name}")
-        words.append(" and ".join(terms).replace("+a turn", "a turn").replace("-a turn", "a turn"))
-    return "; ".join(sorted(words))  # one order, so that equal remarks read alike
-
-
-def _contradiction(scene: Scene, error: ContradictionError) -> ContactError:
-    """Tell the user which conditions exclude each other."""
-    if error.kind == "held twice":
-        first, second = scene.displacements[error.first], scene.displacements[error.second]
-        return ConfigurationError(
-            f"{scene.at(first.source)} and {second.source} hold one node of "
-            f"{scene.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
-        )
-    contact = scene.touching[error.first]
-    if error.kind == "squeezed":
-        other = scene.touching[error.second].source
-        return NoEquilibriumError(
-            f"{scene.source}: the obstacles of {contact.source} and {other} leave a node of "
-            f"{scene.bodies[contact.body].name} no room: they overlap by {error.amount:.6g} in "
-            "the direction in which it can move, and no displacement satisfies both"
-        )
-    what = "the obstacle" if isinstance(contact, Contact) else "the other body"
-    return NoEquilibriumError(
-        f"{scene.source}: the displacement conditions on {scene.bodies[contact.body].name} push "
-        f"held nodes into {what} of {contact.source}, by up to {error.amount:.6g}: no "
-        "displacement satisfies both"
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Supports:
-    """Extra rows that hold motions nothing else sees, on this rank: (copies, d) values a row."""
-
-    copies: list[NDArray[np.int64]]
-    values: list[NDArray[np.float64]]
-
-
-def _supports(
-    scene: Scene, partition: Partition, surface: _Surface, balances: list[BodyBalance]
-) -> _Supports:
-    """Rows that hold free motions at a few nodes of each body's first subdomain."""
-    supports = _Supports([], [])
-    firsts = np.cumsum([0, *partition.subdomains_of_body])[:-1]
-    for local, s in enumerate(partition.subdomains):
-        motions = balances[s.body].free_motions
-        if s.number != firsts[s.body] or motions.shape[1] == 0:
-            continue
-        points = s.points()[surface.local[local]]
-        chosen = fixing_nodes(points, scene.dimension)
-        frame = _frame(scene.bodies[s.body])
-        seen = rigid_motions(points[chosen], scene.dimension, *frame) @ motions
-        basis = np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0]
-        for row in basis.T:
-            supports.copies.append(surface.starts[local] + chosen)
-            supports.values.append(row.reshape(len(chosen), -1))
-    return supports
-
-
 def _lifting(
     partition: Partition,
-    surface: _Surface,
+    surface: SurfaceCopies,
     exchange: NodeExchange,
     held: HeldRows,
     eliminated: NDArray[np.bool_],
@@ -813,11 +199,11 @@ def _lifting(
 def _dual_problem(
     scene: Scene,
     partition: Partition,
-    surface: _Surface,
+    surface: SurfaceCopies,
     exchange: NodeExchange,
     rows: Rows,
     contact: ContactRows,
-    supports: _Supports,
+    supports: SupportRows,
     loads: list[NDArray[np.float64] | None],
     lifting: list[tuple[NDArray[np.int64], NDArray[np.float64]] | None],
     elements: dict[int, Element],
@@ -907,7 +293,7 @@ def _dual_problem(
         for members in groups.values()
     ]
     widths = [len(cls.interface) for cls in classes]
-    bodies = bodies_of(comm, B, _group_numbers(scene), members_of, widths)
+    bodies = bodies_of(comm, B, group_numbers(scene), members_of, widths)
     wide = np.zeros(len(kinds), bool)
     wide[kinds == RowKind.CONTACT] = contact.wide
     problem = DualProblem(
@@ -958,7 +344,7 @@ def _constraint_matrix(
     comm: MPI.Intracomm,
     exchange: NodeExchange,
     rows: Rows,
-    supports: _Supports,
+    supports: SupportRows,
     columns: NDArray[np.int64],
     size: int,
     kernels: Sequence[tuple[int, NDArray[np.float64]]],

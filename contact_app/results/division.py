@@ -28,8 +28,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.boundaries import facets_of
 from contact_app.model.candidates import NEARLY_PARALLEL
-from contact_app.model.model import Model, facets_of
+from contact_app.model.model import Model
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.scene import Scene

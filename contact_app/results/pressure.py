@@ -34,8 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.boundaries import boundary_nodes, facets_of
 from contact_app.model.facets import between_vertices, hats_at_nodes
-from contact_app.model.model import Model, boundary_nodes, facets_of
+from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.results.alternation import Lines, alternation
 from contact_app.results.division import ContactLoads, contact_loads

@@ -21,15 +21,10 @@ from rich.console import Console
 
 from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed, stress_bytes
 from contact_app.machine.memory import available_bytes, needed_bytes
+from contact_app.model.boundaries import boundary_facets, boundary_nodes
 from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.model.far_obstacles import distant
-from contact_app.model.model import (
-    Outline,
-    boundary_facets,
-    boundary_nodes,
-    left_out_notes,
-    outline,
-)
+from contact_app.model.outline import Outline, left_out_notes, outline
 from contact_app.model.symmetry import halved
 from contact_app.run.repeated_sentences import said_once
 from contact_app.scene.scene import (

@@ -28,7 +28,8 @@ from contact_app.machine.exits import Exit, add_remedy
 from contact_app.machine.exits import tell as say
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed, more_needed
-from contact_app.model.model import Model, Outline, Tell, build_model
+from contact_app.model.model import Model, build_model
+from contact_app.model.outline import Outline, Tell
 from contact_app.model.symmetry import halved
 from contact_app.results.contacts import contact_records
 from contact_app.results.fields import cell_fields, node_fields

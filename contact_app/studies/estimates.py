@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from contact_app.model.model import outline
+from contact_app.model.outline import outline
 from contact_app.model.symmetry import halved
 from contact_app.run.check import estimate
 from contact_app.scene.configuration import load

@@ -42,7 +42,8 @@ from contact_app.accuracy.estimate.patch_fits import (
 )
 from contact_app.accuracy.estimate.patches import Cells, Table
 from contact_app.model.assembly import lame
-from contact_app.model.model import Model, boundary_facets
+from contact_app.model.boundaries import boundary_facets
+from contact_app.model.model import Model
 from contact_app.scene.scene import Material
 from meshes import Subdomain
 

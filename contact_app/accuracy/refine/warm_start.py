@@ -24,8 +24,9 @@ from contact_app.accuracy.estimate.patches import Cells
 from contact_app.accuracy.estimate.point_values import PointValues
 from contact_app.accuracy.estimate.stress_recovery import SHEARS
 from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.model.boundaries import boundary_facets
 from contact_app.model.facets import moments
-from contact_app.model.model import Model, boundary_facets
+from contact_app.model.model import Model
 from contact_app.results.pressure import boundary_shares
 from contact_app.results.surface_nodes import SurfaceNodes
 from meshes import Subdomain

@@ -14,7 +14,7 @@ from contact_app.accuracy.guarantee import box_surface
 from contact_app.accuracy.guarantee import guarantee as module
 from contact_app.accuracy.guarantee.guarantee import Guarantee, guarantee, with_guarantee
 from contact_app.errors import ConfigurationError
-from contact_app.model.model import partition_scene
+from contact_app.model.outline import partition_scene
 from contact_app.model.symmetry import halved
 from contact_app.results.report import at_most
 from contact_app.run.run import solve_scene

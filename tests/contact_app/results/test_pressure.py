@@ -11,8 +11,8 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.model.boundaries import facets_of
 from contact_app.model.facets import moments
-from contact_app.model.model import facets_of
 from contact_app.results.alternation import Lines, alternation
 from contact_app.run.run import solve_scene
 from contact_app.scene.configuration import load

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.model.model import outline
+from contact_app.model.outline import outline
 from contact_app.run.check import describe, estimate, modelled_lines, report
 from contact_app.run.run import run, solve_scene
 from solver.tfeti.constraints.rows import RowKind

@@ -1,0 +1,48 @@
+"""Facets and nodes of a boundary of a body, in each subdomain of this rank."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.scene.scene import Body, Scene
+from meshes import Partition, Subdomain
+
+
+def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int32]:
+    """Rows of the reference's facets on a boundary: those with all nodes on it."""
+    if boundary not in body.boundaries:
+        return subdomain.boundaries.get(boundary, np.zeros(0, np.int32))
+    surface = surface_facets(subdomain, body)
+    if len(surface) == 0:
+        return surface
+    inside = body.boundaries[boundary](subdomain.points())
+    return surface[inside[subdomain.reference.facets[surface]].all(axis=1)]
+
+
+def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
+    """Rows of the reference's facets on the surface of a body, cuts of symmetry not among them."""
+    cuts = [subdomain.boundaries[name] for name in body.cuts if name in subdomain.boundaries]
+    return np.setdiff1d(subdomain.exterior, np.concatenate(cuts)) if cuts else subdomain.exterior
+
+
+def facets_of(
+    scene: Scene, partition: Partition, body: int, boundary: str
+) -> list[NDArray[np.int32]]:
+    """Rows of the reference's facets of each subdomain of this rank on a boundary of a body."""
+    none = np.zeros(0, np.int32)
+    return [
+        boundary_facets(s, scene.bodies[body], boundary) if s.body == body else none
+        for s in partition.subdomains
+    ]
+
+
+def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int64]:
+    """Local surface nodes on a boundary."""
+    facets = subdomain.reference.facets
+    if boundary not in body.boundaries:
+        return np.unique(facets[boundary_facets(subdomain, body, boundary)])
+    nodes = np.unique(facets[surface_facets(subdomain, body)])
+    if len(nodes) == 0:
+        return nodes
+    return nodes[body.boundaries[boundary](subdomain.points()[nodes])]

@@ -1,0 +1,143 @@
+"""What holds each body: a scene that its loads drive away is refused before it is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import block_diag
+
+from contact_app.errors import NoEquilibriumError
+from contact_app.model.far_obstacles import distant
+from contact_app.scene.scene import Body, Scene
+from meshes import Partition
+from solver.contact.equilibrium import BodyBalance, balance, by_body, holds
+from solver.tfeti.constraints.rows import ContactRows, HeldRows
+from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
+
+
+def body_balances(
+    scene: Scene,
+    partition: Partition,
+    held: HeldRows,
+    contact: ContactRows,
+    loads: Iterable[NDArray[np.float64] | None],
+) -> list[BodyBalance]:
+    """What holds each body; raises where a load drives a body away."""
+    d, comm = scene.dimension, partition.comm
+    count = len(scene.bodies)
+    work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
+    for s, load in zip(partition.subdomains, loads, strict=True):
+        if load is not None:
+            motions = rigid_motions(s.points(), d, *body_frame(scene.bodies[s.body]))
+            work[s.body] += load @ motions.reshape(len(load), -1)
+            scale[s.body] += np.abs(load).sum()
+    work, scale = comm.allreduce(work), comm.allreduce(scale)
+    seen = _contact_motions(scene, partition, contact)
+    balances: list[BodyBalance | None] = [None] * count
+    for group in groups_in_contact(scene):
+        held_rows = []
+        for b in group:
+            first, last = partition.first_node[b], partition.first_node[b + 1]
+            mine = (held.nodes >= first) & (held.nodes < last)
+            motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
+            held_rows.append(motions[held.held[mine]])
+        columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
+        contact_rows = seen[:, columns]
+        contact_rows = contact_rows[np.diff(contact_rows.indptr) > 0].toarray()
+        found = balance(
+            comm, block_diag(*held_rows), contact_rows, work[group].ravel(),
+            float(scale[group].sum()),
+        )  # fmt: skip
+        if found.escape is not None:
+            hints = distant(scene, contact.gaps, contact.sources, comm)
+            raise NoEquilibriumError(
+                f"{scene.source}: the scene has no equilibrium: nothing stops "
+                f"{_leaving(scene, group, found.escape)} under its loads"
+                + "".join(f"\n  {hint}" for hint in hints)
+            )
+        shares = by_body(found.free_motions, MOTIONS[d])
+        for b, rows, free in zip(group, held_rows, shares, strict=True):
+            balances[b] = BodyBalance(free, None, held=holds(comm, rows))
+    return [b for b in balances if b is not None]
+
+
+def group_numbers(scene: Scene) -> NDArray[np.int64]:
+    """The group of each body, (bodies,): bodies that may touch, directly or through others."""
+    count = len(scene.bodies)
+    ends = np.array([(p.body, p.other) for p in scene.pairs]).reshape(-1, 2)
+    graph = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
+    _, label = sparse.csgraph.connected_components(graph, directed=False)
+    return np.asarray(label, np.int64)
+
+
+def groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
+    """Bodies that may touch each other, directly or through others."""
+    label = group_numbers(scene)
+    return [np.flatnonzero(label == k) for k in np.unique(label)]
+
+
+def _contact_motions(scene: Scene, partition: Partition, contact: ContactRows) -> sparse.csr_matrix:
+    """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
+    d, entries = scene.dimension, contact.entries
+    body = np.searchsorted(partition.first_node, entries.node, side="right") - 1
+    values = np.zeros((len(entries.row), MOTIONS[d]))
+    for b in np.unique(body):
+        mine = np.flatnonzero(body == b)
+        motions = rigid_motions(entries.points[mine], d, *body_frame(scene.bodies[b]))
+        values[mine] = motions[np.arange(len(mine)), entries.component[mine]]
+    values *= entries.value[:, None]
+    column = body[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])
+    row = np.broadcast_to(entries.row[:, None], column.shape)
+    return sparse.csr_matrix(
+        (values.ravel(), (row.ravel(), column.ravel())),
+        shape=(len(contact.nodes), len(scene.bodies) * MOTIONS[d]),
+    )
+
+
+def _leaving(scene: Scene, group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:
+    """Which bodies of a group leave, and where to."""
+    motions = escape.reshape(len(group), -1)
+    size = np.abs(motions).max(axis=1)
+    said = [
+        f"{scene.bodies[b].name} from leaving along {directions_in_words(motion[:, None])}"
+        for b, motion, s in zip(group, motions, size, strict=True)
+        if s > 1e-6 * size.max()
+    ]
+    return " and ".join(said)
+
+
+def body_frame(body: Body) -> tuple[NDArray[np.float64], float]:
+    """Centre and length of a body, to which its rigid motions refer."""
+    centre = np.zeros(3)
+    lower, upper = np.array(body.mesh.lower), np.array(body.mesh.upper)
+    centre[: len(lower)] = 0.5 * (lower + upper)
+    return centre, float((upper - lower).max())
+
+
+def upward(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motions (motions, k) that go either way, with a sign of which the first part is positive."""
+    large = np.abs(motions) > 1e-3 * np.abs(motions).max(axis=0)
+    return motions * np.sign(motions[large.argmax(axis=0), np.arange(motions.shape[1])])
+
+
+def directions_in_words(motions: NDArray[np.float64]) -> str:
+    """Rigid motions (motions, k) in words."""
+    planar = len(motions) == 3
+    names = ["x", "y", "a turn about z"] if planar else [
+        "x", "y", "z", "a turn about x", "a turn about y", "a turn about z"
+    ]  # fmt: skip
+    words = []
+    for motion in motions.T:
+        motion = motion / np.abs(motion).max()
+        if motion[np.argmax(np.abs(motion))] < 0 and motions.shape[1] > 1:
+            motion = -motion
+        terms = []
+        for value, name in zip(motion, names, strict=True):
+            if abs(value) > 1e-3:
+                sign = "-" if value < 0 else "+"
+                terms.append(f"{'' if abs(value) > 0.999 else f'{abs(value):.2g} '}{sign}{name}")
+        words.append(" and ".join(terms).replace("+a turn", "a turn").replace("-a turn", "a turn"))
+    return "; ".join(sorted(words))  # one order, so that equal remarks read alike

@@ -1,0 +1,223 @@
+"""What is known of a model before anything is assembled into matrices or factored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+from contact_app.machine.timings import Timings
+from contact_app.model.assembly import Element
+from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.candidates import Needed, estimated, reaches
+from contact_app.model.conditions import (
+    agreed,
+    contradiction,
+    mortar_rows,
+    node_conditions,
+    refuse_empty_boundaries,
+    rows_in_the_mean,
+)
+from contact_app.model.decomposition import choose_split
+from contact_app.model.equilibrium import body_balances, groups_in_contact
+from contact_app.model.loads import load_vectors
+from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.scene.scene import Scene
+from meshes import Partition, decompose
+from solver.contact.equilibrium import BodyBalance
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import (
+    ContactRows,
+    ContradictionError,
+    HeldRows,
+    cut_held,
+    drop_parallel,
+    merge_contact,
+    merge_held,
+)
+
+
+def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
+    """Cut the scene's bodies into subdomains.
+
+    Raises
+    ------
+    ConfigurationError
+        The decomposition asked for is impossible.
+    """
+    try:
+        shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
+        choose = partial(choose_split, alone=len(shapes) == 1)
+        return decompose(shapes, scene.decomposition.subdomains, comm, choose)
+    except ValueError as error:
+        raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What is known of a model before anything is assembled into matrices or factored.
+
+    Attributes
+    ----------
+    held, contact
+        Held nodes and contact rows this rank owns.
+    needed, left_out
+        Which of this rank's candidate rows `contact` holds, and the others.
+    merged
+        Rows that are redundant beside a candidate row of the same node.
+    reach
+        How far the nodes of each contact may come nearer, (contacts,).
+    elements
+        Finite-element forms by the identity of their reference.
+    loads
+        Load vector of each subdomain of this rank, None where nothing acts.
+    balances
+        What holds each body.
+    """
+
+    partition: Partition
+    surface: SurfaceCopies
+    exchange: NodeExchange
+    held: HeldRows
+    contact: ContactRows
+    needed: NDArray[np.bool_]
+    left_out: ContactRows
+    merged: ContactRows
+    reach: NDArray[np.float64]
+    elements: dict[int, Element]
+    loads: list[NDArray[np.float64] | None]
+    balances: list[BodyBalance]
+
+    @property
+    def candidates(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Gaps and contacts of all candidate rows of this rank, within reach and not."""
+        parts = (self.contact, self.left_out)
+        gaps, sources = (
+            np.concatenate([getattr(p, n) for p in parts]) for n in ("gaps", "sources")
+        )
+        return gaps, sources
+
+    @property
+    def eliminated(self) -> NDArray[np.bool_]:
+        """Bodies that are one held subdomain: no gluing, no coarse problem, (bodies,)."""
+        whole = np.array([n == 1 for n in self.partition.subdomains_of_body])
+        return whole & np.array([b.held for b in self.balances])
+
+
+Tell = Callable[[Scene, Outline], None]
+
+
+def outline(
+    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
+) -> Outline:
+    """Cut into subdomains, find conditions, loads and what balances them (collective).
+
+    Parameters
+    ----------
+    timings
+        Where the time of each stage is added.
+    needed
+        Candidate rows that become contact rows; if not all, whoever solves has to hold the answer
+        against the others.
+
+    Raises
+    ------
+    NoEquilibriumError
+        A body leaves, or conditions on a node exclude each other.
+    ConfigurationError
+        The decomposition is impossible or a boundary is empty.
+    """
+    timings = timings or Timings()
+    with timings.measure("setup"):
+        partition = partition_scene(scene, comm)
+    surface = SurfaceCopies(partition)
+    with agreed(comm):
+        conditions = node_conditions(scene, partition)
+    refuse_empty_boundaries(scene, partition, conditions)
+    length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+    exchange = NodeExchange(comm, surface.nodes, partition.nodes)
+    try:
+        held = merge_held(exchange, conditions)
+        contact, merged = merge_contact(exchange, conditions, held, length)
+        pairs = [mortar_rows(scene, partition, exchange, i) for i in range(len(scene.pairs))]
+        averaged = [
+            rows_in_the_mean(scene, partition, exchange, i)
+            for i, c in enumerate(scene.contacts)
+            if has_averaged_rows(scene.bodies[c.body])
+        ]
+        pairs = [cut_held(exchange, rows, held, length) for rows in pairs]
+        averaged = [cut_held(exchange, rows, held, length) for rows in averaged]
+        contact = ContactRows.join([contact, *averaged, *pairs])
+        if averaged or pairs:
+            contact, redundant = drop_parallel(exchange, contact, length)
+            merged = ContactRows.join([merged, redundant])
+    except ContradictionError as error:
+        raise contradiction(scene, error) from error
+
+    elements: dict[int, Element] = {}
+    for subdomain in partition.subdomains:
+        reference = subdomain.reference
+        if id(reference) not in elements:
+            elements[id(reference)] = Element(reference, scene.dimension)
+    with timings.measure("assembly"):
+        loads = load_vectors(scene, partition, elements)
+    balances = body_balances(scene, partition, held, contact, loads)
+    reach = np.full(len(scene.touching), np.inf)
+    if not isinstance(needed, str) or needed == "estimated":
+        reach = _reach(scene, partition, contact, loads, balances)
+    if isinstance(needed, str):
+        all_rows = np.ones(len(contact.nodes), bool)
+        needed = all_rows if needed == "all" else estimated(contact, reach)
+    return Outline(
+        partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed),
+        merged, reach, elements, loads, balances,
+    )  # fmt: skip
+
+
+def _reach(
+    scene: Scene,
+    partition: Partition,
+    contact: ContactRows,
+    loads: Iterable[NDArray[np.float64] | None],
+    balances: list[BodyBalance],
+) -> NDArray[np.float64]:
+    """How far the nodes of each contact may come nearer, (contacts,) (collective)."""
+    forces, overlaps = np.zeros(len(scene.bodies)), np.zeros(len(scene.touching))
+    for s, load in zip(partition.subdomains, loads, strict=True):
+        if load is not None:
+            forces[s.body] += np.abs(load).sum()
+    np.maximum.at(overlaps, contact.sources, -contact.gaps)
+    forces = partition.comm.allreduce(forces)
+    overlaps = np.max(partition.comm.allgather(overlaps), axis=0)
+    held = np.array([b.held for b in balances])
+    return reaches(scene, groups_in_contact(scene), forces, held, overlaps)
+
+
+def left_out_notes(scene: Scene, known: Outline) -> list[str]:
+    """What is left out of the contacts, a sentence each (collective)."""
+    comm, count = known.partition.comm, len(scene.touching)
+    sources = known.left_out.sources
+    far = known.left_out.gaps > known.reach[sources]
+    numbers = [np.bincount(s, minlength=count) for s in (sources[far], sources[~far])]
+    numbers.append(np.bincount(known.contact.sources, minlength=count))
+    out, repeated, near = comm.allreduce(np.stack(numbers))
+    held = "; the answer is held against them, and they get rows where it comes that far"
+    notes = []
+    for i, item in enumerate(scene.touching):
+        of = f"of {out[i] + repeated[i] + near[i]:,} candidate nodes"
+        if out[i]:
+            notes.append(
+                f"{item.source}: {out[i]:,} {of} are farther away than they can move "
+                f"({known.reach[i]:.3g} at most, by an estimate) and have no row{held}"
+            )
+        if repeated[i]:
+            notes.append(
+                f"{item.source}: at {repeated[i]:,} {of} another contact is nearer in nearly the "
+                f"same direction, and they have no row{held}"
+            )
+    return notes
