@@ -30,7 +30,6 @@ LONGEST, MOST_PARAMETERS = 80, 8
 """Lines and parameters of a function in `solver` and `contact_app`, studies left out."""
 
 LONG = {
-    "contact_app.model.model:_dual_problem": "to be taken apart",
     "contact_app.run.model_warnings:model_warnings": "one sentence after another",
     "contact_app.accuracy.refine.refinement:solve_to_accuracy": "the loop over meshes",
     "contact_app.run.run:run": "the order of a run's stages",
@@ -39,7 +38,6 @@ LONG = {
 """Functions that are longer, with the reason."""
 
 MANY = {
-    "contact_app.model.model:_dual_problem": "to be taken apart",
     "contact_app.run.run:_solve_once": "to be taken apart",
     "solver.qp.smalbe:SMALBE.solve": "to be taken apart",
 }

@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.equilibrium import body_frame
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.contact.equilibrium import BodyBalance
+from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.subdomain.kernels import fixing_nodes, rigid_motions
-
-
-@dataclass(frozen=True, eq=False)
-class SupportRows:
-    """Extra rows that hold motions nothing else sees, on this rank: (copies, d) values a row."""
-
-    copies: list[NDArray[np.int64]]
-    values: list[NDArray[np.float64]]
 
 
 def support_rows(
     scene: Scene, partition: Partition, surface: SurfaceCopies, balances: list[BodyBalance]
 ) -> SupportRows:
     """Rows that hold free motions at a few nodes of each body's first subdomain."""
-    supports = SupportRows([], [])
+    supports = SupportRows()
     firsts = np.cumsum([0, *partition.subdomains_of_body])[:-1]
     for local, s in enumerate(partition.subdomains):
         motions = balances[s.body].free_motions

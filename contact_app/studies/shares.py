@@ -64,7 +64,7 @@ class Shares:
         if problem.coarse is None:
             raise ValueError("one body in one subdomain has no coarse problem")
         touching = winkler_contact(problem)
-        problem = problem.face(touching)
+        problem = problem.with_active(touching)
         coarse = problem.coarse
         assert coarse is not None
         rng = np.random.default_rng(0)

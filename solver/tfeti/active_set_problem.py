@@ -126,10 +126,10 @@ class ActiveSetProblem:
         self.problem, self.active = problem, active
         directions = directions or Directions(problem)
         recycled = Recycled(directions, active)
-        self.reduced = problem.face(active, multiplier)
+        self.reduced = problem.with_active(active, multiplier)
         assert self.reduced.coarse is not None
         if not recycled.empty:
-            self.reduced.move_offset(*recycled.best(self.reduced.rhs))
+            self.reduced = self.reduced.beginning_at(*recycled.best(self.reduced.rhs))
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does

@@ -14,6 +14,7 @@ for each member.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha1
@@ -31,6 +32,7 @@ from solver.tfeti.constraints.rows import ContactRows, RowKind
 from solver.tfeti.dual_operator import DualOperator, interface_slices
 from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.tfeti.system import ContactSystem
 
 
 def _alike(
@@ -49,56 +51,135 @@ def _alike(
     return np.array(firsts), alike
 
 
+FreeSolution = tuple[NDArray[np.float64], list[NDArray[np.float64]]]
+"""K⁺ f on the interface, and fᵀ K⁺ f of each subdomain, an array a class."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a problem has from another one of the same system; None where it computes it itself.
+
+    Attributes
+    ----------
+    operator
+        F.
+    free
+        What the loads do without constraints.
+    d : (dual,)
+        B K⁺ f - c.
+    offset, displacements : (dual,), (interface,)
+        λ̃ where it is not the smallest, and K⁺ (f - Bᵀ λ̃).
+    """
+
+    operator: DualOperator | None = None
+    free: FreeSolution | None = None
+    d: NDArray[np.float64] | None = None
+    offset: NDArray[np.float64] | None = None
+    displacements: NDArray[np.float64] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class DualProblem:
     """Everything the solve, the recovery and the certificate need; local parts throughout.
 
     Attributes
     ----------
-    classes
-        Congruence classes of this rank.
-    B : (dual, interface)
-        Constraint matrix on interface unknowns.
-    c : (dual,)
-        Right-hand side of the constraints.
-    kinds : (dual,)
-        `RowKind` of each row.
-    contact : ContactRows
-        Geometry of the contact rows, in row order.
-    wide : (dual,)
-        Contact rows over several nodes, which overlap others.
-    forces : one (n, members) array a class
-        Loads f.
-    lifting : one (n, members) array a class
-        Displacements of eliminated held unknowns, zero elsewhere.
-    coarse
-        None where no subdomain floats.
-    e : (kernels,)
-        Work of the loads on the kernels.
-    held_without_contact
-        Whether gluing and held rows alone stop every rigid motion.
-    bodies
-        The body of each subdomain and row.
+    system
+        Stiffness, constraints, contact points and loads.
+    known
+        What other problems of the same system have computed already.
     """
 
-    comm: MPI.Intracomm
-    dimension: int
-    classes: tuple[SubdomainClass, ...]
-    B: ConstraintMatrix
-    c: NDArray[np.float64]
-    kinds: NDArray[np.int8]
-    contact: ContactRows
-    wide: NDArray[np.bool_]
-    forces: tuple[NDArray[np.float64], ...]
-    lifting: tuple[NDArray[np.float64], ...]
-    coarse: CoarseProblem | None
-    e: NDArray[np.float64]
-    held_without_contact: bool
-    bodies: Bodies
+    system: ContactSystem
+    known: Known = Known()
+
+    def with_loads(
+        self,
+        forces: Sequence[NDArray[np.float64]],
+        lifting: Sequence[NDArray[np.float64]] | None = None,
+        c: NDArray[np.float64] | None = None,
+    ) -> DualProblem:
+        """The problem of another load case: no new constraint, no new factor.
+
+        Parameters are those of `ContactSystem.with_loads`.
+        """
+        return DualProblem(self.system.with_loads(forces, lifting, c), Known(operator=self.F))
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
+        return self.system.comm
+
+    @property
+    def dimension(self) -> int:
+        """Components of a node."""
+        return self.system.dimension
+
+    @property
+    def classes(self) -> tuple[SubdomainClass, ...]:
+        """Congruence classes of this rank."""
+        return self.system.classes
+
+    @property
+    def B(self) -> ConstraintMatrix:
+        """Constraint matrix on interface unknowns, (dual, interface)."""
+        return self.system.constraints.B
+
+    @property
+    def kinds(self) -> NDArray[np.int8]:
+        """`RowKind` of each row, (dual,)."""
+        return self.system.constraints.kinds
+
+    @property
+    def wide(self) -> NDArray[np.bool_]:
+        """Contact rows over several nodes, which overlap others, (dual,)."""
+        return self.system.constraints.wide
+
+    @property
+    def coarse(self) -> CoarseProblem | None:
+        """None where no subdomain floats."""
+        return self.system.constraints.coarse
+
+    @property
+    def held_without_contact(self) -> bool:
+        """Whether gluing and held rows alone stop every rigid motion."""
+        return self.system.constraints.held_without_contact
+
+    @property
+    def contact(self) -> ContactRows:
+        """Geometry of the contact rows, in row order."""
+        return self.system.contact
+
+    @property
+    def bodies(self) -> Bodies:
+        """The body of each subdomain and row."""
+        return self.system.bodies
+
+    @property
+    def forces(self) -> tuple[NDArray[np.float64], ...]:
+        """Loads f, one (n, members) array a class."""
+        return self.system.loads.forces
+
+    @property
+    def lifting(self) -> tuple[NDArray[np.float64], ...]:
+        """Displacements of eliminated held unknowns, one (n, members) array a class."""
+        return self.system.loads.lifting
+
+    @property
+    def c(self) -> NDArray[np.float64]:
+        """Right-hand side of the constraints, (dual,)."""
+        return self.system.loads.c
+
+    @property
+    def e(self) -> NDArray[np.float64]:
+        """Work of the loads on the kernels, (kernels,)."""
+        return self.system.loads.e
 
     @cached_property
     def F(self) -> DualOperator:
         """The dual operator."""
+        if self.known.operator is not None:
+            return self.known.operator
         return DualOperator(self.B, self.classes)
 
     @property
@@ -176,8 +257,10 @@ class DualProblem:
         return int(self.comm.allreduce(int((self.kinds == kind).sum())))
 
     @cached_property
-    def _free(self) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    def _free(self) -> FreeSolution:
         """K⁺ f on the interface and fᵀ K⁺ f of each subdomain; equal loads are solved for once."""
+        if self.known.free is not None:
+            return self.known.free
         result = np.zeros(self.B.columns)
         works = [np.zeros(cls.members) for cls in self.classes]
         for cls, part, load, work in zip(
@@ -235,6 +318,8 @@ class DualProblem:
     @cached_property
     def d(self) -> NDArray[np.float64]:
         """d = B K⁺ f - c."""
+        if self.known.d is not None:
+            return self.known.d
         return self.residual(self.free_displacements)
 
     @cached_property
@@ -242,8 +327,11 @@ class DualProblem:
         """λ̃ = W Gᵀ (G W Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads.
 
         On contact rows it is the bound of x, and where symmetry makes it vanish round-off would
-        decide which rows start active: such entries are zero.
+        decide which rows start active: such entries are zero. A problem that begins elsewhere has
+        another λ̃ in equilibrium.
         """
+        if self.known.offset is not None:
+            return self.known.offset
         result = np.zeros(self.size)
         if self.coarse is not None:
             self.coarse.carry(self.e, result)
@@ -254,6 +342,8 @@ class DualProblem:
     @cached_property
     def displacements_of_offset(self) -> NDArray[np.float64]:
         """K⁺ (f - Bᵀ λ̃) on the interface."""
+        if self.known.displacements is not None:
+            return self.known.displacements
         result = np.empty_like(self.free_displacements)
         self.F.solve_interface(self.constraint_forces(self.offset), result)
         return np.subtract(self.free_displacements, result, out=result)
@@ -316,41 +406,47 @@ class DualProblem:
         self.B.apply_transpose(multiplier, result)
         return result
 
-    def face(
-        self, touching: NDArray[np.bool_], near: NDArray[np.float64] | None = None
+    def with_active(
+        self, active: NDArray[np.bool_], near: NDArray[np.float64] | None = None
     ) -> DualProblem:
         """The problem in which these contact rows hold with equality and the others are empty.
 
-        Without touching rows that is the problem without contact. Only where the bodies are
-        `held_without_contact`; else the coarse problem of a face can be singular.
+        Without active rows that is the problem without contact. Only where the bodies are
+        `held_without_contact`; else the coarse problem can be singular.
 
         Parameters
         ----------
-        touching : (dual,)
-            Contact rows kept as equalities.
+        active : (dual,)
+            Contact rows that hold with equality.
         near : (dual,)
             λ̃ is the multiplier in equilibrium next to this one, instead of the smallest.
         """
-        keep = np.where(self.inequality & ~touching, 0.0, 1.0)
-        face = replace(
-            self,
+        keep = np.where(self.inequality & ~active, 0.0, 1.0)
+        own, loads = self.system.constraints, self.system.loads
+        constraints = replace(
+            own,
             B=self.B.scaled(RowWeights(keep)),
-            c=self.c * keep,
             kinds=np.where(self.inequality, np.int8(RowKind.SUPPORT), self.kinds),
-            contact=self.contact.none(),
-            coarse=None if self.coarse is None else self.coarse.weighted(keep),
+            coarse=None if own.coarse is None else own.coarse.weighted(keep),
         )
-        vars(face)["_free"] = self._free  # the loads are the same
-        vars(face)["d"] = keep * self.d
-        if near is not None and face.coarse is not None:
+        system = replace(
+            self.system,
+            constraints=constraints,
+            contact=self.contact.none(),
+            loads=replace(loads, c=self.c * keep),
+        )
+        offset = None
+        if near is not None and constraints.coarse is not None:
             missing, change = np.empty_like(self.e), np.empty(self.size)
-            face.coarse.restrict(near * keep, missing)
-            face.coarse.carry(self.e - missing, change)
-            vars(face)["offset"] = near * keep + change
-        return face
+            constraints.coarse.restrict(near * keep, missing)
+            constraints.coarse.carry(self.e - missing, change)
+            offset = near * keep + change
+        return DualProblem(system, Known(free=self._free, d=keep * self.d, offset=offset))
 
-    def move_offset(self, change: NDArray[np.float64], displacements: NDArray[np.float64]) -> None:
-        """Begin elsewhere: add to λ̃ what keeps G λ̃ = e.
+    def beginning_at(
+        self, change: NDArray[np.float64], displacements: NDArray[np.float64]
+    ) -> DualProblem:
+        """The same problem with another λ̃: what keeps G λ̃ = e is added to it.
 
         Parameters
         ----------
@@ -358,11 +454,11 @@ class DualProblem:
         displacements : (interface,)
             K⁺ Bᵀ times it.
         """
-        known = vars(self)
-        known["displacements_of_offset"] = self.displacements_of_offset - displacements
-        known["offset"] = self.offset + change
-        for name in ("rhs", "_residual_of_offset", "lower", "round_off"):
-            known.pop(name, None)
+        known = Known(
+            self.F, self._free, self.d, self.offset + change,
+            self.displacements_of_offset - displacements,
+        )  # fmt: skip
+        return DualProblem(self.system, known)
 
     def kernel_slices(self) -> list[slice]:
         """Where the kernels of each class live in a coarse vector."""

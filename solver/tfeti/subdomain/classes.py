@@ -24,7 +24,12 @@ from solver.tfeti.subdomain.generalised_inverse import (
     Inverse,
     SymmetricInverse,
 )
-from solver.tfeti.subdomain.kernels import check_kernel, fixing_nodes, orthonormal_kernel
+from solver.tfeti.subdomain.kernels import (
+    check_kernel,
+    fixing_nodes,
+    fixing_unknowns,
+    orthonormal_kernel,
+)
 from solver.tfeti.subdomain.reflections import find_symmetry
 
 DENSE_GAIN = 20.0
@@ -144,6 +149,7 @@ def subdomain_class(
     members: int,
     eliminated: NDArray[np.int64] | None,
     sharing: MPI.Intracomm | None = None,
+    kernel: NDArray[np.float64] | None = None,
 ) -> SubdomainClass:
     """Factor the stiffness of a congruence class and choose how K⁺ is applied.
 
@@ -159,6 +165,8 @@ def subdomain_class(
         Held unknowns that are eliminated; None where the members float.
     sharing
         All ranks, where all make this class now, with the same `touched`: they share the work.
+    kernel : (n, k)
+        Basis of the kernel of K; the rigid motions of the points unless given.
 
     Raises
     ------
@@ -167,31 +175,35 @@ def subdomain_class(
     """
     # what is decided here is decided alike on all ranks that share
     most = sharing.allreduce(members, op=MPI.MAX) if sharing else members
-    rigid = orthonormal_kernel(points, dimension)
+    rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
     check_kernel(stiffness, rigid)
     every = np.arange(stiffness.shape[0])
     inverse: Inverse
     if eliminated is not None:
         free = np.setdiff1d(every, eliminated)
-        kernel = np.zeros((len(every), 0))
-        inverse = GeneralisedInverse(stiffness[free][:, free], kernel[free], every[:0])
+        moves = np.zeros((len(every), 0))
+        inverse = GeneralisedInverse(stiffness[free][:, free], moves[free], every[:0])
         interface = touched
         how = choose_block(len(free), len(touched), most, 1, dimension)
     else:
-        free, kernel = every, rigid
-        nodes = fixing_nodes(points, dimension)
-        fixing = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
-        symmetry = find_symmetry(points, dimension, stiffness)
+        free, moves = every, rigid
+        symmetry = None
+        if kernel is None:
+            nodes = fixing_nodes(points, dimension)
+            fixing = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
+            symmetry = find_symmetry(points, dimension, stiffness)
+        else:
+            fixing = fixing_unknowns(rigid)
         interface = np.unique(touched)
         if symmetry is not None:
             interface = symmetry.split(symmetry.closure(touched)).unknowns
         order = symmetry.order if symmetry else 1
         how = choose_block(len(free), len(interface), most, order, dimension)
         if symmetry is None or how is BlockKind.NONE:
-            inverse = GeneralisedInverse(stiffness, kernel, fixing)
+            inverse = GeneralisedInverse(stiffness, moves, fixing)
         else:
             stiffness = symmetry.average(stiffness)
-            inverse = SymmetricInverse(stiffness, kernel, fixing, symmetry, sharing)
+            inverse = SymmetricInverse(stiffness, moves, fixing, symmetry, sharing)
     block: Block | None = None
     if how is not BlockKind.NONE:
         block = inverse.restricted(np.searchsorted(free, interface))
@@ -199,5 +211,5 @@ def subdomain_class(
             block = DenseBlock(block.toarray())
     relaxes = block is not None and relaxing_pays(len(interface), most, block.order)
     return SubdomainClass(
-        stiffness, kernel, rigid, free, interface, members, inverse, block, relaxes
+        stiffness, moves, rigid, free, interface, members, inverse, block, relaxes
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import linalg, sparse
 
 MOTIONS = {2: 3, 3: 6}
 """Rigid motions by dimension."""
@@ -87,3 +87,9 @@ def fixing_nodes(points: NDArray[np.float64], dimension: int) -> NDArray[np.int6
         direction = x[farthest] / np.linalg.norm(x[farthest])
         x = x - np.outer(x @ direction, direction)
     return np.array(chosen)
+
+
+def fixing_unknowns(kernel: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Unknowns that determine any motion of a kernel (n, k), by QR with column pivoting, (k,)."""
+    pivots = linalg.qr(kernel.T, mode="r", pivoting=True)[1]
+    return np.sort(pivots[: kernel.shape[1]]).astype(np.int64)

@@ -62,7 +62,7 @@ def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualP
     directions = Directions(problem)
     near, _ = solved(ActiveSetProblem(problem, closed(problem, 16), None, directions))
     touching = closed(problem, 13)
-    glued = problem.face(touching, near)
+    glued = problem.with_active(touching, near)
     np.testing.assert_allclose(glued.d, glued.residual(glued.free_displacements))
     recycled = Recycled(directions, touching)
     change, motion = recycled.best(glued.rhs)
@@ -79,8 +79,7 @@ def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualP
     exact = np.empty(problem.size)
     problem.F.apply(change, exact)
     assert product == pytest.approx(exact, abs=1e-9 * np.abs(exact).max())
-    glued.move_offset(change, motion)
-    again, _ = recycled.best(glued.rhs)
+    again, _ = recycled.best(glued.beginning_at(change, motion).rhs)
     assert np.abs(again).max() < 1e-6 * size
 
     z = np.random.default_rng(0).normal(size=problem.size) * (~problem.inequality | touching)

@@ -102,7 +102,7 @@ def errors_of(problem: DualProblem) -> float:
     worst = 0.0
     some = problem.inequality & (rng.random(problem.size) < 0.7)
     for touching in (problem.inequality, some):
-        coarse = problem.face(touching).coarse
+        coarse = problem.with_active(touching).coarse
         assert coarse is not None
         x, y = rng.standard_normal((2, problem.size))
         once, twice, adjoint = (np.empty(problem.size) for _ in range(3))
@@ -133,7 +133,7 @@ def test_the_coarse_problem_of_a_face_joins_neighbours_alone() -> None:
     """27 subdomains of six motions, 54 faces; edges count only where there is contact."""
     problem = problem_of("regular")
     assert problem.coarse is not None
-    none = problem.face(np.zeros(problem.size, bool)).coarse
+    none = problem.with_active(np.zeros(problem.size, bool)).coarse
     assert none is not None
     metric = problem.coarse.metric
     assert set(np.round(metric, 12)) == {0.5, 1.0, np.round(1 / 3, 12), np.round(2 / 3, 12)}
@@ -184,7 +184,7 @@ def test_on_ranks(shared: int) -> None:
         "    error = errors_of(problem_of(case, MPI.COMM_WORLD))\n"
         "    assert error < 1e-10, (case, error)\n"
         "coarse = problem_of('regular', MPI.COMM_WORLD)\n"
-        "coarse = coarse.face(coarse.inequality).coarse\n"
+        "coarse = coarse.with_active(coarse.inequality).coarse\n"
         "assert coarse.entries == 36 * 151, coarse.entries\n"
     )
     done = python("-c", program, ranks=2, limit=300)

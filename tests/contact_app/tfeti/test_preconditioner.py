@@ -34,7 +34,7 @@ def test_it_is_symmetric_and_positive(problem: DualProblem) -> None:
 
 
 def test_it_halves_the_iterations_of_the_glued_problem(problem: DualProblem) -> None:
-    glued = problem.face(np.zeros(problem.size, bool))
+    glued = problem.with_active(np.zeros(problem.size, bool))
     norm, _ = estimate_norm(glued.projected)
     qp = BoxQP(glued.projected, glued.rhs)
     plain = MPRGP(rtol=1e-8).solve(qp)

@@ -1,0 +1,211 @@
+"""From stiffness matrices and rows of constraints to a dual problem: factors, B, coarse problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from hashlib import sha1
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+
+from solver.tfeti.bodies import bodies_of
+from solver.tfeti.coarse.coarse_problem import CoarseProblem
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import ContactRows, RowKind, Rows
+from solver.tfeti.constraints.supports import SupportRows
+from solver.tfeti.row_order import order_rows
+from solver.tfeti.subdomain.classes import SubdomainClass, subdomain_class
+from solver.tfeti.system import Constraints, ContactSystem, loads_on
+
+Measure = Callable[[], AbstractContextManager[None]]
+"""Measures the time that factors take."""
+
+
+@dataclass(frozen=True, eq=False)
+class CongruentSubdomains:
+    """Subdomains of this rank that share one stiffness matrix.
+
+    Attributes
+    ----------
+    stiffness : (n, n)
+        K before any condition is imposed; unknown ``node * dimension + component``.
+    points : (nodes, 3)
+        Coordinates of the nodes of one member; the others are moved copies of it.
+    nodes : (k,)
+        Nodes that constraints may touch, ascending.
+    copies : (members, k)
+        Their numbers among the copies of nodes of this rank.
+    forces, lifting : (n, members)
+        Loads, and displacements of eliminated unknowns.
+    eliminated : (m,) or None
+        Held unknowns that are eliminated; None where the members float.
+    bodies : (members,)
+        The body of each member.
+    kernel : (n, k) or None
+        Basis of the kernel of K; the rigid motions of the points unless given.
+    """
+
+    stiffness: sparse.csr_matrix
+    points: NDArray[np.float64]
+    nodes: NDArray[np.int64]
+    copies: NDArray[np.int64]
+    forces: NDArray[np.float64]
+    lifting: NDArray[np.float64]
+    eliminated: NDArray[np.int64] | None
+    bodies: NDArray[np.int64]
+    kernel: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintRows:
+    """The rows of B before their columns are numbered.
+
+    Attributes
+    ----------
+    exchange
+        Where the copies of nodes meet.
+    rows
+        Gluing, held and contact rows.
+    contact
+        Geometry of the contact rows, in row order.
+    supports
+        Rows that hold what nothing else holds.
+    held_without_contact
+        Whether gluing and held rows alone stop every rigid motion.
+    """
+
+    exchange: NodeExchange
+    rows: Rows
+    contact: ContactRows
+    supports: SupportRows
+    held_without_contact: bool
+
+
+def build_system(
+    subdomains: Sequence[CongruentSubdomains],
+    constraints: ConstraintRows,
+    groups: NDArray[np.int64],
+    measure: Measure = nullcontext,
+) -> ContactSystem:
+    """Factor the stiffness matrices, number the interface, write B and the coarse problem.
+
+    Collective: each rank gives its own subdomains and rows.
+
+    Parameters
+    ----------
+    groups : (bodies,)
+        The group of each body: bodies that may touch, directly or through others.
+
+    Raises
+    ------
+    ArithmeticError
+        A stiffness matrix of some rank resists its kernel or has a larger one.
+    """
+    exchange, rows, contact = constraints.exchange, constraints.rows, constraints.contact
+    comm, d = exchange.comm, contact.normals.shape[1]
+    touched = exchange.from_owners(rows.touched(len(exchange.nodes), d))
+    for copies, values in zip(
+        constraints.supports.copies, constraints.supports.values, strict=True
+    ):
+        touched[copies] |= values != 0.0
+    classes = _factored(comm, d, subdomains, touched, measure)
+    columns, size = _number_columns(comm, d, subdomains, classes, len(touched))
+    kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
+    ordered = order_rows(exchange, rows, constraints.supports, columns, size, kernels)
+    in_contact = ordered.kinds == RowKind.CONTACT
+    loads = loads_on(
+        classes, [s.forces for s in subdomains], [s.lifting for s in subdomains], ordered.c
+    )
+    coarse = None
+    if comm.allreduce(len(loads.e)):
+        with measure():
+            coarse = CoarseProblem(ordered.B, kernels, in_contact, ordered.weight, ordered.alike)
+    wide = np.zeros(len(ordered.kinds), bool)
+    wide[in_contact] = contact.wide
+    widths = [len(cls.interface) for cls in classes]
+    bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths)
+    matrix = Constraints(ordered.B, ordered.kinds, wide, coarse, constraints.held_without_contact)
+    return ContactSystem(comm, d, tuple(classes), matrix, contact, loads, bodies)
+
+
+def _factored(
+    comm: MPI.Intracomm,
+    d: int,
+    subdomains: Sequence[CongruentSubdomains],
+    touched: NDArray[np.bool_],
+    measure: Measure,
+) -> list[SubdomainClass]:
+    """The class of each set of congruent subdomains (collective).
+
+    Parameters
+    ----------
+    touched : (copies, dimension)
+        Components that some row of B touches.
+    """
+    classes, failed = [], ""
+    for own, alike in zip(subdomains, _meshed_by_all(comm, subdomains), strict=True):
+        sharing = comm if alike and _made_by_all(comm, own) else None
+        by_any = touched[own.copies].any(axis=0)
+        if sharing is not None:
+            comm.Allreduce(MPI.IN_PLACE, by_any, op=MPI.LOR)
+        node, component = np.nonzero(by_any)
+        with measure():
+            try:
+                classes.append(
+                    subdomain_class(
+                        own.stiffness, own.points, d, own.nodes[node] * d + component,
+                        len(own.bodies), own.eliminated, sharing, own.kernel,
+                    )
+                )  # fmt: skip
+            except (ArithmeticError, ValueError) as error:  # of this rank: the others go on
+                failed = failed or f"{error}"
+    for text in filter(None, comm.allgather(failed)):
+        raise ArithmeticError(text)
+    return classes
+
+
+def _number_columns(
+    comm: MPI.Intracomm,
+    d: int,
+    subdomains: Sequence[CongruentSubdomains],
+    classes: Sequence[SubdomainClass],
+    copies: int,
+) -> tuple[NDArray[np.int64], int]:
+    """Interface column of each component of this rank's copies, and how many columns it has."""
+    columns, size = np.full((copies, d), -1, np.int64), 0
+    for own, cls in zip(subdomains, classes, strict=True):
+        width = len(cls.interface)
+        place_of = np.full(cls.unknowns, -1, np.int64)
+        place_of[cls.interface] = np.arange(width)
+        position = place_of[own.nodes[:, None] * d + np.arange(d)]
+        starts = size + width * np.arange(cls.members)
+        shifted = position + starts[:, None, None]
+        columns[own.copies] = np.where(position >= 0, shifted, -1)
+        size += width * cls.members
+    first = comm.exscan(size) or 0
+    return np.where(columns >= 0, columns + first, -1), size
+
+
+def _meshed_by_all(comm: MPI.Intracomm, subdomains: Sequence[CongruentSubdomains]) -> list[bool]:
+    """Which of this rank's meshes all ranks hold in the same place of their lists."""
+    if comm.size == 1:
+        return [False] * len(subdomains)
+    mine = [sha1(s.points.tobytes(), usedforsecurity=False).digest() for s in subdomains]
+    of_ranks = comm.allgather(mine)
+    shortest = min(map(len, of_ranks))
+    same = [len(set(places)) == 1 for places in zip(*of_ranks, strict=False)]
+    return same + [False] * (len(subdomains) - shortest)
+
+
+def _made_by_all(comm: MPI.Intracomm, own: CongruentSubdomains) -> bool:
+    """Whether all ranks hold this stiffness, to the last bit, as the class they make now."""
+    digest = sha1(usedforsecurity=False)
+    for array in (own.stiffness.indptr, own.stiffness.indices, own.stiffness.data):
+        digest.update(np.ascontiguousarray(array).data)
+    if own.eliminated is not None:
+        digest.update(own.eliminated.tobytes())
+    return len(set(comm.allgather(digest.digest()))) == 1

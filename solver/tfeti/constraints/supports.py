@@ -1,0 +1,24 @@
+"""Rows that hold rigid motions which nothing else holds and no load works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class SupportRows:
+    """Extra rows of this rank.
+
+    Attributes
+    ----------
+    copies : one (k,) array a row
+        Copies of nodes, by their number on this rank.
+    values : one (k, dimension) array a row
+        Coefficients.
+    """
+
+    copies: list[NDArray[np.int64]] = field(default_factory=list)
+    values: list[NDArray[np.float64]] = field(default_factory=list)

@@ -1,0 +1,121 @@
+"""The discrete contact problem of a decomposition: stiffness, constraints, contact points, loads.
+
+    min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing and held rows, B u ≤ c on contact rows.
+
+Each part is a record of its own that nothing changes. The factors of the stiffness and the
+factor of the coarse problem belong to parts that know no load, so that another load case costs
+neither (`ContactSystem.with_loads`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.tfeti.bodies import Bodies
+from solver.tfeti.coarse.coarse_problem import CoarseProblem
+from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.tfeti.constraints.rows import ContactRows
+from solver.tfeti.subdomain.classes import SubdomainClass
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """The left-hand side of all constraints.
+
+    Attributes
+    ----------
+    B : (dual, interface)
+        Constraint matrix on interface unknowns.
+    kinds : (dual,)
+        `RowKind` of each row.
+    wide : (dual,)
+        Contact rows over several nodes, which overlap others.
+    coarse
+        The coarse problem of rigid motions; None where no subdomain floats.
+    held_without_contact
+        Whether gluing and held rows alone stop every rigid motion.
+    """
+
+    B: ConstraintMatrix
+    kinds: NDArray[np.int8]
+    wide: NDArray[np.bool_]
+    coarse: CoarseProblem | None
+    held_without_contact: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """A load case.
+
+    Attributes
+    ----------
+    forces : one (n, members) array a class
+        f.
+    lifting : one (n, members) array a class
+        Displacements of eliminated held unknowns, zero elsewhere.
+    c : (dual,)
+        Right-hand side of the constraints: displacements of held rows, gaps of contact rows.
+    e : (kernels,)
+        Work of the forces on the kernels, Rᵀ f.
+    """
+
+    forces: tuple[NDArray[np.float64], ...]
+    lifting: tuple[NDArray[np.float64], ...]
+    c: NDArray[np.float64]
+    e: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSystem:
+    """Everything that defines the problem; local parts throughout.
+
+    Attributes
+    ----------
+    dimension
+        Components of a node.
+    classes
+        Congruence classes of subdomains on this rank, with the factors of their stiffness.
+    contact
+        Geometry of the contact rows, in row order.
+    bodies
+        The body of each subdomain and row.
+    """
+
+    comm: MPI.Intracomm
+    dimension: int
+    classes: tuple[SubdomainClass, ...]
+    constraints: Constraints
+    contact: ContactRows
+    loads: Loads
+    bodies: Bodies
+
+    def with_loads(
+        self,
+        forces: Sequence[NDArray[np.float64]],
+        lifting: Sequence[NDArray[np.float64]] | None = None,
+        c: NDArray[np.float64] | None = None,
+    ) -> ContactSystem:
+        """The same bodies and constraints under other loads; parameters as in `Loads`.
+
+        Displacements and gaps stay as they are unless given.
+        """
+        own = self.loads
+        lifting = own.lifting if lifting is None else lifting
+        c = own.c if c is None else c
+        return replace(self, loads=loads_on(self.classes, forces, lifting, c))
+
+
+def loads_on(
+    classes: Sequence[SubdomainClass],
+    forces: Sequence[NDArray[np.float64]],
+    lifting: Sequence[NDArray[np.float64]],
+    c: NDArray[np.float64],
+) -> Loads:
+    """A load case on classes, with its work on their kernels."""
+    works = [(cls.kernel.T @ f).T.ravel() for cls, f in zip(classes, forces, strict=True)]
+    return Loads(tuple(forces), tuple(lifting), c, np.concatenate([np.zeros(0), *works]))
