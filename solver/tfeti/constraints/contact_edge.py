@@ -19,9 +19,10 @@ from scipy.spatial import cKDTree
 
 from solver.tfeti.dual import DualProblem
 
-SLACK = {2: 2.5, 3: 5.5}
-"""Rows at the inner edge of the mirror image that are left, by dimension: where a face is not
-solved to the end the edge of what pulls is ragged, along a surface more than along a line."""
+SLACK = {1: 2.5, 2: 2.5, 3: 5.5}
+"""Rows at the inner edge of the mirror image that are left, by components of a node: where a set is
+not solved to the end the edge of its tensile rows is ragged, along a surface more than along a
+line."""
 
 APART = 10.0
 """Distance that is put between contacts, over the extent of all: none is near another."""

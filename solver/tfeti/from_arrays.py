@@ -1,0 +1,234 @@
+"""A contact problem from plain arrays: stiffness matrices, loads, held nodes, obstacles.
+
+Nodes have global numbers. Subdomains that name the same node are glued there. All of it is Total
+FETI: every subdomain floats, and held components are rows of B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import NodeConditions, merge_contact, merge_held, write_rows
+from solver.tfeti.constraints.supports import SupportRows
+from solver.tfeti.dual import DualProblem
+
+IDEMPOTENT = 1e-8
+"""Relative difference of Q and Q Q above which the coarse problem without contact is singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subdomain:
+    """One subdomain of this rank.
+
+    Attributes
+    ----------
+    stiffness : (n, n)
+        K before any condition is imposed, a PETSc matrix or what scipy makes a sparse matrix of;
+        unknown ``node * dimension + component``. Subdomains that are given the same object share
+        one factor; their points may then differ by a translation only.
+    load : (n,)
+        f.
+    nodes : (nodes,)
+        Global numbers.
+    points : (nodes, dimension)
+        Coordinates.
+    kernel : (n, k) or None
+        Basis of the kernel of K; the rigid motions of the points unless given.
+    body
+        Number of the body it belongs to. Certificates measure each body for itself.
+    """
+
+    stiffness: Any
+    load: NDArray[np.float64]
+    nodes: NDArray[np.int64]
+    points: NDArray[np.float64]
+    kernel: NDArray[np.float64] | None = None
+    body: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Held nodes; a rank may name those of its own subdomains.
+
+    Attributes
+    ----------
+    nodes : (k,)
+    components : (k, dimension)
+        Which components are held.
+    values : (k, dimension)
+        To which displacement.
+    """
+
+    nodes: NDArray[np.int64]
+    components: NDArray[np.bool_]
+    values: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """Nodes that an obstacle keeps from moving on: a · u ≤ gap.
+
+    Attributes
+    ----------
+    nodes : (k,)
+    directions : (k, dimension)
+        Unit vectors a into the obstacle.
+    gaps : (k,)
+        Distance to it.
+    """
+
+    nodes: NDArray[np.int64]
+    directions: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Copies:
+    """Copies of nodes of this rank, one subdomain after another."""
+
+    nodes: NDArray[np.int64]
+    points: NDArray[np.float64]
+    starts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+
+    def points_of(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Coordinates of global nodes that this rank has, (k, 3)."""
+        order = np.argsort(self.nodes, kind="stable")
+        at = np.minimum(np.searchsorted(self.nodes[order], nodes), len(order) - 1)
+        if not np.array_equal(self.nodes[order][at], nodes):
+            raise ValueError("a condition names a node that no subdomain of its rank has")
+        return self.points[order][at]
+
+
+def problem_from_arrays(
+    comm: MPI.Intracomm,
+    subdomains: Sequence[Subdomain],
+    held: Held,
+    obstacles: Sequence[Obstacle],
+) -> DualProblem:
+    """The dual problem of subdomains, held nodes and obstacles (collective).
+
+    Parameters
+    ----------
+    subdomains
+        Those of this rank, at least one.
+    held, obstacles
+        What this rank knows of them; every rank names the same number of obstacles.
+
+    Raises
+    ------
+    ValueError
+        A condition names a node that is not there, or conditions exclude each other
+        (`ContradictionError`).
+    ArithmeticError
+        A stiffness matrix resists its kernel or has a larger one.
+    """
+    d = held.components.shape[1]
+    copies = _Copies(
+        np.concatenate([s.nodes for s in subdomains]),
+        np.concatenate([_in_space(s.points) for s in subdomains]),
+        np.cumsum([0, *(len(s.nodes) for s in subdomains)]),
+    )
+    total = comm.allreduce(int(copies.nodes.max()), op=MPI.MAX) + 1
+    exchange = NodeExchange(comm, copies.nodes, total)
+    conditions = _conditions(copies, held, obstacles, d)
+    length = comm.allreduce(float(np.ptp(copies.points, axis=0).max()), op=MPI.MAX)
+    held_rows = merge_held(exchange, conditions)
+    contact, _ = merge_contact(exchange, conditions, held_rows, length)
+    first = comm.exscan(len(subdomains)) or 0
+    numbers = np.repeat(first + np.arange(len(subdomains)), np.diff(copies.starts))
+    floating = np.zeros(len(held_rows.nodes), bool)
+    rows, contact = write_rows(exchange, numbers, held_rows, contact, floating)
+    bodies = comm.allreduce(max(s.body for s in subdomains), op=MPI.MAX) + 1
+    constraints = ConstraintRows(exchange, rows, contact, SupportRows(), False)
+    system = build_system(_classes(subdomains, copies), constraints, np.arange(bodies))
+    return _knowing_what_holds(DualProblem(system))
+
+
+def _conditions(
+    copies: _Copies, held: Held, obstacles: Sequence[Obstacle], d: int
+) -> NodeConditions:
+    """All conditions at nodes."""
+    nodes = np.concatenate([np.zeros(0, np.int64), *(o.nodes for o in obstacles)])
+    return NodeConditions(
+        held_nodes=held.nodes,
+        held_points=copies.points_of(held.nodes),
+        held=held.components,
+        values=held.values,
+        held_source=np.zeros(len(held.nodes), np.int64),
+        contact_nodes=nodes,
+        contact_points=copies.points_of(nodes),
+        directions=np.concatenate([np.zeros((0, d)), *(o.directions for o in obstacles)]),
+        gaps=np.concatenate([np.zeros(0), *(o.gaps for o in obstacles)]),
+        contact_source=np.repeat(np.arange(len(obstacles)), [len(o.nodes) for o in obstacles]),
+    )
+
+
+def _classes(subdomains: Sequence[Subdomain], copies: _Copies) -> list[CongruentSubdomains]:
+    """Subdomains that were given the same matrix, together."""
+    groups: dict[tuple[int, int], list[int]] = {}
+    for local, s in enumerate(subdomains):
+        groups.setdefault((id(s.stiffness), id(s.kernel)), []).append(local)
+    classes = []
+    for members in groups.values():
+        own = subdomains[members[0]]
+        forces = np.asfortranarray(np.stack([subdomains[m].load for m in members], axis=1))
+        nodes = np.arange(len(own.nodes))
+        classes.append(
+            CongruentSubdomains(
+                stiffness=_sparse(own.stiffness),
+                points=_in_space(own.points),
+                nodes=nodes,
+                copies=copies.starts[members][:, None] + nodes,
+                forces=forces,
+                lifting=np.zeros_like(forces),
+                eliminated=None,
+                bodies=np.array([subdomains[m].body for m in members], np.int64),
+                kernel=own.kernel,
+            )
+        )
+    return classes
+
+
+def _knowing_what_holds(problem: DualProblem) -> DualProblem:
+    """The problem that knows whether gluing and held rows alone stop every motion (collective).
+
+    They do where the coarse problem without contact rows has a projector: Q Q = Q.
+    """
+    coarse = problem.with_active(np.zeros(problem.size, bool)).coarse
+    assert coarse is not None
+    probe = np.where(problem.inequality, 0.0, np.cos(np.arange(problem.size)))
+    once, twice = np.empty(problem.size), np.empty(problem.size)
+    coarse.apply(probe, once)
+    coarse.apply(once, twice)
+    size, error = (
+        problem.comm.allreduce(float(np.abs(v).max(initial=0.0)), op=MPI.MAX)
+        for v in (once, twice - once)
+    )
+    own = problem.system
+    held = bool(error <= IDEMPOTENT * size)
+    return DualProblem(
+        replace(own, constraints=replace(own.constraints, held_without_contact=held))
+    )
+
+
+def _sparse(matrix: Any) -> sparse.csr_matrix:
+    """A stiffness matrix as scipy's."""
+    if isinstance(matrix, PETSc.Mat):
+        pointers, columns, values = matrix.getValuesCSR()
+        return sparse.csr_matrix((values, columns, pointers), shape=matrix.getSize())
+    return sparse.csr_matrix(matrix)
+
+
+def _in_space(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Coordinates (n, 3)."""
+    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))

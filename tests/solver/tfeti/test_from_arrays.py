@@ -1,0 +1,157 @@
+"""Contact problems from plain arrays, against what they are made of."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.optimize import lsq_linear
+
+from solver.contact.driver import solve
+from solver.contact.options import SolverOptions
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
+
+ROOT = Path(__file__).parents[3]
+EXAMPLE = ROOT / "docs" / "guide" / "string_on_a_floor.py"
+
+COLUMNS, ROWS = 4, 3
+"""Cells of a piece."""
+
+
+def test_the_example_is_short_and_right() -> None:
+    lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 60
+    imported = {
+        node.module if isinstance(node, ast.ImportFrom) else node.names[0].name
+        for node in ast.walk(ast.parse("\n".join(lines)))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    }
+    roots = {str(name).split(".")[0] for name in imported}
+    assert roots == {"numpy", "mpi4py", "petsc4py", "solver"}
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLE)], capture_output=True, text=True, check=True, cwd=ROOT,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
+    first, second = done.stdout.splitlines()
+    assert first == "certified: True, by active-set"
+    assert second == "the floor carries 0.3675 of 1 (exact: 0.3675); lowest -0.0500"
+
+
+def cell_stiffness() -> NDArray[np.float64]:
+    """Of a unit square of springs along its edges and diagonals, (8, 8)."""
+    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
+    K = np.zeros((8, 8))
+    for a in range(4):
+        for b in range(a):
+            along = corners[a] - corners[b]
+            along /= np.linalg.norm(along)
+            row = np.zeros(8)
+            row[2 * a : 2 * a + 2], row[2 * b : 2 * b + 2] = along, -along
+            K += np.outer(row, row)
+    return K
+
+
+def lattice(columns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points and stiffness of a lattice of so many columns of cells."""
+    j, i = np.meshgrid(np.arange(ROWS + 1), np.arange(columns + 1), indexing="ij")
+    points = np.stack([i.ravel(), j.ravel()], axis=1).astype(float)
+    K = np.zeros((2 * len(points), 2 * len(points)))
+    for row in range(ROWS):
+        for column in range(columns):
+            first = row * (columns + 1) + column
+            nodes = first + np.array([0, 1, columns + 1, columns + 2])
+            dofs = (2 * nodes[:, None] + np.arange(2)).ravel()
+            K[np.ix_(dofs, dofs)] += cell_stiffness()
+    return points, K
+
+
+GAP = 0.2
+
+
+def beam(load: float, pieces: int = 3) -> tuple[DualProblem, NDArray[np.int64]]:
+    """A lattice held on its left, pulled down on its right end, above a floor, in pieces."""
+    points, K = lattice(COLUMNS)
+    stiffness = sparse.csr_matrix(K)
+    width = pieces * COLUMNS + 1
+    made = []
+    for piece in range(pieces):
+        moved = points + [piece * COLUMNS, 0]
+        nodes = (moved[:, 1] * width + moved[:, 0]).astype(np.int64)
+        f = np.zeros((len(nodes), 2))
+        if piece == pieces - 1:
+            f[moved[:, 0] == width - 1, 1] = -load
+        made.append(Subdomain(stiffness, f.ravel(), nodes, moved))
+    left = width * np.arange(ROWS + 1)
+    held = Held(left, np.ones((ROWS + 1, 2), bool), np.zeros((ROWS + 1, 2)))
+    bottom = np.arange(1, width)
+    down = np.tile([0.0, -1.0], (len(bottom), 1))
+    problem = problem_from_arrays(
+        MPI.COMM_SELF, made, held, [Obstacle(bottom, down, np.full(len(bottom), GAP))]
+    )
+    return problem, bottom
+
+
+def reference(load: float, pieces: int = 3) -> float:
+    """Force of the floor by bounded least squares on the whole lattice."""
+    points, K = lattice(pieces * COLUMNS)
+    free = np.flatnonzero(np.repeat(points[:, 0] > 0, 2))
+    f = np.zeros((len(points), 2))
+    f[points[:, 0] == points[:, 0].max(), 1] = -load
+    lower = np.full(2 * len(points), -np.inf)
+    lower[2 * np.flatnonzero(points[:, 1] == 0) + 1] = -GAP
+    chol = np.linalg.cholesky(K[np.ix_(free, free)])
+    rhs = np.linalg.solve(chol, f.ravel()[free])
+    found = lsq_linear(chol.T, rhs, (lower[free], np.full(len(free), np.inf)), tol=1e-14)
+    return float((K[np.ix_(free, free)] @ found.x - f.ravel()[free])[1::2].sum())
+
+
+def floor_force(problem: DualProblem) -> float:
+    answer = solve(problem, SolverOptions(tolerance=1e-10))
+    assert answer.converged
+    return float((answer.multiplier * problem.spread)[problem.inequality].sum())
+
+
+@pytest.mark.parametrize("load", [0.004, 0.05])
+def test_a_lattice_in_three_pieces_is_the_whole_one(load: float) -> None:
+    """Its kernel is the rigid motions of its points."""
+    expected = reference(load)
+    assert expected > 0.01 * load
+    problem, _ = beam(load)
+    assert len(problem.classes) == 1
+    assert problem.held_without_contact
+    assert floor_force(problem) == pytest.approx(expected, rel=1e-6)
+
+
+def test_another_load_needs_no_factor_and_no_constraint() -> None:
+    problem, _ = beam(0.004)
+    assert floor_force(problem) == pytest.approx(reference(0.004), rel=1e-6)
+    heavier = problem.with_loads([12.5 * f for f in problem.forces])
+    assert heavier.classes is problem.classes
+    assert heavier.coarse is problem.coarse
+    assert heavier.F is problem.F
+    assert floor_force(heavier) == pytest.approx(reference(0.05), rel=1e-6)
+
+
+def test_a_node_that_is_nowhere_is_refused() -> None:
+    points, K = lattice(1)
+    piece = Subdomain(K, np.zeros(len(K)), np.arange(len(points)), points)
+    nowhere = Held(np.array([99]), np.ones((1, 2), bool), np.zeros((1, 2)))
+    with pytest.raises(ValueError, match="names a node"):
+        problem_from_arrays(MPI.COMM_SELF, [piece], nowhere, [])
+
+
+def test_a_kernel_that_the_stiffness_resists_is_refused() -> None:
+    points, K = lattice(1)
+    wrong = np.eye(len(K))[:, :1]
+    piece = Subdomain(K, np.zeros(len(K)), np.arange(len(points)), points, kernel=wrong)
+    held = Held(np.array([0]), np.ones((1, 2), bool), np.zeros((1, 2)))
+    with pytest.raises(ArithmeticError, match="resists"):
+        problem_from_arrays(MPI.COMM_SELF, [piece], held, [])
