@@ -2,11 +2,12 @@
 
 from solver.errors import IndefiniteError, NotFiniteError, QPError, UnboundedError
 from solver.qp.box_qp import BoxQP
+from solver.qp.equalities import Equalities
 from solver.qp.expansion import Expansion, expansion_by_name, expansion_names
 from solver.qp.mprgp import MPRGP
 from solver.qp.operators import Operator, as_operator
 from solver.qp.result import Counts, Monitor, Reason, Result, Step
-from solver.qp.smalbe import SMALBE, Equalities, OuterState
+from solver.qp.smalbe import SMALBE, OuterState
 
 __all__ = [
     "MPRGP",

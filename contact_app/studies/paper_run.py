@@ -34,6 +34,7 @@ from solver.contact.driver import solve
 from solver.contact.solution import Solution
 from solver.qp.operators import estimate_norm
 from solver.qp.result import Monitor
+from solver.qp.smalbe import Hooks
 
 PAPER_CELLS = 300
 """Hexahedra along each edge of the paper's cube."""
@@ -133,14 +134,12 @@ def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Sol
     solver = SMALBE.paper(MPRGP("projcg", rtol=RTOL, norm=norm))
     constraint = equality(model)
     saver = Saver(checkpoint)
-    result = solver.solve(
+    result = solver.begin(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         constraint,
-        monitor=monitor,
-        save=saver,
         restart=checkpoint.load(problem),
-        due=lambda: saver.due,
-    )
+        hooks=Hooks(monitor, saver, lambda: saver.due),
+    ).run()
     result.counts.norm_estimation += products
     force = np.empty(problem.size)
     constraint.apply_transpose(result.multiplier, force)

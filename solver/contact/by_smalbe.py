@@ -24,7 +24,7 @@ from solver.contact.task import Task
 from solver.qp.box_qp import BoxQP
 from solver.qp.operators import estimate_norm
 from solver.qp.result import Counts, Reason
-from solver.qp.smalbe import SMALBE, OuterState, Restart
+from solver.qp.smalbe import SMALBE, Hooks, OuterIterations, OuterState, Restart
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.bodies import body_lengths
 from solver.tfeti.dual import DualProblem
@@ -46,22 +46,16 @@ def solve_as_in_the_paper(task: Task) -> Solution:
     problem = task.problem
     assert problem.coarse is not None
     norm, products = estimate_norm(problem.projected)
-    counts = Counts(norm_estimation=products)
-    saver = Saver(task.checkpoint, counts)
-    judge = _OuterJudge(task, saver, hands_over=False)
-    result = SMALBE.paper(replace(task.inner, norm=norm, atol=problem.round_off)).solve(
+    saver = Saver(task.checkpoint, Counts(norm_estimation=products))
+    rules = SMALBE.paper(replace(task.inner, norm=norm, atol=problem.round_off))
+    iterations = rules.begin(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         ProjectorEquality(problem.coarse),
-        monitor=task.monitor,
-        accept=judge.accepts,
-        save=saver,
         restart=task.checkpoint.load(problem) if task.checkpoint else None,
-        due=lambda: saver.due,
+        hooks=Hooks(task.monitor, saver, lambda: saver.due),
     )
-    answer = judge.answer
-    if answer is None or result.reason is not Reason.ACCEPTED:
-        answer = judge.certify(result.x, result.multiplier)
-    return replace(answer, counts=counts + result.counts, reason=result.reason, method=METHOD)
+    found = _to_a_certificate(task, iterations, rules.max_outer, None)
+    return replace(found, counts=Counts(norm_estimation=products) + found.counts)
 
 
 def solve_by_smalbe(task: Task, before: Outcome | None, restart: Restart | None) -> Solution:
@@ -88,52 +82,75 @@ def solve_by_smalbe(task: Task, before: Outcome | None, restart: Restart | None)
     start = before.state if before is not None else None
     x0, multiplier0 = start.homogenised(problem) if start else (None, None)
     saver = Saver(task.checkpoint, counts)
-    judge = _OuterJudge(replace(task, inner=inner), saver, hands_over=True)
-    result = SMALBE(inner).solve(
+    sets = _ActiveSetsBetween(replace(task, inner=inner), saver)
+    rules = SMALBE(inner)
+    iterations = rules.begin(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
         x0=x0,
         multiplier0=multiplier0,
-        monitor=task.monitor,
-        accept=judge.accepts,
-        save=lambda state: saver.after(judge.spent)(state),
         restart=restart,
-        due=lambda: saver.due,
-    )
+        hooks=Hooks(
+            task.monitor, lambda state: saver.after(sets.spent)(state), lambda: saver.due
+        ),
+    )  # fmt: skip
+    found = _to_a_certificate(task, iterations, rules.max_outer, sets)
+    return replace(found, counts=counts + found.counts)
+
+
+def _to_a_certificate(
+    task: Task, iterations: OuterIterations, most: int, sets: _ActiveSetsBetween | None
+) -> Solution:
+    """Outer iterations until an answer is certified, or active sets between them find one.
+
+    Parameters
+    ----------
+    most
+        Limit of outer iterations.
+    sets
+        Active sets that are tried between outer iterations; None where none are.
+    """
+    judge, reason = _Judge(task), Reason.MAX_OUTER_ITERATIONS
+    spent = Counts()
+    while iterations.outer < most:
+        state = iterations.step(own_test=True)
+        ended = iterations.interrupted
+        if ended is None and judge.accepts(state):
+            ended = Reason.ACCEPTED
+        if ended is None and sets is not None and sets.are_due(state):
+            outcome, answer = sets.solve_from(state)
+            spent = sets.spent
+            if answer is not None and outcome.reason is not None:
+                counts = spent + iterations.result(outcome.reason).counts
+                return replace(answer, counts=counts, reason=outcome.reason, method=METHOD)
+        ended = ended or iterations.ended(own_test=True)
+        if ended is not None:
+            reason = ended
+            break
+        iterations.update()
+    result = iterations.result(reason)
     answer = judge.answer
-    if answer is None or result.reason is not Reason.ACCEPTED:
+    if answer is None or reason is not Reason.ACCEPTED:
         answer = judge.certify(result.x, result.multiplier)
-    counts = counts + judge.spent + result.counts
-    reason = judge.ended or result.reason
-    return replace(answer, counts=counts, reason=reason, method=METHOD)
+    return replace(answer, counts=spent + result.counts, reason=reason, method=METHOD)
 
 
-class _OuterJudge:
-    """Decides after each outer iteration of SMALBE whether its answer will do.
+class _Judge:
+    """Certifies answers of outer iterations.
 
-    Its active set is handed over to the active-set loop after the first one where contact alone
-    holds a body, for which the sets tried before began with a guess, and later where SMALBE is
-    slow. An answer of SMALBE's own is certified where its jumps and its penetration are small
-    enough for a certificate to have a chance.
+    An answer is certified where its jumps and its penetration are small enough for a certificate
+    to have a chance.
 
     Attributes
     ----------
     answer
         The last answer that was certified, or None.
-    ended
-        Why, where active sets ended the solve.
-    spent
-        Work of the active sets that were tried.
     """
 
-    def __init__(self, task: Task, saver: Saver, hands_over: bool) -> None:
+    def __init__(self, task: Task) -> None:
         self.answer: Solution | None = None
-        self.ended: Reason | None = None
-        self.spent = Counts()
-        self._task, self._saver, self._hands_over = task, saver, hands_over
         self._problem, self._rule = task.problem, task.rule
         self._lengths: NDArray[np.float64] | None = None
-        self._residuals: list[float] = []
         self._next_certificate = self._failures = 0
 
     def certify(self, x: NDArray[np.float64], force: NDArray[np.float64]) -> Solution:
@@ -146,45 +163,17 @@ class _OuterJudge:
         return self.answer
 
     def accepts(self, state: OuterState) -> bool:
-        """Whether `answer` meets the tolerance, or the solve was stopped (collective)."""
-        problem = self._problem
-        self._residuals.append(state.residual_norm)
-        outer = len(self._residuals)
-        if self._is_near(state) and state.counts.hessian >= self._next_certificate:
-            tolerance = self._rule.tolerance
-            if self.certify(state.x, state.transposed_multiplier).converged:
-                return True
-            if self._rule.tolerance == tolerance:
-                wait = min(self._failures, self._rule.patience)
-                self._next_certificate = state.counts.hessian + wait
-                self._failures += 1
-        if not self._hands_over:
+        """Whether the answer of an outer iteration meets the tolerance (collective)."""
+        if not self._is_near(state) or state.counts.hessian < self._next_certificate:
             return False
-        slow = outer % PATIENCE == 0 and self._residuals[-1] > 0.1 * self._residuals[-PATIENCE // 2]
-        first = outer == 1 and not problem.held_without_contact
-        return self._hand_over(state) if first or slow else False
-
-    def _hand_over(self, state: OuterState) -> bool:
-        """Whether active sets from those of an outer iteration end the solve."""
-        problem = self._problem
-        assert problem.lower is not None
-
-        def keep(found: State, spent: Counts) -> None:
-            self._saver(
-                Restart(
-                    state.iteration, *found.homogenised(problem), state.rho, state.M,
-                    state.target, -math.inf, (), state.counts + spent,
-                )
-            )  # fmt: skip
-
-        active = problem.inequality & (state.x > problem.lower)
-        start = Start(active, problem.offset + state.x)
-        found, answer = solve_from(self._task, start, StateSaver(lambda: self._saver.due, keep))
-        self.spent = self.spent + found.counts
-        if answer is None:
-            return False
-        self.answer, self.ended = answer, found.reason
-        return True
+        tolerance = self._rule.tolerance
+        if self.certify(state.x, state.transposed_multiplier).converged:
+            return True
+        if self._rule.tolerance == tolerance:
+            wait = min(self._failures, self._rule.patience)
+            self._next_certificate = state.counts.hessian + wait
+            self._failures += 1
+        return False
 
     def _is_near(self, state: OuterState) -> bool:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
@@ -195,6 +184,50 @@ class _OuterJudge:
         share = gap / (problem.spread * problem.bodies.of_rows(self._lengths))
         worst = problem.comm.allreduce(float(share.max(initial=0.0)), op=MPI.MAX)
         return worst <= self._rule.tolerance
+
+
+class _ActiveSetsBetween:
+    """Active sets that begin with the one of an outer iteration.
+
+    They are tried after the first outer iteration where contact alone holds a body, for which the
+    sets tried before began with a guess, and later where SMALBE is slow.
+
+    Attributes
+    ----------
+    spent
+        Their work so far.
+    """
+
+    def __init__(self, task: Task, saver: Saver) -> None:
+        self.spent = Counts()
+        self._task, self._saver = task, saver
+        self._residuals: list[float] = []
+
+    def are_due(self, state: OuterState) -> bool:
+        """Whether to try them after this outer iteration."""
+        self._residuals.append(state.residual_norm)
+        sizes, outer = self._residuals, len(self._residuals)
+        slow = outer % PATIENCE == 0 and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]
+        return slow or (outer == 1 and not self._task.problem.held_without_contact)
+
+    def solve_from(self, state: OuterState) -> tuple[Outcome, Solution | None]:
+        """The outcome of active sets, and the answer if they settle (collective)."""
+        problem = self._task.problem
+        assert problem.lower is not None
+
+        def save(found: State, spent: Counts) -> None:
+            self._saver(
+                Restart(
+                    state.iteration, *found.homogenised(problem), state.rho, state.M,
+                    state.target, -math.inf, (), state.counts + spent,
+                )
+            )  # fmt: skip
+
+        active = problem.inequality & (state.x > problem.lower)
+        start = Start(active, problem.offset + state.x)
+        found, answer = solve_from(self._task, start, StateSaver(lambda: self._saver.due, save))
+        self.spent = self.spent + found.counts
+        return found, answer
 
 
 def _lengths(problem: DualProblem, state: OuterState) -> NDArray[np.float64]:

@@ -20,20 +20,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
-import scipy.sparse
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from solver.errors import NotFiniteError, QPError
 from solver.qp.box_qp import BoxQP
+from solver.qp.equalities import Equalities, as_equalities, equalities_norm
 from solver.qp.iterate import Iterate
 from solver.qp.mprgp import MPRGP
-from solver.qp.operators import Operator, estimate_norm
+from solver.qp.operators import estimate_norm
 from solver.qp.result import Counts, Monitor, Reason, Result
-from solver.vectors import Vector, on_arrays
+from solver.vectors import Vector
 
 WINDOW = 10
 """Outer iterations in which ‖Cx - c‖ should fall tenfold, once the first few are over."""
@@ -43,31 +42,6 @@ NEGLIGIBLE = 1e-9
 
 LAGRANGIAN_DIGITS = 1e-12
 """Relative accuracy to which two values of the Lagrangian can be compared."""
-
-
-@runtime_checkable
-class Equalities(Protocol):
-    """The matrix C of the equalities, on distributed vectors.
-
-    Attributes
-    ----------
-    comm : MPI.Comm
-    rows : int
-        Rows of this rank. An optional attribute ``norm`` is ‖C‖ where it is known (1 for a
-        projector); else the power method finds it.
-    """
-
-    comm: MPI.Comm
-    rows: int
-
-    def apply(self, x: Vector, out: Vector, /) -> None:
-        """Put Cx (rows,) into out."""
-
-    def apply_transpose(self, m: Vector, out: Vector, /) -> None:
-        """Put Cᵀm (size,) into out."""
-
-    def penalised(self, operator: Operator, rho: float, /) -> Operator:
-        """The operator x -> Ax + ρ CᵀCx."""
 
 
 @dataclass(frozen=True)
@@ -202,6 +176,36 @@ class SMALBE:
         """PERMON's defaults: as the paper, with M divided by 2."""
         return cls(inner or MPRGP(), 1.1, 100.0, 2.0, growth=1.0, recompute_gradient=True)
 
+    def begin(
+        self,
+        qp: BoxQP,
+        C: Any,
+        c: Any = None,
+        x0: object = None,
+        multiplier0: Any = None,
+        restart: Restart | None = None,
+        hooks: Hooks | None = None,
+    ) -> OuterIterations:
+        """The outer iterations for the cost of qp with Cx = c, ready for the first step.
+
+        Parameters
+        ----------
+        C : dense or sparse array, LinearOperator or PETSc.Mat (m, n), or Equalities
+        c : array (m,) or PETSc.Vec, local part; zeros if None
+        multiplier0 : array (m,) or PETSc.Vec
+            First multiplier; zeros if None.
+        restart : Restart
+            Go on from there, instead of from x0 and multiplier0, for one product more than the
+            solve that was not interrupted.
+        """
+        if restart is not None:
+            x0, multiplier0 = restart.x, restart.multiplier
+        equalities = as_equalities(C, qp.comm)
+        right = _local_rows(c, equalities.rows, "c", qp)
+        multiplier = _local_rows(multiplier0, equalities.rows, "multiplier0", qp)
+        problem = _Problem(qp, equalities, right, *self._norms(qp, equalities))
+        return OuterIterations(self, problem, x0, multiplier, restart, hooks or Hooks())
+
     def solve(
         self,
         qp: BoxQP,
@@ -211,335 +215,314 @@ class SMALBE:
         multiplier0: Any = None,
         monitor: Monitor | None = None,
         accept: Accept | None = None,
-        save: Save | None = None,
-        restart: Restart | None = None,
-        due: Due | None = None,
     ) -> Result:
-        """Minimise the cost of qp with Cx = c.
+        """Minimise the cost of qp with Cx = c; parameters as in `begin`.
 
         Parameters
         ----------
-        C : dense or sparse array, LinearOperator or PETSc.Mat (m, n), or Equalities
-        c : array (m,) or PETSc.Vec, local part; zeros if None
-        multiplier0 : array (m,) or PETSc.Vec
-            First multiplier; zeros if None.
         accept : callable of OuterState
             When given, it alone decides convergence, at the end of every outer iteration.
-        save : callable of Restart
-            Told of the state at the end of each outer iteration.
-        due : callable
-            Asked after each inner step, after the monitor, whether `save` is told of the state
-            there, too.
-        restart : Restart
-            Go on from there, instead of from x0 and multiplier0, for one product more than the
-            solve that was not interrupted.
         """
-        if restart is not None:
-            x0, multiplier0 = restart.x, restart.multiplier
-        equalities = as_equalities(C, qp.comm)
-        rows = equalities.rows
-        right = _local_rows(c, rows, "c", qp)
-        multiplier = _local_rows(multiplier0, rows, "multiplier0", qp)
-        norm, products = self._norm(qp)
-        C_norm = _equalities_norm(equalities, qp.size)
-        rho = restart.rho if restart else self.rho * norm / C_norm**2
-        M = restart.M if restart else self.M * norm / C_norm
-        to_gradient = norm / C_norm if self.scaled_residual else 1.0
-        b_norm = qp.reduction.norm(qp.b)
+        hooks = Hooks(monitor)
+        return self.begin(qp, C, c, x0, multiplier0, hooks=hooks).run(accept)
 
-        change = np.zeros(qp.size)
-        transposed = np.zeros(qp.size)  # Cᵀ multiplier
-        equalities.apply_transpose(multiplier, transposed)
-        equalities.apply_transpose(rho * right, change)
-        augmented = BoxQP(
-            equalities.penalised(qp.operator, rho), qp.b - transposed + change, qp.lower, qp.upper
-        )
-        inner_norm = None if self.inner.norm is None else norm + rho * C_norm**2
-        it = Iterate(
-            augmented,
-            x0,
-            norm=inner_norm,
-            preconditioner=self.inner.preconditioner,
-            memory=self.inner.memory,
-        )
-        it.counts.norm_estimation += products
+    def _norms(self, qp: BoxQP, equalities: Equalities) -> tuple[float, int, float]:
+        """‖A‖, the products it took, and ‖C‖."""
+        norm, products = self.inner.norm, 0
+        if norm is None:
+            norm, products = estimate_norm(qp.operator)
+            norm = norm or 1.0
+        return norm, products, equalities_norm(equalities, qp.size)
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """Who is told of a solve while it runs.
+
+    Attributes
+    ----------
+    monitor
+        Told of each inner step; a true answer stops the solve.
+    save : callable of Restart
+        Told of the state at the end of each outer iteration.
+    due : callable
+        Asked after each inner step, after the monitor, whether `save` is told of the state there,
+        too.
+    """
+
+    monitor: Monitor | None = None
+    save: Save | None = None
+    due: Due | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What is minimised: cost and box, equalities Cx = c, ‖A‖, the products it took, ‖C‖."""
+
+    qp: BoxQP
+    equalities: Equalities
+    right: Vector
+    norm: float
+    products: int
+    C_norm: float
+
+
+class OuterIterations:
+    """A solve between two outer iterations.
+
+    `step` is one inner solve, `ended` says whether its answer will do, `update` moves multiplier, M
+    and ρ to the next. `run` goes on to the end; a caller who wants to do something else in between,
+    such as to certify the answer, writes that loop anew.
+
+    Attributes
+    ----------
+    outer : int
+        Outer iterations begun.
+    """
+
+    def __init__(
+        self,
+        rules: SMALBE,
+        problem: _Problem,
+        x0: object,
+        multiplier: Vector,
+        restart: Restart | None,
+        hooks: Hooks,
+    ) -> None:
+        self._rules, self._problem, self._hooks = rules, problem, hooks
+        qp, equalities, right = problem.qp, problem.equalities, problem.right
+        self._multiplier, self._next_multiplier = multiplier, multiplier.copy()
+        ratio = problem.norm / problem.C_norm
+        self._rho = restart.rho if restart else rules.rho * problem.norm / problem.C_norm**2
+        self._M = restart.M if restart else rules.M * ratio
+        self._to_gradient = ratio if rules.scaled_residual else 1.0
+        self._change = np.zeros(qp.size)
+        self._transposed = np.zeros(qp.size)  # Cᵀ multiplier
+        equalities.apply_transpose(multiplier, self._transposed)
+        equalities.apply_transpose(self._rho * right, self._change)
+        self._augmented = BoxQP(
+            equalities.penalised(qp.operator, self._rho), qp.b - self._transposed + self._change,
+            qp.lower, qp.upper,
+        )  # fmt: skip
+        self._it = it = Iterate(
+            self._augmented, x0, norm=self._inner_norm,
+            preconditioner=rules.inner.preconditioner, memory=rules.inner.memory,
+        )  # fmt: skip
+        it.counts.norm_estimation += problem.products
         if restart is not None:
             it.counts = replace(restart.counts)
             it.iterations = it.counts.inner
         it.measure_b()
-        self.inner.strategy.prepare(it)
+        rules.inner.strategy.prepare(it)
         it.evaluate()
 
-        scale = b_norm or it.b_norm or it.reduction.norm(it.g)
-        tolerance = max(self.inner.rtol * scale, self.inner.atol)
-        eta = self.eta * scale
-        residual = np.zeros(rows)
-        previous = restart.lagrangian if restart else -math.inf
-        right_square = qp.reduction.sums(float(np.dot(right, right)))[0]
+        scale = qp.reduction.norm(qp.b) or it.b_norm or it.reduction.norm(it.g)
+        self._tolerance = max(rules.inner.rtol * scale, rules.inner.atol)
+        self._eta = rules.eta * scale
+        self._residual = np.zeros(equalities.rows)
+        self._right_square = qp.reduction.sums(float(np.dot(right, right)))[0]
+        self._previous = restart.lagrangian if restart else -math.inf
         # of the inner solve, tightened when a caller's test asks for more
-        target = restart.target if restart else tolerance
-
-        measured, known_size = -1, 0.0  # the step at which the residual was taken, and its norm
-
-        def measure(it: Iterate) -> float:
-            nonlocal measured, known_size
-            if measured != it.iterations:
-                equalities.apply(it.x, residual)
-                np.subtract(residual, right, out=residual)
-                measured, known_size = it.iterations, qp.reduction.norm(residual)
-            it.equality_residual = known_size
-            return known_size
-
-        peak = 0.0  # largest ‖Cx‖ carried along so far: it sets the rounding errors of the others
-
-        def carried(it: Iterate) -> tuple[float, float] | None:
-            """‖Cx‖ by recurrence and what rounding may have done to it; None if it takes C."""
-            nonlocal peak
-            if it.image is None or right_square > 0.0:
-                return None
-            it.equality_residual = size = it.operator.image_norm(it.image)  # type: ignore[attr-defined]
-            peak = max(peak, size)
-            steps = 100.0 + it.iterations
-            return size, 1e-3 * size + steps * float(np.finfo(np.float64).eps) * peak
-
-        def inner_stop(it: Iterate) -> Reason | None:
-            gradient = it.projected_gradient_norm
-            if gradient > eta:
-                return None
-            known = carried(it)
-            if known is not None:  # a look at Cx itself only where it can decide
-                size, error = known
-                limit = tolerance if accept is None else target
-                small = gradient <= limit and (size - error) * to_gradient <= limit
-                if gradient > M * (size + error) and not small:
-                    return None
-            size = measure(it)
-            if gradient <= M * size:
-                return Reason.CONVERGED
-            done = accept is None and gradient <= tolerance and size * to_gradient <= tolerance
-            small = accept is not None and gradient <= target and size * to_gradient <= target
-            return Reason.CONVERGED if done or small else None
-
-        reason = Reason.MAX_OUTER_ITERATIONS
+        self._target = restart.target if restart else self._tolerance
         # ‖Cx - c‖ by outer iteration since ρ was set
-        sizes: list[float] = list(restart.sizes) if restart else []
-        done = restart.outer if restart else 0
-        next_multiplier = multiplier.copy()
-        before = it.reduction.collectives
+        self._sizes = list(restart.sizes) if restart else []
+        self.outer = self._begun = restart.outer if restart else 0
+        self._measured, self._size = -1, 0.0  # the step at which ‖Cx - c‖ was taken, and what it is
+        self._peak = 0.0  # largest ‖Cx‖ carried along so far: it sets the rounding errors of others
+        self._before = it.reduction.collectives
+        self._inner_reason = Reason.CONVERGED
+        it.watch = self._watch
 
-        def state(outer: int) -> Restart:
-            return Restart(
-                outer, it.x, multiplier, rho, M, target, previous, tuple(sizes), replace(it.counts)
-            )
+    @property
+    def _inner_norm(self) -> float | None:
+        """‖A + ρ CᵀC‖ where ‖A‖ is known."""
+        problem = self._problem
+        if self._rules.inner.norm is None:
+            return None
+        return problem.norm + self._rho * problem.C_norm**2
 
-        def watch(it: Iterate) -> None:
-            if save is not None and due is not None and due():
-                save(state(it.outer - 1))
+    # ------------------------------------------------------------------ the loop
 
-        it.watch = watch
-        for outer in range(done + 1, self.max_outer + 1):
-            it.outer = it.counts.outer = outer
-            if outer > done + 1 and (self.recompute_gradient or it.drift > 0.1 * tolerance):
-                it.evaluate()
-            inner_reason = self.inner.minimise(it, inner_stop, monitor)
-            size = measure(it)
-            np.multiply(residual, rho, out=next_multiplier)
-            equalities.apply_transpose(next_multiplier, change)  # Cᵀ(μ_{k+1} - μ_k)
-            np.add(next_multiplier, multiplier, out=next_multiplier)
-            np.add(transposed, change, out=transposed)
-            if inner_reason in (Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.DIVERGED):
-                reason = inner_reason
-                break
-            small = it.projected_gradient_norm <= tolerance and size * to_gradient <= tolerance
-            if accept is None and small and it.drift <= 0.5 * tolerance:
-                reason = Reason.CONVERGED
-                break
-            if accept is not None and accept(
-                OuterState(
-                    outer,
-                    it.x,
-                    it.g,
-                    residual,
-                    multiplier,
-                    next_multiplier,
-                    transposed,
-                    it.projected_gradient_norm,
-                    size,
-                    rho,
-                    M,
-                    target,
-                    replace(it.counts),
-                )  # fmt: skip
-            ):
+    def run(self, accept: Accept | None = None) -> Result:
+        """All outer iterations; parameters and result of `SMALBE.solve`."""
+        while self.outer < self._rules.max_outer:
+            state = self.step(own_test=accept is not None)
+            reason = self.interrupted
+            if reason is None and accept is not None and accept(state):
                 reason = Reason.ACCEPTED
-                break
-            if inner_reason is Reason.ROUND_OFF and size * to_gradient <= it.round_off:
-                reason = Reason.ROUND_OFF
-                break
-            lagrangian = self._lagrangian(it, multiplier, right, rho, right_square)
-            gain = 0.5 * rho * size**2
-            # below round-off of L the test would be a coin toss, and counts depend on the units
-            if gain > LAGRANGIAN_DIGITS * abs(lagrangian) and lagrangian < previous + gain:
-                M /= self.shrink
-            previous = lagrangian
-            if it.projected_gradient_norm <= target and size * to_gradient <= target:
-                target *= 0.1
-            np.copyto(multiplier, next_multiplier)
-            np.add(it.g, change, out=it.g)
-            np.subtract(augmented.b, change, out=augmented.b)
-            sizes.append(size)
-            moved = it.reduction.norm(change) > NEGLIGIBLE * it.projected_gradient_norm
-            if self.growth > 1.0 and len(sizes) > WINDOW + 5 and size > 0.1 * sizes[-1 - WINDOW]:
-                # A + ρ CᵀC has a larger ρ from here on: the gradient follows without a product
-                added = (self.growth - 1.0) * rho
-                equalities.apply_transpose(added * residual, change)
-                np.add(it.g, change, out=it.g)
-                equalities.apply_transpose(added * right, change)
-                np.add(augmented.b, change, out=augmented.b)
-                rho += added
-                it.replace_operator(
-                    equalities.penalised(qp.operator, rho),
-                    None if self.inner.norm is None else norm + rho * C_norm**2,
-                )
-                sizes.clear()
-                moved = True
-                previous = -math.inf
-            if save is not None:
-                save(state(outer))
-            it.measure_b()
-            if moved and not self.recompute_gradient:
-                it.restart()
-        it.watch = None  # it knows the iterate, which would keep itself alive
+            if reason is None:
+                reason = self.ended(own_test=accept is not None)
+            if reason is not None:
+                return self.result(reason)
+            self.update()
+        return self.result(Reason.MAX_OUTER_ITERATIONS)
+
+    def step(self, own_test: bool = False) -> OuterState:
+        """One inner solve and the multiplier that follows from it.
+
+        Parameters
+        ----------
+        own_test
+            Whether the caller tests the answer: the inner solve is tightened until that passes.
+        """
+        rules, it, equalities = self._rules, self._it, self._problem.equalities
+        self.outer += 1
+        it.outer = it.counts.outer = self.outer
+        drifted = it.drift > 0.1 * self._tolerance
+        if self.outer > self._begun + 1 and (rules.recompute_gradient or drifted):
+            it.evaluate()
+
+        def stop(it: Iterate) -> Reason | None:
+            return self._inner_stop(it, own_test)
+
+        self._inner_reason = rules.inner.minimise(it, stop, self._hooks.monitor)
+        size = self._measure(it)
+        np.multiply(self._residual, self._rho, out=self._next_multiplier)
+        equalities.apply_transpose(self._next_multiplier, self._change)  # Cᵀ(μ_{k+1} - μ_k)
+        np.add(self._next_multiplier, self._multiplier, out=self._next_multiplier)
+        np.add(self._transposed, self._change, out=self._transposed)
+        return OuterState(
+            self.outer, it.x, it.g, self._residual, self._multiplier, self._next_multiplier,
+            self._transposed, it.projected_gradient_norm, size, self._rho, self._M, self._target,
+            replace(it.counts),
+        )  # fmt: skip
+
+    @property
+    def interrupted(self) -> Reason | None:
+        """Why the inner solve ended before its tolerance; None where it did not."""
+        stopped = (Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.DIVERGED)
+        return self._inner_reason if self._inner_reason in stopped else None
+
+    def ended(self, own_test: bool = False) -> Reason | None:
+        """Why the solve ends with the last step: round-off, or the tolerance without own test."""
+        it, size = self._it, self._size * self._to_gradient
+        small = it.projected_gradient_norm <= self._tolerance and size <= self._tolerance
+        if not own_test and small and it.drift <= 0.5 * self._tolerance:
+            return Reason.CONVERGED
+        if self._inner_reason is Reason.ROUND_OFF and size <= it.round_off:
+            return Reason.ROUND_OFF
+        return None
+
+    def update(self) -> None:
+        """Multiplier, M, inner tolerance and ρ of the next outer iteration."""
+        rules, it, size = self._rules, self._it, self._size
+        lagrangian = self._lagrangian()
+        gain = 0.5 * self._rho * size**2
+        # below round-off of L the test would be a coin toss, and counts depend on the units
+        if gain > LAGRANGIAN_DIGITS * abs(lagrangian) and lagrangian < self._previous + gain:
+            self._M /= rules.shrink
+        self._previous = lagrangian
+        target = self._target
+        if it.projected_gradient_norm <= target and size * self._to_gradient <= target:
+            self._target *= 0.1
+        np.copyto(self._multiplier, self._next_multiplier)
+        np.add(it.g, self._change, out=it.g)
+        np.subtract(self._augmented.b, self._change, out=self._augmented.b)
+        self._sizes.append(size)
+        moved = it.reduction.norm(self._change) > NEGLIGIBLE * it.projected_gradient_norm
+        slow = len(self._sizes) > WINDOW + 5 and size > 0.1 * self._sizes[-1 - WINDOW]
+        if rules.growth > 1.0 and slow:
+            self._raise_penalty()
+            moved = True
+        if self._hooks.save is not None:
+            self._hooks.save(self._restart(self.outer))
+        it.measure_b()
+        if moved and not rules.recompute_gradient:
+            it.restart()
+
+    def result(self, reason: Reason) -> Result:
+        """The last step's answer."""
+        it, qp = self._it, self._problem.qp
+        it.watch = None  # it knows this object, which would hold itself alive
         it.settle()
-        it.counts.collectives += it.reduction.collectives - before
+        it.counts.collectives += it.reduction.collectives - self._before
         return Result(
             x=qp.wrap(it.x),
             reason=reason,
             counts=it.counts,
             gradient=qp.wrap(it.g),
             projected_gradient_norm=it.projected_gradient_norm,
-            multiplier=next_multiplier,
+            multiplier=self._next_multiplier,
             equality_residual=it.equality_residual,
             history=it.history,
         )
 
-    def _norm(self, qp: BoxQP) -> tuple[float, int]:
-        """‖A‖ and the products it took."""
-        if self.inner.norm is not None:
-            return self.inner.norm, 0
-        norm, products = estimate_norm(qp.operator)
-        return norm or 1.0, products
+    # ------------------------------------------------------------------ parts of a step
 
-    @staticmethod
-    def _lagrangian(
-        it: Iterate, multiplier: Vector, right: Vector, rho: float, right_square: float
-    ) -> float:
+    def _inner_stop(self, it: Iterate, own_test: bool) -> Reason | None:
+        """Whether the inner solve has done enough: ‖g^P‖ ≤ min(M ‖Cx - c‖, η), or all is small."""
+        gradient = it.projected_gradient_norm
+        if gradient > self._eta:
+            return None
+        limit = self._target if own_test else self._tolerance
+        known = self._carried(it)
+        if known is not None:  # a look at Cx itself only where it can decide
+            size, error = known
+            small = gradient <= limit and (size - error) * self._to_gradient <= limit
+            if gradient > self._M * (size + error) and not small:
+                return None
+        size = self._measure(it)
+        if gradient <= self._M * size:
+            return Reason.CONVERGED
+        small = gradient <= limit and size * self._to_gradient <= limit
+        return Reason.CONVERGED if small else None
+
+    def _measure(self, it: Iterate) -> float:
+        """‖Cx - c‖, by a product with C where x has moved."""
+        if self._measured != it.iterations:
+            self._problem.equalities.apply(it.x, self._residual)
+            np.subtract(self._residual, self._problem.right, out=self._residual)
+            self._measured = it.iterations
+            self._size = self._problem.qp.reduction.norm(self._residual)
+        it.equality_residual = self._size
+        return self._size
+
+    def _carried(self, it: Iterate) -> tuple[float, float] | None:
+        """‖Cx‖ by recurrence and what rounding may have done to it; None if it takes C."""
+        if it.image is None or self._right_square > 0.0:
+            return None
+        it.equality_residual = size = it.operator.image_norm(it.image)  # type: ignore[attr-defined]
+        self._peak = max(self._peak, size)
+        steps = 100.0 + it.iterations
+        return size, 1e-3 * size + steps * float(np.finfo(np.float64).eps) * self._peak
+
+    def _raise_penalty(self) -> None:
+        """A + ρ CᵀC gets a larger ρ: the gradient follows without a product."""
+        it, problem = self._it, self._problem
+        added = (self._rules.growth - 1.0) * self._rho
+        problem.equalities.apply_transpose(added * self._residual, self._change)
+        np.add(it.g, self._change, out=it.g)
+        problem.equalities.apply_transpose(added * problem.right, self._change)
+        np.add(self._augmented.b, self._change, out=self._augmented.b)
+        self._rho += added
+        penalised = problem.equalities.penalised(problem.qp.operator, self._rho)
+        it.replace_operator(penalised, self._inner_norm)
+        self._sizes.clear()
+        self._previous = -math.inf
+
+    def _lagrangian(self) -> float:
         """L(x, μ, ρ) = ½ xᵀ(g - b_aug) - μᵀc + ρ/2 ‖c‖², without a product."""
+        it = self._it
         xg, xb, mc = it.reduction.sums(
             float(np.dot(it.x, it.g)),
             float(np.dot(it.x, it.qp.b)),
-            float(np.dot(multiplier, right)),
+            float(np.dot(self._multiplier, self._problem.right)),
         )
-        return 0.5 * (xg - xb) - mc + 0.5 * rho * right_square
+        return 0.5 * (xg - xb) - mc + 0.5 * self._rho * self._right_square
 
+    def _restart(self, outer: int) -> Restart:
+        """The state, after so many outer iterations."""
+        it = self._it
+        return Restart(
+            outer, it.x, self._multiplier, self._rho, self._M, self._target, self._previous,
+            tuple(self._sizes), replace(it.counts),
+        )  # fmt: skip
 
-class MatrixEqualities:
-    """Equalities from a dense or sparse array or a LinearOperator, on one rank."""
-
-    def __init__(self, matrix: Any) -> None:
-        self.comm = MPI.COMM_SELF
-        self.rows = int(matrix.shape[0])
-        self.matrix = matrix
-        self._transpose = matrix.T
-
-    def apply(self, x: Vector, out: Vector) -> None:
-        """Put Cx into out."""
-        out[:] = self.matrix @ x
-
-    def apply_transpose(self, m: Vector, out: Vector) -> None:
-        """Put Cᵀm into out."""
-        out[:] = self._transpose @ m
-
-    def penalised(self, operator: Operator, rho: float) -> Operator:
-        """The operator x -> Ax + ρ CᵀCx."""
-        return Penalised(operator, self, rho)
-
-
-class PETScEqualities:
-    """Equalities from a PETSc matrix of any type."""
-
-    def __init__(self, matrix: PETSc.Mat) -> None:
-        self.comm = matrix.getComm().tompi4py()
-        self.rows = int(matrix.getLocalSize()[0])
-        self.matrix = matrix
-        self._x, self._rows = matrix.createVecs()
-
-    def apply(self, x: Vector, out: Vector) -> None:
-        """Put Cx into out."""
-        on_arrays(self.matrix.mult, self._x, x, self._rows, out)
-
-    def apply_transpose(self, m: Vector, out: Vector) -> None:
-        """Put Cᵀm into out."""
-        on_arrays(self.matrix.multTranspose, self._rows, m, self._x, out)
-
-    def penalised(self, operator: Operator, rho: float) -> Operator:
-        """The operator x -> Ax + ρ CᵀCx."""
-        return Penalised(operator, self, rho)
-
-
-class Penalised:
-    """The operator x -> Ax + ρ CᵀCx."""
-
-    def __init__(self, operator: Operator, equalities: Equalities, rho: float) -> None:
-        self.comm, self.size = operator.comm, operator.size
-        self.operator, self.equalities, self.rho = operator, equalities, rho
-        self._rows, self._column = np.zeros(equalities.rows), np.zeros(operator.size)
-
-    def apply(self, x: Vector, out: Vector) -> None:
-        """Put the product with x into out."""
-        self.operator.apply(x, out)
-        self.equalities.apply(x, self._rows)
-        np.multiply(self._rows, self.rho, out=self._rows)
-        self.equalities.apply_transpose(self._rows, self._column)
-        np.add(out, self._column, out=out)
-
-
-def as_equalities(C: Any, comm: MPI.Comm) -> Equalities:
-    """Adapt an array, LinearOperator or PETSc.Mat; pass Equalities through."""
-    if isinstance(C, PETSc.Mat):
-        return PETScEqualities(C)
-    if isinstance(C, Equalities):
-        return C
-    if scipy.sparse.issparse(C):
-        C = scipy.sparse.csr_array(C, dtype=np.float64)
-    elif not hasattr(C, "matvec"):
-        C = np.atleast_2d(np.asarray(C, dtype=np.float64))
-    if comm.size > 1:
-        raise QPError("a distributed problem needs distributed equalities, such as a PETSc.Mat")
-    data = getattr(C, "data", None) if scipy.sparse.issparse(C) else C
-    if isinstance(data, np.ndarray) and not np.isfinite(data).all():
-        raise NotFiniteError("the matrix of the equalities has entries that are not finite")
-    return MatrixEqualities(C)
-
-
-def _equalities_norm(equalities: Equalities, size: int) -> float:
-    """‖C‖: known, or by the power method on CᵀC."""
-    known = getattr(equalities, "norm", None)
-    if known:
-        return float(known)
-
-    class Gram:
-        comm = equalities.comm
-
-        def __init__(self) -> None:
-            self.size = size
-            self._rows = np.zeros(equalities.rows)
-
-        def apply(self, x: Vector, out: Vector) -> None:
-            equalities.apply(x, self._rows)
-            equalities.apply_transpose(self._rows, out)
-
-    return math.sqrt(estimate_norm(Gram())[0]) or 1.0
+    def _watch(self, it: Iterate) -> None:
+        """Save the state at an inner step where that is due."""
+        due, save = self._hooks.due, self._hooks.save
+        if save is not None and due is not None and due():
+            save(self._restart(it.outer - 1))
 
 
 def _local_rows(values: Any, rows: int, name: str, qp: BoxQP) -> Vector:
