@@ -18,7 +18,7 @@ from contact_app.run.run import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Decomposition, Scene, build_scene
 from tests import scenes
-from tests.ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 ROOT = Path(__file__).parents[3]
 

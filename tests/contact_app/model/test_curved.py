@@ -17,7 +17,7 @@ from contact_app.studies.exact_fields import lame_ring, relative_errors
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
 from tests.contact_app.model.test_meshes_from_files import patch, two_materials
-from tests.ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]
 

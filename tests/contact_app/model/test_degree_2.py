@@ -19,7 +19,7 @@ from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve
 from tests.contact_app.model.test_meshes_from_files import patch
 from tests.contact_app.model.test_two_bodies import PAIRS, PRESSURE, patch_displacement, stack
-from tests.ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
 

@@ -22,7 +22,7 @@ from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
-from tests.ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 SAMPLES = Path(__file__).parents[3] / "meshes" / "samples"
 HARD, SOFT = {"young": 4000.0, "poisson": 0.35}, {"young": 500.0, "poisson": 0.2}

@@ -20,7 +20,7 @@ from contact_app.studies.mirrored import saving
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
-from tests.ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 
 def pressed(cell: str, n: int, degree: int = 1) -> scenes.Config:

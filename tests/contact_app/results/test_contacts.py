@@ -19,7 +19,7 @@ from contact_app.scene.scene import build_scene
 from tests import meshfiles, scenes
 from tests.boundary_integrals import WEIGHTS, Where, facets, integral, pressure_of
 from tests.comparison import same_contacts, solve
-from tests.ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 CORNER = Path(__file__).parents[3] / "configs" / "corner.yaml"
 

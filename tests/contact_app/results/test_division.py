@@ -11,7 +11,7 @@ import pytest
 from tests import scenes
 from tests.boundary_integrals import integral, pressure_of
 from tests.comparison import same_contacts, solve
-from tests.ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 PRESSURE = 10.0
 CELLS = [(cell, degree) for cell in (*scenes.CELLS_2D, *scenes.CELLS_3D) for degree in (1, 2)]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests import scenes
-from tests.ranks import run_scene, summary_of
+from tests.scenes_on_ranks import run_scene, summary_of
 
 pytestmark = pytest.mark.mpi
 
