@@ -13,7 +13,7 @@ from contact_app.scene.scene import Body, Box, Scene
 
 FEWEST = 4
 """Cells along an edge, times the degree, below which estimates are not trusted: on the plane random
-scenes of docs/accuracy.md with fewer the error is up to 6 times the estimate."""
+scenes of docs/guide/accuracy.md with fewer the error is up to 6 times the estimate."""
 
 SMALL = 0.1
 """Estimated relative error below which the estimate on a few cells is trusted: stresses are nearly

@@ -10,8 +10,8 @@ is added to the square of each error.
 
 The error of an answer u_h is the larger of two: its distance ‖u_f - u_h‖ in energy norm, summed by
 quadrature on the cells of both meshes together (`grid_fields`), and beside flat obstacles also
-that of energies, 2 (J(u_h) - J(u_f)); both with η_f² and relative to ‖u_h‖, as docs/accuracy.md
-defines the relative error.
+that of energies, 2 (J(u_h) - J(u_f)); both with η_f² and relative to ‖u_h‖, as
+docs/guide/accuracy.md defines the relative error.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The size and pattern of a face's G W Gᵀ depend on the number of subdomains alone, not on what is
 inside them, so the smallest subdomains serve that have nodes within their faces. ``python -m
-contact_app.studies.coarse`` prints the table of docs/scaling.md.
+contact_app.studies.coarse`` prints the table of docs/benchmarks/scaling.md.
 """
 
 from __future__ import annotations

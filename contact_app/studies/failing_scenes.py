@@ -446,7 +446,7 @@ CASES = (
         "first-order cells lock; F is ill-conditioned: what flows through a part's surface has to "
         "vanish, which no rigid motion of the coarse problem says",
         "directions serve again on faces that follow; the certificate warns and offers degree 2 "
-        "or `mean_dilatation` (docs/scenes.md)",
+        "or `mean_dilatation` (docs/guide/scenes.md)",
         lambda: locking(0.4999), mild=wall,
     ),
     Case(

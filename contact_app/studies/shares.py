@@ -1,7 +1,7 @@
 """What one step of conjugate gradients on a face is made of: K⁺, B and Bᵀ, projections, S.
 
-``python -m contact_app.studies.shares`` prints the table of docs/scaling.md: the paper's cube with
-`decomposition: auto`, and in subdomains far smaller than that would choose. Milliseconds are the
+``python -m contact_app.studies.shares`` prints the table of docs/benchmarks/scaling.md:
+the paper's cube with `decomposition: auto`, and in subdomains far smaller than that would choose. Milliseconds are the
 least of `REPEATS`, on one rank.
 """
 

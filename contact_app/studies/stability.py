@@ -352,7 +352,7 @@ input that is told to be wrong; degraded: not certified, and said so, where stra
 errors or the reference has no answer; undecided: certified, where the reference itself does not
 converge, nor in extended precision (`tests/extended.py`).
 
-<!-- python -m tests.stability.fuzz 1000 --document docs/stability.md -->
+<!-- python -m tests.stability.fuzz 1000 --document docs/benchmarks/stability.md -->
 """
 
 
@@ -381,7 +381,7 @@ def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
 
 
 def document(scenes: Table, programmes: Table) -> str:
-    """``docs/stability.md``."""
+    """``docs/benchmarks/stability.md``."""
     guards = [(c.name, c.failure, c.guard) for c in (*CASES, *QP_CASES)]
     return "".join(
         (

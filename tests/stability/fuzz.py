@@ -56,7 +56,7 @@ other."""
 OPTIMAL = 1e-6
 """Relative residual of the optimality conditions that shows an answer to be right."""
 
-MARK = "<!-- python -m tests.stability.fuzz 1000 --document docs/stability.md -->"
+MARK = "<!-- python -m tests.stability.fuzz 1000 --document docs/benchmarks/stability.md -->"
 """Line of the document below which the counts stand."""
 
 GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided")
@@ -296,7 +296,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("scenes", type=int, nargs="?", default=1000)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--document", type=Path, help="docs/stability.md, to write the counts into")
+    parser.add_argument(
+        "--document", type=Path, help="docs/benchmarks/stability.md, to write the counts into"
+    )
     arguments = parser.parse_args()
     verdicts = []
     for seed in range(arguments.first, arguments.first + arguments.scenes):

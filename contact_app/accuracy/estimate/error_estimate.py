@@ -14,7 +14,7 @@ and half the square of its part that samples see, Π(σ* - σ_h), is left out:
     η² = Σ_K ∫_K |σ* - σ_h|² - ½ |Π(σ* - σ_h)|² dx   in the norm of C⁻¹.
 
 Where stresses are smooth the misfit is of higher order. It is an estimate, no bound;
-docs/accuracy.md has what it is worth on scenes whose error is known.
+docs/guide/accuracy.md has what it is worth on scenes whose error is known.
 
 The solver. The duality gap bounds the distance from the exact solution u_h on the mesh to the
 admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap. It takes K u = f - Bᵀ λ
@@ -47,7 +47,7 @@ MISFIT = 0.5
 
 NEARLY_INCOMPRESSIBLE = 0.48
 """Poisson's ratio above which nothing of the distance is left out: on quadrilaterals of degree 2 at
-0.49 to 0.4999 that made estimates of 0.5 to 0.7 of the error (docs/accuracy.md)."""
+0.49 to 0.4999 that made estimates of 0.5 to 0.7 of the error (docs/guide/accuracy.md)."""
 
 
 class ErrorEstimator:

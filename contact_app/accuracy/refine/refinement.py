@@ -8,7 +8,8 @@ an expression pick nodes, and only meshes whose cells are whole multiples of the
 same: where a scene uses one, only those are taken.
 
 Where the file names no degree, meshes after the first are of degree 2: smooth answers converge
-faster, singular ones have less error on as many nodes, graded cells far less (docs/accuracy.md).
+faster, singular ones have less error on as many nodes, graded cells far less
+(docs/guide/accuracy.md).
 
 Where the layers of cells of degree 2 have shares of the error that are far from even, or two levels
 show that a singularity holds the rate down, equal cells are given up: from then on the grid lines

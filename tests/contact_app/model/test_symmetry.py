@@ -238,7 +238,7 @@ def test_check_tells(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_what_it_saves() -> None:
-    """The table of docs/scenes.md: both solves of a scene, nothing of one that does not mirror."""
+    """The table of docs/guide/scenes.md: both solves of a scene, none of one that mirrors not."""
     found = saving(scenes.build(pressed("hexahedron", 2)))
     assert found is not None
     assert found.planes == "x = 0.5, y = 0.5"

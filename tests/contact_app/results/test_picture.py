@@ -317,7 +317,7 @@ def test_the_view_in_paraview(tmp_path: Path) -> None:
     if not shutil.which("pvbatch") or not shutil.which("xvfb-run"):
         pytest.skip("pvbatch and xvfb-run are not installed")
     square(tmp_path)
-    script = Path(__file__).parents[3] / "docs" / "paraview" / "contact_view.py"
+    script = Path(__file__).parents[3] / "docs" / "guide" / "contact_view.py"
     ran = subprocess.run(
         ["xvfb-run", "-a", "pvbatch", script, tmp_path / "solution.xdmf", tmp_path / "view.png"],
         capture_output=True, text=True, timeout=300,

@@ -388,7 +388,7 @@ def test_random_overrides_are_scenes_or_refused(
 
 # --- the manual --------------------------------------------------------------------------------
 
-MANUAL = (Path(__file__).parents[3] / "docs" / "scenes.md").read_text()
+MANUAL = (Path(__file__).parents[3] / "docs" / "guide" / "scenes.md").read_text()
 
 
 def test_the_manual_names_every_key() -> None:

@@ -3,7 +3,7 @@
 In ParaView: Tools, Python Shell, Run Script, with the result open in the pipeline browser. Without
 a window:
 
-    pvbatch docs/paraview/contact_view.py results/cube/solution.xdmf [cube.png] [FIELD] [FACTOR]
+    pvbatch docs/guide/contact_view.py results/cube/solution.xdmf [cube.png] [FIELD] [FACTOR]
 
 writes a picture of one field (von_mises unless given; contact_pressure, gap, displacement, stress),
 displacements enlarged by FACTOR, by default until the largest is a twelfth of the bodies' size.
