@@ -1,8 +1,8 @@
 """Mortar rows of two flat-facetted surfaces, a second time: slowly, facet by facet.
 
 The specification is that of `docs/guide/scenes.md`; nothing is shared with the application.
-Overlaps are intersections of half planes (scipy's Qhull), integrals tensor Gauss rules on triangles, shape
-functions come from solving small systems, and the loops are Python's.
+Overlaps are intersections of half planes (scipy's Qhull), integrals tensor Gauss rules on
+triangles, shape functions come from solving small systems, and the loops are Python's.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What one step of conjugate gradients on a face is made of: K⁺, B and Bᵀ, projections, S.
 
 ``python -m contact_app.studies.shares`` prints the table of docs/benchmarks/scaling.md:
-the paper's cube with `decomposition: auto`, and in subdomains far smaller than that would choose. Milliseconds are the
-least of `REPEATS`, on one rank.
+the paper's cube with `decomposition: auto`, and in subdomains far smaller than that would choose.
+Milliseconds are the least of `REPEATS`, on one rank.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 ``python -m contact_app.studies.strong_scaling [SERIES [CELLS [RANKS…]]]`` prints the tables of
 docs/benchmarks/scaling.md: a series of `contact-app bench` (hexahedra), cells along an edge of the
-cube (60) and numbers of ranks (1 2). Every run is one of its own; seconds are from the mesh to the certified
-solution, the least of `REPEATS` or of as many as are begun in `PATIENCE` seconds.
+cube (60) and numbers of ranks (1 2). Every run is one of its own; seconds are from the mesh
+to the certified solution, the least of `REPEATS` or of as many as are begun in `PATIENCE` seconds.
 """
 
 from __future__ import annotations

@@ -15,9 +15,10 @@ SETTLED = 0.2
 HEAD = """# Verification
 
 Contact problems whose answers are known, ours beside them on a row of meshes. Made by
-`./contact verify -o docs/benchmarks`; each case is a commented scene in `configs/`. Meshes of round bodies
-are coarse ones drawn in Gmsh, halved until cells have the size of the table; new nodes lie on the
-circle or ball. How each number is measured is told in `contact_app/studies/verification.py`.
+`./contact verify -o docs/benchmarks`; each case is a commented scene in `configs/`. Meshes of
+round bodies are coarse ones drawn in Gmsh, halved until cells have the size of the table; new nodes
+lie on the circle or ball. How each number is measured is told in
+`contact_app/studies/verification.py`.
 
 What is exact on any mesh is held by tests to round-off (`tests/contact_app/model/test_exact.py`:
 bar against a wall, patch tests, energy identity, homogeneity, change of units;
