@@ -1,9 +1,9 @@
 """Operator applications of the default method and of the paper's algorithm, scene by scene.
 
-``python -m contact_app.studies.methods [SCENE…]`` solves each scene (those of `configs/` unless some
-are named) by `solver.method: auto` and by `smalbe`, MPRGP with the projected CG expansion inside
-SMALBE-M under the paper's rules, to the scene's own tolerance, and prints a table of applications
-of the dual operator. Where no subdomain floats both are MPRGP or conjugate gradients.
+``python -m contact_app.studies.methods [SCENE…]`` solves each scene by `solver.method: auto` and by
+`smalbe`, MPRGP with the projected CG expansion inside SMALBE-M under the paper's rules, to the
+scene's own tolerance, and prints a table of applications of the dual operator. Without names it
+takes the scenes of `configs/`. Where no subdomain floats both are MPRGP or conjugate gradients.
 """
 
 from __future__ import annotations
