@@ -33,7 +33,7 @@ def in_order_of(known: reference.Reference, solution: Any) -> np.ndarray:
 
 def solve(made: scenes.Config, subdomains: int | list[int] | None = None, **options: Any) -> Any:
     """Solve a configuration with the application, with some solver options replaced."""
-    from contact_app.run.run import solve_scene
+    from contact_app.run.solve import solve_scene
 
     made = {**made, "solver": {**made.get("solver", {}), **options}}
     return solve_scene(scenes.build(made, subdomains))

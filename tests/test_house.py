@@ -30,15 +30,12 @@ LONGEST, MOST_PARAMETERS = 80, 8
 """Lines and parameters of a function in `solver` and `contact_app`, studies left out."""
 
 LONG = {
-    "contact_app.run.model_warnings:model_warnings": "one sentence after another",
     "contact_app.accuracy.refine.refinement:solve_to_accuracy": "the loop over meshes",
-    "contact_app.run.run:run": "the order of a run's stages",
 }
 """Functions that are longer, with the reason."""
 
 MANY = {
     "solver.qp.reference:mprgp": "the symbols of the book, one by one",
-    "contact_app.run.run:_solve_once": "to be taken apart",
 }
 """Functions with more parameters, with the reason."""
 

@@ -16,6 +16,9 @@ and by the estimated error of the mesh.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -52,120 +55,181 @@ VARYING_ENERGY = 0.3
 in bending 1/n² for n cells across the thickness, about as long as thick."""
 
 
-def model_warnings(
-    model: Model, solution: Solution, nodes: NodeFields, cells: CellFields
-) -> list[str]:
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """An answer that is held against the assumptions of its model."""
+
+    model: Model
+    solution: Solution
+    nodes: NodeFields
+    cells: CellFields
+
+
+def model_warnings(answer: Answer) -> list[str]:
     """Sentences for the certificate (collective)."""
-    comm, scene = model.comm, model.scene
-    warnings = []
+    warnings = [sentence for check in CHECKS for sentence in check(answer)]
+    return said_once(warnings, [body.name for body in answer.model.scene.bodies])
+
+
+def _large_deformations(answer: Answer) -> Iterator[str]:
+    """Strains and rotations that are not small."""
+    comm, cells = answer.model.comm, answer.cells
     strain = comm.allreduce(cells.largest_strain, op=MPI.MAX)
     rotation = comm.allreduce(cells.largest_rotation, op=MPI.MAX)
     if strain > SMALL_STRAIN:
-        warnings.append(
-            f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
-        )
+        yield f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
     if rotation > SMALL_ROTATION:
-        warnings.append(
+        yield (
             f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
             "normals are those of the undeformed shape"
         )
-    warnings += _yielding(model, cells)
-    for contact, sagitta in zip(scene.contacts, sagittas(model, nodes), strict=True):
-        moved = solution.measures.displacements[contact.body]
+
+
+def _straight_edges(answer: Answer) -> Iterator[str]:
+    """Round boundaries whose straight edges are coarse beside the displacements."""
+    scene = answer.model.scene
+    for contact, sagitta in zip(
+        scene.contacts, sagittas(answer.model, answer.nodes), strict=True
+    ):  # fmt: skip
+        moved = answer.solution.measures.displacements[contact.body]
         if sagitta > LARGE_SAGITTA * moved > 0.0:
             share, body = sagitta / moved, scene.bodies[contact.body]
             second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
             remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
-            warnings.append(
+            yield (
                 f"{contact.source}: {body.name} is round there and has straight edges: their "
                 f"middles lie up to {sagitta:.2g} off the curve of their ends, {100.0 * share:.2g} "
                 f"% of the largest displacement, and the mesh answers for the polygon; {remedy}"
             )
+
+
+def _beside_obstacles(answer: Answer) -> Iterator[str]:
+    """Sliding along curved obstacles, and contact that leaves its boundary."""
+    model, solution = answer.model, answer.solution
+    scene = model.scene
     for i, contact in enumerate(scene.contacts):
         radius = getattr(contact.obstacle, "curvature_radius", None)
         if radius:
-            sliding = _largest_sliding(model, solution, nodes, i)
+            sliding = _largest_sliding(model, solution, answer.nodes, i)
             sagitta = sliding**2 / (2.0 * radius)
             if sagitta > SMALL_SAGITTA * solution.measures.displacements[contact.body] > 0.0:
-                warnings.append(
+                yield (
                     f"{contact.source}: nodes in contact slide by up to {sliding:.3g} along an "
                     f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
                     f"{sagitta:.2g}, which the linearised gap leaves out"
                 )
         entered, depth = entered_beside(model, solution, i)
         if entered:
-            warnings.append(
+            yield (
                 f"{contact.source}: {entered:,} surface nodes of {scene.bodies[contact.body].name} "
                 f"beside {contact.boundary} enter the obstacle, by up to {depth:.3g}: contact "
                 "leaves the boundary it is given on; give it a larger one"
             )
-    warnings += slipped_through(model, solution)
-    for item, across in zip(scene.touching, facets_across(model, nodes), strict=True):
+
+
+def _between_nodes(answer: Answer) -> list[str]:
+    """Obstacles that pass between the nodes."""
+    return slipped_through(answer.model, answer.solution)
+
+
+def _coarse_pressures(answer: Answer) -> Iterator[str]:
+    """Pressures that vary within single facets."""
+    across_all = facets_across(answer.model, answer.nodes)
+    for item, across in zip(answer.model.scene.touching, across_all, strict=True):
         if across < FEWEST_FACETS:
-            warnings.append(
+            yield (
                 f"{item.source}: the pressure varies within single facets, as where about "
                 f"{max(across, 1.0):.0f} across carry the contact: its largest value is that of "
                 "the mesh; use smaller cells there"
             )
+
+
+def _sliding_bodies(answer: Answer) -> Iterator[str]:
+    """Bodies that slide along each other by more than a facet."""
+    scene = answer.model.scene
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
-        sliding, facet = _sliding_on_each_other(model, solution, nodes, i)
+        sliding, facet = _sliding_on_each_other(answer.model, answer.solution, answer.nodes, i)
         if sliding > facet:
-            warnings.append(
+            yield (
                 f"{pair.source}: the bodies slide along each other by up to {sliding:.3g}, more "
                 f"than a facet ({facet:.2g}); which parts meet is decided on the undeformed shape"
             )
+
+
+def _locking_in_volume(answer: Answer) -> Iterator[str]:
+    """First-order cells of nearly incompressible bodies."""
+    scene = answer.model.scene
     for body in scene.bodies:
         poisson = max(material.poisson for material in body.materials)
         if scene.plane != "stress" and poisson > LOCKING_POISSON and body.plain:
             remedy = "degree: 2"
             if body.mesh.cell in ("quadrilateral", "hexahedron"):
                 remedy = "mean_dilatation: true or degree: 2"
-            warnings.append(
+            yield (
                 f"{body.name}: first-order cells lock as Poisson's ratio nears 0.5 "
                 f"(it is {poisson:g}): displacements come out too small; use {remedy}"
             )
-    for body, share in zip(scene.bodies, _varying_energy(model, solution, cells), strict=True):
+
+
+def _locking_in_bending(answer: Answer) -> Iterator[str]:
+    """First-order cells whose strains vary within them."""
+    shares = _varying_energy(answer.model, answer.solution, answer.cells)
+    for body, share in zip(answer.model.scene.bodies, shares, strict=True):
         if body.degree == 1 and share > VARYING_ENERGY:
             near = " or near ν = 0.5" if body.plain else ""
-            warnings.append(
+            yield (
                 f"{body.name}: {100.0 * share:.0f} % of its strain energy lies in strains that "
                 f"vary within cells, as where first-order cells lock in bending{near}: "
                 "displacements come out too small; use degree: 2 or several times as many cells "
                 "across"
             )
-    warnings += _moved_far(model, solution)
+
+
+def _coarse_meshes(answer: Answer) -> Iterator[str]:
+    """Bodies of few cells, and first-order simplices with a large error."""
+    scene, solution = answer.model.scene, answer.solution
     error = solution.accuracy.discretisation if solution.accuracy else np.nan
-    warnings += few_cells(scene, error)
+    yield from few_cells(scene, error)
     simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
     if error > LARGE_ERROR and simplices:
-        warnings.append(
+        yield (
             f"the error of the mesh is estimated at {100.0 * error:.0f} % in energy norm: "
             f"first-order triangles and tetrahedra ({', '.join(simplices)}) are stiff in bending; "
             "use degree: 2 or a finer mesh"
         )
-    lost = comm.allreduce(nodes.without_area)
+
+
+def _without_facets(answer: Answer) -> Iterator[str]:
+    """Contact forces at nodes without a facet, whose pressure is not shown."""
+    lost = answer.model.comm.allreduce(answer.nodes.without_area)
     if lost:
-        warnings.append(
+        yield (
             f"{lost} touching nodes lie on no whole facet of their contact boundary: their force "
             "counts, their pressure is not shown"
         )
-    certificate = solution.certificate
+
+
+def _certificates(answer: Answer) -> Iterator[str]:
+    """Certificates that did not pass, or passed at rounding errors."""
+    solution, certificate = answer.solution, answer.solution.certificate
     if certificate.passed and certificate.equilibrium > max(solution.tolerance, EQUILIBRIUM_FLOOR):
-        warnings.append(
+        yield (
             f"forces balance to {certificate.equilibrium:.1g} of the load only, as far as the last "
             "digit of the displacements lets them: a stiff body moves far and is hardly strained, "
             "so its stresses have few digits"
         )
     if not certificate.passed:
-        warnings.append(f"not certified: {reason_text(solution)}")
-    for note in model.notes:
-        if "can move freely" in note:
-            warnings.append(note)
-    return said_once(warnings, [body.name for body in scene.bodies])
+        yield f"not certified: {reason_text(solution)}"
 
 
-def _yielding(model: Model, cells: CellFields) -> list[str]:
+def _free_motions(answer: Answer) -> list[str]:
+    """Bodies that nothing holds and no load drives."""
+    return [note for note in answer.model.notes if "can move freely" in note]
+
+
+def _yielding(answer: Answer) -> list[str]:
     """Bodies whose stress exceeds a yield stress that was given (collective)."""
+    model, cells = answer.model, answer.cells
     comm, scene = model.comm, model.scene
     above, total, worst = (np.zeros(len(scene.bodies)) for _ in range(3))
     start = 0
@@ -188,9 +252,9 @@ def _yielding(model: Model, cells: CellFields) -> list[str]:
     ]
 
 
-def _moved_far(model: Model, solution: Solution) -> list[str]:
+def _moved_far(answer: Answer) -> list[str]:
     """Bodies whose strains or contact forces are small beside rounding errors."""
-    measures, said = solution.measures, []
+    model, measures, said = answer.model, answer.solution.measures, []
     for body, moved, scale, rounding, force in zip(
         model.scene.bodies, measures.displacements, measures.scales, measures.roundings,
         measures.pressed, strict=True,
@@ -254,3 +318,11 @@ def _sliding_on_each_other(
         (float(size[worst]), float(rows.areas[worst] ** (1 / (d - 1)))) if len(size) else (0.0, 0.0)
     )
     return max(comm.allgather(mine))
+
+
+CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
+    _large_deformations, _yielding, _straight_edges, _beside_obstacles, _between_nodes,
+    _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending, _moved_far,
+    _coarse_meshes, _without_facets, _certificates, _free_motions,
+)  # fmt: skip
+"""What an answer is asked, in the order in which its warnings are told."""

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from contact_app.accuracy.refine.grading import layer_errors
 from contact_app.accuracy.refine.refinement import equal_lines, on_lines, regraded
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Box, Scene
 
 REGRADES = 5

@@ -29,7 +29,7 @@ from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene import configuration
 from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies.claims_reference import Truth, truth

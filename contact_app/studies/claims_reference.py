@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.refine.grading import graded, layer_errors
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.obstacles import Plane
 from contact_app.scene.scene import Decomposition, Scene
 from contact_app.studies.claims_scenes import ClaimScene

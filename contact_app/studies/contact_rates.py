@@ -23,7 +23,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import Configuration
 from contact_app.scene.scene import build_scene
 from contact_app.studies.fields_on_boxes import Lattice, Mesh

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from mpi4py import MPI
 
 from contact_app.accuracy.guarantee.guarantee import guarantee
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.studies.effectivity import TOLERANCE, Case, aitken
 
 CASES = (

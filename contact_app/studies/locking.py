@@ -13,7 +13,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import Configuration
 from contact_app.scene.scene import build_scene
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from contact_app.model.symmetry import halved
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 

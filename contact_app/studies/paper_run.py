@@ -24,7 +24,7 @@ from contact_app.results.history import History
 from contact_app.results.report import write_summary
 from contact_app.results.surface import surface_fields, write_lattice, write_surface
 from contact_app.run.progress import Interruption, Progress, together
-from contact_app.run.run import Totals, summarise
+from contact_app.run.summary import Totals, summarise
 from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
 from solver import MPRGP, SMALBE, BoxQP, Reason

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_levels
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.boundaries import facets_of
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from contact_app.studies.reference import Fields

@@ -176,7 +176,7 @@ def _attempt(method: str, case: Case, made: Config) -> Outcome:
 def _solve(method: str, made: Config, subdomains: Any) -> Outcome:
     scene = _build(made, subdomains)
     if method in (OURS, WHOLE):
-        from contact_app.run.run import solve_scene
+        from contact_app.run.solve import solve_scene
 
         solved = solve_scene(scene)
         summary, strains = solved.summary, solved.solution.measures.strains

@@ -35,7 +35,7 @@ from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors

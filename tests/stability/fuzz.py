@@ -83,7 +83,7 @@ class Verdict:
 def judge(seed: int, method: str | None = None) -> Verdict:
     """Solve a random scene, by a method if one is given, and compare it with the reference."""
     from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
-    from contact_app.run.run import solve_scene
+    from contact_app.run.solve import solve_scene
 
     made, subdomains = random_scene(seed)
     if method is not None:

@@ -90,7 +90,7 @@ def test_units_take_the_same_counts() -> None:
 @pytest.mark.parametrize("subdomains", [1, 4])
 def test_a_node_may_fit_exactly_between_two_obstacles(subdomains: int) -> None:
     """No room is enough, as long as the obstacles do not overlap."""
-    from contact_app.run.run import solve_scene
+    from contact_app.run.solve import solve_scene
 
     made = failing_scenes.squeezed()
     for contact in made["contacts"]:
@@ -104,7 +104,7 @@ def test_a_node_may_fit_exactly_between_two_obstacles(subdomains: int) -> None:
 @pytest.mark.parametrize(("cells", "parts"), [([600, 4], 1), ([60, 40], 24)])
 def test_rods_stay_whole_and_end(cells: list[int], parts: int) -> None:
     """A chain of subdomains took 11611 products where the whole rod takes some hundreds."""
-    from contact_app.run.run import solve_scene
+    from contact_app.run.solve import solve_scene
 
     ratio = 100.0 if parts == 1 else 1.5
     solved = solve_scene(scenes.build(failing_scenes.slender(ratio, cells))).summary

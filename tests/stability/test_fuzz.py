@@ -83,7 +83,7 @@ def solvable_seed() -> int:
 
 def test_an_answer_that_is_off_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge itself: a wrong energy with a passing certificate must not get through."""
-    from contact_app.run import run
+    from contact_app.run import solve as run
 
     seed, honest = solvable_seed(), run.solve_scene
 
@@ -101,7 +101,7 @@ def test_an_answer_that_is_off_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_an_answer_that_is_off_in_one_body_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge itself: what is wrong in a weak body is nothing in the energy of all bodies."""
-    from contact_app.run import run
+    from contact_app.run import solve as run
 
     seed, honest = EVERY - 1, run.solve_scene
     assert kind_of(seed) is KINDS[0]
@@ -121,7 +121,7 @@ def test_an_answer_that_is_off_in_one_body_is_a_fault(monkeypatch: pytest.Monkey
 
 
 def test_giving_up_what_the_reference_solves_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contact_app.run import run
+    from contact_app.run import solve as run
 
     seed, honest = solvable_seed(), run.solve_scene
 
@@ -181,7 +181,7 @@ def test_polishing_ends_at_the_last_digit() -> None:
 
 def test_denying_an_equilibrium_that_exists_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     from contact_app.errors import NoEquilibriumError
-    from contact_app.run import run
+    from contact_app.run import solve as run
 
     seed = solvable_seed()
 
@@ -193,7 +193,7 @@ def test_denying_an_equilibrium_that_exists_is_a_fault(monkeypatch: pytest.Monke
 
 
 def test_a_solve_without_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contact_app.run import run
+    from contact_app.run import solve as run
 
     def forever(*_):
         while True:

@@ -9,7 +9,7 @@ import pytest
 
 from contact_app.accuracy.estimate.calibration import LEAST, UNCERTAIN, Calibration, conforms
 from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 from tests import scenes

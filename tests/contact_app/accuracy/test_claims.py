@@ -11,7 +11,7 @@ import pytest
 
 from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
 from contact_app.accuracy.trust import few_cells
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Box, Scene, build_scene
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.studies import effectivity as study
 from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
 from contact_app.studies.savings import savings

@@ -17,7 +17,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.outline import partition_scene
 from contact_app.model.symmetry import halved
 from contact_app.results.report import at_most
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.model.test_convergence import column, confined_modulus

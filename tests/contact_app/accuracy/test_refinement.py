@@ -16,7 +16,8 @@ from contact_app.accuracy.refine.refinement import next_factor, refined, solve_t
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.memory import needed_bytes
-from contact_app.run.run import run, solve_scene
+from contact_app.run.run import run
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 from meshes.graded import graded_box

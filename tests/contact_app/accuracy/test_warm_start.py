@@ -14,7 +14,7 @@ from contact_app.accuracy.estimate.point_values import PointValues
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Decomposition, Scene, build_scene
 from tests import scenes

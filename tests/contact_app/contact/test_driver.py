@@ -15,7 +15,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from solver.contact import active_set

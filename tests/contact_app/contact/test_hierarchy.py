@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.studies.failing_scenes import Config, slender, wall
 from solver.tfeti.columns import on_columns
 from solver.tfeti.constraints.hierarchy import RowLevels

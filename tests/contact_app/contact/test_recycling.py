@@ -10,7 +10,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.studies.failing_scenes import locking
 from solver import MPRGP
 from solver.tfeti import recycling

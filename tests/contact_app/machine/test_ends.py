@@ -22,16 +22,18 @@ LOGS = {"history.csv", "run.log"}
 FAULT = """
 import os, sys
 where, rank, kind, *sys.argv[1:] = sys.argv[1:]
-import contact_app.run.run
+import contact_app.run.run, contact_app.run.solve
 def fail(*_, **__):
     raise {"disk": OSError(28, "No space left on device"), "memory": MemoryError(),
            "bug": TypeError("a mistake")}[kind]
 if int(os.environ.get("OMPI_COMM_WORLD_RANK", 0)) == int(rank):
-    setattr(contact_app.run.run, where, fail)
+    for module in (contact_app.run.run, contact_app.run.solve):
+        if hasattr(module, where):
+            setattr(module, where, fail)
 from contact_app.cli import main
 main()
 """
-"""``contact-app`` with a function of `contact_app.run.run` that fails on one rank."""
+"""``contact-app`` with a function of a run that fails on one rank."""
 
 
 @pytest.fixture
@@ -276,9 +278,9 @@ def test_a_signal_leaves_results_and_a_checkpoint_to_resume(
 
 def test_interrupted_before_there_is_a_result_it_is_not_a_1(scene: Path, tmp_path: Path) -> None:
     program = (
-        "import contact_app.run.run\n"
+        "import contact_app.run.solve\n"
         "def fail(*_, **__): raise KeyboardInterrupt\n"
-        "contact_app.run.run.build_model = fail\n"
+        "contact_app.run.solve.build_model = fail\n"
         "from contact_app.cli import main\n"
         "main()\n"
     )

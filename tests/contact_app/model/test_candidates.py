@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from contact_app.model import candidates
 from contact_app.model.outline import outline
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from tests import reference, scenes
 from tests.comparison import in_order_of
 

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.assembly import Element
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Material, build_scene
 from meshes import BoxShape, decompose

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from contact_app.errors import ConfigurationError
 from contact_app.model.outline import outline
 from contact_app.run.check import describe
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene import scene as scene_module
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene

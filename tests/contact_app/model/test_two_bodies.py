@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from tests import meshfiles, reference, scenes

@@ -13,7 +13,8 @@ import pytest
 
 from contact_app.model.symmetry import halved
 from contact_app.results.plot.stored import read
-from contact_app.run.run import run, solve_scene
+from contact_app.run.run import run
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from tests import meshfiles, scenes

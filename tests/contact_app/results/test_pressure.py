@@ -14,7 +14,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.boundaries import facets_of
 from contact_app.model.facets import moments
 from contact_app.results.alternation import Lines, alternation
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from contact_app.studies.verification import find, study

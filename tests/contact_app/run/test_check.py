@@ -11,7 +11,8 @@ from mpi4py import MPI
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.outline import outline
 from contact_app.run.check import describe, estimate, modelled_lines, report
-from contact_app.run.run import run, solve_scene
+from contact_app.run.run import run
+from contact_app.run.solve import solve_scene
 from solver.tfeti.constraints.rows import RowKind
 from tests import scenes
 

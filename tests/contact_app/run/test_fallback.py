@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from tests import reference, scenes
 
 
@@ -105,7 +105,7 @@ def test_where_the_dual_methods_fail_in_one_piece_displacements_are_solved_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Whatever they raise; the message is of the scene."""
-    from contact_app.run import run
+    from contact_app.run import solve as run
     from solver.errors import UnboundedError
 
     scene = scenes.build(strip(60.0, [120, 2]), 1)

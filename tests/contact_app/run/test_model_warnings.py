@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from tests import scenes
 
 

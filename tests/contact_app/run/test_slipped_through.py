@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from contact_app.accuracy.contact_limits import entered_between
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from tests import scenes

@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.outline import partition_scene
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene, build_scene
 from contact_app.studies import bench, processes

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from scipy.optimize import minimize
 
 from contact_app.model.model import build_model
-from contact_app.run.run import solve_scene
+from contact_app.run.solve import solve_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import build_scene
 from contact_app.studies.verification import ROOT

@@ -1,0 +1,257 @@
+"""Solve a scene: model, solver, fallbacks, fields, summary; no files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
+from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
+from contact_app.accuracy.refine.warm_start import LastLevel
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.errors import ConfigurationError, CouldNotRunError
+from contact_app.machine.environment import slow_blas_warning
+from contact_app.machine.timings import Timings
+from contact_app.model.candidates import Needed, more_needed
+from contact_app.model.model import Model, build_model
+from contact_app.model.outline import Tell
+from contact_app.results.fields import cell_fields, node_fields
+from contact_app.results.report import log
+from contact_app.run.communication import Communication
+from contact_app.run.fallback import (
+    FAILURES,
+    NoAnswerError,
+    cause,
+    failure_text,
+    fewest_subdomains,
+    is_final,
+    solve_directly,
+)
+from contact_app.run.model_warnings import Answer, model_warnings
+from contact_app.run.summary import summary_of
+from contact_app.scene.scene import Scene
+from solver import Counts
+from solver.contact.checkpoint import Checkpoint, CheckpointError
+from solver.contact.driver import reason_text, solve
+from solver.contact.solution import Solution
+from solver.qp.result import Monitor
+
+EXTENSIONS = 4
+"""Solves with some of the contact rows before all are taken."""
+
+
+CROSSED = 1e-6
+"""Largest penetration of contacts that were left out, over the largest displacement: the duality
+gap does not know of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """What is solved, who is told of it, and what was spent on it before.
+
+    Attributes
+    ----------
+    start
+        The answer on another mesh to begin with.
+    needed
+        Candidate rows that become contact rows.
+    """
+
+    scene: Scene
+    comm: MPI.Intracomm
+    monitor: Monitor | None
+    checkpoint: Checkpoint | None
+    tell: Tell | None
+    start: LastLevel | None
+    timings: Timings
+    spent: Counts = field(default_factory=Counts)
+    needed: Needed = "estimated"
+
+
+def solve_scene(
+    scene: Scene,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    monitor: Monitor | None = None,
+    checkpoint: Checkpoint | None = None,
+    tell: Tell | None = None,
+    start: LastLevel | None = None,
+) -> SolvedScene:
+    """Solve a scene and summarise it; writes nothing.
+
+    Parameters
+    ----------
+    start
+        The answer on another mesh to begin with.
+    tell
+        Called with the scene and the outline of its model (collective).
+
+    Raises
+    ------
+    ConfigurationError, NoEquilibriumError
+        The scene cannot be modelled, or has no equilibrium.
+    """
+    asked = _Request(scene, comm, monitor, checkpoint, tell, start, Timings())
+    solved = _certified_if_possible(asked)
+    if not scene.guaranteed:
+        return solved
+    with solved.timings.measure("estimate"):
+        found = guarantee(solved.model, solved.solution)
+    if comm.rank == 0:
+        log.info("%s", found)
+    summary = {**with_guarantee(solved.summary, found), "timings": solved.timings.as_dict()}
+    return replace(solved, guaranteed=found, summary=summary)
+
+
+def _certified_if_possible(asked: _Request) -> SolvedScene:
+    """Solve a scene, anew in the fewest subdomains where the first way ends uncertified.
+
+    Raises
+    ------
+    CouldNotRunError
+        No way left an answer.
+    """
+    scene, comm = asked.scene, asked.comm
+    first, count, spent = None, None, Counts()
+    try:
+        first = _solved(asked)
+        if is_final(first.model, first.solution, scene.solver.max_iterations):
+            return first
+        count, spent = first.model.partition.count, first.solution.counts
+        why = reason_text(first.solution)
+    except NoAnswerError as error:
+        count, why = error.subdomains, str(error)
+    fewer = fewest_subdomains(scene, count, comm)
+    if fewer is None:
+        if first is None:
+            raise _no_answer(scene, why)
+        return first
+    subdomains = "in its subdomains" if count is None else f"in {count} subdomains"
+    text = (
+        f"{subdomains} the answer could not be certified ({why}){cause(scene)}: solved in "
+        f"{fewer.decomposition.subdomains} instead"
+    )
+    if comm.rank == 0:
+        log.info("%s", text)
+    del first  # its factors make room for the next
+    try:
+        again = _solved(replace(asked, scene=fewer, checkpoint=None, spent=spent))
+    except NoAnswerError as error:
+        raise _no_answer(scene, str(error)) from None
+    return _warned(again, text)
+
+
+def _no_answer(scene: Scene, why: str) -> CouldNotRunError:
+    return CouldNotRunError(
+        f"{scene.source}: the solver found no answer: {why} Try other cells (less slender ones, of "
+        "degree 2) or a looser solver.tolerance, and report the scene"
+    )
+
+
+def _warned(solved: SolvedScene, text: str) -> SolvedScene:
+    """The same with one more warning."""
+    certificate = solved.solution.certificate
+    certificate = replace(certificate, warnings=(*certificate.warnings, text))
+    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
+    return replace(solved, summary=summary_of(solved))
+
+
+def _solved(asked: _Request) -> SolvedScene:
+    """Solve a scene, again where the answer crosses contacts that were left out (collective)."""
+    comm = asked.comm
+    comm.barrier()  # processes begin at different times: nobody's seconds are the wait for others
+    for _ in range(EXTENSIONS):
+        solved = _solve_once(asked)
+        model, solution, slack = solved.model, solved.solution, solved.nodes.slack
+        sizes = _lengths_of_contacts(solved)[model.left_out.sources]
+        crossed = slack < -min(solution.tolerance, CROSSED) * sizes
+        deepest = comm.allreduce(float(-slack[crossed].min(initial=0.0)), op=MPI.MAX)
+        if not solution.converged or deepest == 0.0:
+            return solved
+        needed = model.needed.copy()
+        needed[~needed] = more_needed(model.left_out, model.reach, slack, sizes)
+        log.info(
+            "the displacements cross contacts that were left out, by %.3g: solving again with %d "
+            "more contact rows",
+            deepest,
+            comm.allreduce(int(needed.sum() - model.needed.sum())),
+        )
+        # the checkpoint stays that of the first solve, which a resumed run begins with, too
+        asked = replace(asked, checkpoint=None, spent=solution.counts, needed=needed)
+    return _solve_once(replace(asked, needed="all"))
+
+
+def _lengths_of_contacts(solved: SolvedScene) -> NDArray[np.float64]:
+    """Largest displacement of the bodies of each contact, (contacts,)."""
+    moved, bodies = solved.solution.measures.displacements, solved.model.scene.touching
+    return np.array([max(moved[item.body], moved[getattr(item, "other", item.body)])
+                     for item in bodies])  # fmt: skip
+
+
+def _solve_once(asked: _Request) -> SolvedScene:
+    """Solve with the contact rows that are needed, after work that was spent (collective)."""
+    comm, timings = asked.comm, asked.timings
+    for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
+        PETSc.garbage_cleanup(whose)
+    try:
+        model = build_model(asked.scene, comm, timings, asked.needed, asked.tell)
+    except FAILURES as error:
+        raise NoAnswerError(failure_text(error)) from error
+    communication = Communication(comm)
+    estimator = ErrorEstimator(model)
+    with timings.measure("solve"):
+        solution, failed = _solution_of(model, estimator, asked)
+    said = communication.per_multiplication(solution.counts)
+    with timings.measure("estimate"):
+        accuracy = solution.accuracy or estimator.accuracy(solution)
+        solution = replace(solution, accuracy=accuracy, counts=asked.spent + solution.counts)
+    with timings.measure("output"):
+        nodes = node_fields(model, solution)
+        cells = cell_fields(model, solution)
+        warnings = model_warnings(Answer(model, solution, nodes, cells))
+        warnings += [sentence for sentence in (failed, slow_blas_warning()) if sentence]
+        solution = replace(
+            solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
+        )
+    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, said)
+    return replace(solved, summary=summary_of(solved))
+
+
+def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tuple[Solution, str]:
+    """The answer of the dual methods, or, where these fail in the fewest subdomains, of Newton's.
+
+    Returns
+    -------
+    The answer, and a sentence on what failed before.
+
+    Raises
+    ------
+    NoAnswerError
+        The solver failed, and this was the last way or there are fewer subdomains to try.
+    """
+    scene, options, solution = model.scene, model.scene.solver, None
+    begin = asked.start.on(model) if asked.start is not None else None
+    try:
+        solution = solve(
+            model.problem, options, asked.monitor, asked.checkpoint, estimator.accuracy, begin
+        )
+        if is_final(model, solution, options.max_iterations):
+            return solution, ""
+        why = reason_text(solution)
+    except CheckpointError as error:
+        raise ConfigurationError(str(error)) from error
+    except FAILURES as error:
+        why = failure_text(error)
+    if model.partition.count <= max(len(scene.bodies), model.comm.size):
+        direct = solve_directly(model, solution, asked.monitor)
+        if direct is not None and (solution is None or direct.converged):
+            return direct, (
+                f"the dual problem could not be solved to a certificate ({why}){cause(scene)}: "
+                "solved for the displacements by Newton's method instead, which takes longer"
+            )
+    if solution is None:
+        raise NoAnswerError(why, model.partition.count)
+    return solution, ""

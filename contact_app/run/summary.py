@@ -1,0 +1,112 @@
+"""The summary of a solved scene, as `summary.json` holds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.machine.environment import environment
+from contact_app.machine.timings import Timings
+from contact_app.model.model import Model
+from contact_app.results.contacts import contact_records
+from contact_app.results.mirror import whole_summary
+from solver.contact.driver import reason_text
+from solver.contact.solution import Solution
+from solver.tfeti.constraints.rows import RowKind
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What `summary.json` says of the fields of an answer, over all ranks.
+
+    Attributes
+    ----------
+    max_displacement, mean_displacement
+        Of |u| over the nodes of the undecomposed mesh.
+    contact_force : (3,)
+        Resultant of the obstacles on the bodies.
+    max_contact_pressure
+    """
+
+    max_displacement: float
+    mean_displacement: float
+    contact_force: tuple[float, ...]
+    max_contact_pressure: float
+
+
+def summary_of(solved: SolvedScene) -> dict[str, Any]:
+    """`summary.json` of a solved scene (collective)."""
+    comm, nodes, partition = solved.model.comm, solved.nodes, solved.model.partition
+    magnitude = np.linalg.norm(nodes.displacement, axis=1)
+    totals = Totals(
+        comm.allreduce(float(magnitude.max(initial=0.0)), op=MPI.MAX),
+        comm.allreduce(float(magnitude.sum())) / partition.nodes,
+        tuple(float(f) for f in comm.allreduce(nodes.contact_force)),
+        comm.allreduce(float(nodes.contact_pressure.max(initial=0.0)), op=MPI.MAX),
+    )
+    summary = summarise(solved.model, solved.solution, totals, solved.timings)
+    pairs, forces = solved.model.scene.pairs, comm.allreduce(nodes.pair_forces)
+    summary["solution"]["pair_forces"] = {
+        pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
+    }
+    summary["contacts"] = contact_records(solved.model, nodes)
+    summary["accuracy"] = solved.accuracy.as_dict()
+    if solved.communication is not None:
+        summary["solver"]["communication_per_multiplication"] = solved.communication
+    if solved.model.scene.mirrors:
+        return whole_summary(summary, solved.model, nodes)
+    return summary
+
+
+def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings) -> dict[str, Any]:
+    """`summary.json`, but for what only fields at all nodes and cells can tell (collective)."""
+    problem, scene, comm = model.problem, model.scene, model.comm
+    multiplier = solution.multiplier[problem.inequality]
+    classes = comm.allreduce(len(problem.classes))
+    counts, certificate = solution.counts, solution.certificate.as_dict()
+    decides = solution.certificate.deciding(solution.tolerance)
+    if decides is not None:
+        certificate["decided_by"] = scene.bodies[decides].name
+    return {
+        "scene": {"title": scene.title, "dimension": scene.dimension},
+        "mesh": {
+            "cells": model.partition.cells,
+            "nodes": model.partition.nodes,
+            "dofs": model.dofs,
+        },
+        "decomposition": {
+            "subdomains": model.partition.count,
+            "congruence_classes": classes,
+            "dual": comm.allreduce(problem.size),
+            "gluing": problem.count(RowKind.GLUING),
+            "dirichlet": problem.count(RowKind.DIRICHLET) + problem.count(RowKind.SUPPORT),
+            "contact": problem.count(RowKind.CONTACT),
+        },
+        "solver": {
+            "method": solution.method,
+            "converged": solution.converged,
+            "tolerance": solution.tolerance,
+            "reason": reason_text(solution),
+            "outer_iterations": counts.outer,
+            "hessian_multiplications": counts.hessian,
+            "cg_steps": counts.cg,
+            "expansion_steps": counts.expansion,
+            "proportioning_steps": counts.proportioning,
+            "norm_estimation_multiplications": counts.norm_estimation,
+        },
+        "solution": {
+            "energy": solution.measures.energy,
+            "max_displacement": totals.max_displacement,
+            "mean_displacement": totals.mean_displacement,
+            "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
+            "contact_force": list(totals.contact_force),
+            "max_contact_pressure": totals.max_contact_pressure,
+        },
+        "certificate": certificate,
+        "timings": timings.as_dict(),
+        "environment": environment(comm),
+    }
