@@ -29,9 +29,7 @@ MOST_ENTRIES = 12
 LONGEST, MOST_PARAMETERS = 80, 8
 """Lines and parameters of a function in `solver` and `contact_app`, studies left out."""
 
-LONG = {
-    "contact_app.accuracy.refine.refinement:solve_to_accuracy": "the loop over meshes",
-}
+LONG: dict[str, str] = {}
 """Functions that are longer, with the reason."""
 
 MANY = {

@@ -159,8 +159,8 @@ def test_an_invented_equilibrium_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_the_document_has_every_case_and_method() -> None:
     from pathlib import Path
 
-    document = Path(__file__).parents[2] / "docs" / "benchmarks" / "stability.md"
-    text = document.read_text(encoding="utf-8")
+    page = Path(__file__).parents[2] / "docs" / "benchmarks" / "stability.md"
+    text = page.read_text(encoding="utf-8")
     for case in (*CASES, *QP_CASES):
         assert f"\n| {case.name} |" in text
     for method in QP_METHODS:

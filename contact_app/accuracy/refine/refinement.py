@@ -205,108 +205,202 @@ def solve_to_accuracy(
 
     """
     assert scene.accuracy is not None
-    files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
-    whole = needs_multiples(scene)
-    target = MARGIN * scene.accuracy
-    enough = scene.accuracy if scene.guaranteed else target
-    factors, levels, last = [1.0], [], 1.0
-    even, step, promise, doubts = 1.0, 1.0, PROMISE, 0
-    judge = Judge(scene)
-    checks: list[Level] = []
-    grids: Grids | None = None
-    start: LastLevel | None = None
-    current = scene
+    levels = _Levels(scene, scene.accuracy, solve, tell)
+    current, start = scene, None
     while True:
-        degree = min(body.degree for body in current.bodies)
         solved = solve(current, start=start)
-        share, verdict = judge.hear(
-            _measured(solved), solved.accuracy.discretisation, grids is not None
+        heard = levels.hear(current, solved)
+        missed = levels.ended(heard)
+        if missed is not None:
+            return levels.refined(heard.solved, missed)
+        following = levels.following(current, heard)
+        missed = _no_room(following, heard)
+        if missed:
+            return levels.refined(heard.solved, missed)
+        current, start = following, LastLevel.of(heard.solved)
+        del solved, heard  # its factors make room for the next
+
+
+@dataclass(frozen=True, eq=False)
+class _Heard:
+    """A level, with what the others say of it.
+
+    Attributes
+    ----------
+    solved
+        Its answer, with the corrected estimate.
+    sure
+        Whether its error is below the target, and that is confirmed.
+    doubt, why
+        That and why it is not, where it is below.
+    """
+
+    solved: SolvedScene
+    sure: bool
+    doubt: str
+    why: str
+
+
+class _Levels:
+    """The levels of a run to an accuracy so far, and where the next one comes from.
+
+    Attributes
+    ----------
+    levels, checks
+        Levels in their order, and coarser meshes that were solved to confirm one.
+    factors
+        How fine the levels of one degree were, in units of the scene's own mesh.
+    """
+
+    def __init__(
+        self, scene: Scene, accuracy: float, solve: Solve, tell: Callable[[str], None]
+    ) -> None:
+        self.levels: list[Level] = []
+        self.checks: list[Level] = []
+        self.factors = [1.0]
+        self._scene, self._solve, self._tell = scene, solve, tell
+        self._files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
+        self._whole = needs_multiples(scene)
+        self._target = MARGIN * accuracy
+        self._enough = accuracy if scene.guaranteed else self._target
+        self._judge = Judge(scene)
+        self._last, self._doubts = 1.0, 0
+        self._grids: Grids | None = None
+        self._even, self._step, self._promise = 1.0, 1.0, PROMISE
+
+    def refined(self, solved: SolvedScene, missed: str) -> Refined:
+        """The product of the run, as it ends."""
+        return Refined(solved, (*self.checks, *self.levels), missed)
+
+    # ------------------------------------------------------------------ what a level is worth
+
+    def hear(self, current: Scene, solved: SolvedScene) -> _Heard:
+        """Correct the estimate of a level by the others, and see whether it is believed."""
+        estimate = solved.accuracy
+        share, verdict = self._judge.hear(
+            _measured(solved), estimate.discretisation, self._grids is not None
         )
         unseen = slipped_through(solved.model, solved.solution, UNFELT)
         if unseen:  # what no mesh so coarse shows no two can agree on
             verdict = Verdict(1.0, unseen[0])
-            judge.forget()
-        uncorrected = solved.accuracy
-        solved = replace(solved, accuracy=uncorrected.calibrated(share))
-        levels.append(_level(solved, math.sqrt(share)))
-        tell(f"level {len(levels)}: {levels[-1]}")
-        if math.isnan(levels[-1].error):
-            return Refined(solved, (*checks, *levels), NO_STRAINS)
+            self._judge.forget()
+        solved = replace(solved, accuracy=estimate.calibrated(share))
+        self.levels.append(_level(solved, math.sqrt(share)))
+        self._tell(f"level {len(self.levels)}: {self.levels[-1]}")
         crossed = _crossed(solved)
-        if not unseen and math.hypot(levels[-1].error, crossed) > enough >= levels[-1].error:
+        error = self.levels[-1].error
+        if not unseen and math.hypot(error, crossed) > self._enough >= error:
             unseen = [f"contact on a few facets may add {100 * crossed:.2g} %"]
             verdict = Verdict(1.0, unseen[0])
-        if solved.solution.reason is Reason.STOPPED:
-            return Refined(solved, (*checks, *levels), "the run was interrupted")
-        below = levels[-1].error <= enough
-        sure = scene.guaranteed or verdict.confirms(levels[-1].error, enough)
-        if below and solved.solution.converged and not sure and not unseen:
-            checked = _solved_coarser(coarser(current, whole), solve)
+        ended = not solved.solution.converged or solved.solution.reason is Reason.STOPPED
+        if error <= self._enough and not (ended or unseen or self._sure(verdict)):
+            checked = _solved_coarser(coarser(current, self._whole), self._solve)
             if checked is not None:
-                verdict = judge.compare_with(_measured(checked))
-                checks.append(_level(checked, 1.0))
-                tell(f"a mesh of half the cells was solved to confirm it: {checks[-1]}")
+                verdict = self._judge.compare_with(_measured(checked))
+                self.checks.append(_level(checked, 1.0))
+                self._tell(f"a mesh of half the cells was solved to confirm it: {self.checks[-1]}")
                 if verdict.raised > 1.0:
-                    solved = replace(solved, accuracy=uncorrected.calibrated(verdict.raised))
-                    levels[-1] = _level(solved, math.sqrt(verdict.raised))
-                below = levels[-1].error <= enough
-        if below and (scene.guaranteed or verdict.confirms(levels[-1].error, enough)):
-            return Refined(solved, (*checks, *levels))
-        doubt = unconfirmed(levels[-1].error, verdict) if below else ""
-        if not solved.solution.converged:
-            return Refined(solved, (*checks, *levels), "the solver did not reach its tolerance")
-        if len(levels) >= MOST_LEVELS:
-            return Refined(
-                solved, (*checks, *levels), doubt or f"{MOST_LEVELS} levels were not enough"
-            )
-        doubts = doubts + 1 if doubt else 0
-        if doubts > 1 and levels[-1].dofs > LARGE * scene.dimension:
-            return Refined(solved, (*checks, *levels), doubt)
-        if doubt:
-            tell(f"one more level: {verdict.doubt}")
-        aim = levels[-1].error / CONFIRMING if doubt else target
-        errors = comparable(levels[-len(factors) :]) if factors else []
-        if files:
-            factor, following = last, locally_refined(current, solved, aim / levels[-1].error)
-        elif degree == 1 and _free_degree(scene):
-            scene = quadratic(scene)
-            tell("cells of degree 2 from here on")
-            factor = last if whole or doubt or not _even(current) else 0.5 * last
-            factors, following = [], refined(scene, factor)
+                    solved = replace(solved, accuracy=estimate.calibrated(verdict.raised))
+                    self.levels[-1] = _level(solved, math.sqrt(verdict.raised))
+        below = self.levels[-1].error <= self._enough
+        doubt = unconfirmed(self.levels[-1].error, verdict) if below else ""
+        return _Heard(solved, below and self._sure(verdict), doubt, verdict.doubt)
+
+    def _sure(self, verdict: Verdict) -> bool:
+        """Whether the last level's error is a bound, or is confirmed."""
+        return self._scene.guaranteed or verdict.confirms(self.levels[-1].error, self._enough)
+
+    def ended(self, heard: _Heard) -> str | None:
+        """Why the run ends with this level: empty where its target is met, None to go on."""
+        solution = heard.solved.solution
+        if math.isnan(self.levels[-1].error):
+            return NO_STRAINS
+        if solution.reason is Reason.STOPPED:
+            return "the run was interrupted"
+        if heard.sure:
+            return ""
+        if not solution.converged:
+            return "the solver did not reach its tolerance"
+        if len(self.levels) >= MOST_LEVELS:
+            return heard.doubt or f"{MOST_LEVELS} levels were not enough"
+        self._doubts = self._doubts + 1 if heard.doubt else 0
+        if self._doubts > 1 and self.levels[-1].dofs > LARGE * self._scene.dimension:
+            return heard.doubt
+        if heard.doubt:
+            self._tell(f"one more level: {heard.why}")
+        return None
+
+    # ------------------------------------------------------------------ the next level
+
+    def following(self, current: Scene, heard: _Heard) -> Scene:
+        """The scene on the next mesh (collective)."""
+        level, doubt = self.levels[-1], heard.doubt
+        aim = level.error / CONFIRMING if doubt else self._target
+        if self._files:
+            factor, scene = self._last, locally_refined(current, heard.solved, aim / level.error)
+        elif self._degree(current) == 1 and _free_degree(self._scene):
+            self._scene = quadratic(self._scene)
+            self._tell("cells of degree 2 from here on")
+            finest = self._whole or bool(doubt) or not _even(current)
+            factor = self._last if finest else 0.5 * self._last
+            self.factors, scene = [], refined(self._scene, factor)
         else:
-            lines = equal_lines(current) if grids is None else grids
-            squares = layer_errors(solved, lines)
-            slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
-            if grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):
-                tell("the error is in few places: cells are graded from here on")
-                grids, last = lines, _layers_for_one(lines, equal_lines(scene))
-            if grids is None:
-                factor = next_factor(factors, errors, aim, whole, degree)
-                following = refined(scene, factor)
-            else:
-                if even < 1.0:
-                    before, after = (level.estimate for level in levels[-2:])
-                    promise = kept(before, even, step, after, degree)
-                even = evenness(squares)
-                if even > SURE and levels[-1].dofs > LARGE * scene.dimension:
-                    even = 1.0
-                step = graded_step(levels[-1].error, even**promise, aim, degree)
-                factor, grids = regraded(scene, squares, grids, last * step)
-                step = factor / last
-                following = on_lines(scene, grids, solved.model.comm.size)
-        dofs = sum(body.nodes for body in following.bodies) * scene.dimension
-        needed = needed_bytes(dofs)
-        available = solved.model.comm.allreduce(available_bytes(), op=MPI.MIN)
-        if needed > available:
-            missed = (
-                f"the next mesh has {dofs:,} degrees of freedom, which need about "
-                f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available"
-            )
-            return Refined(solved, (*checks, *levels), f"{doubt}; {missed}" if doubt else missed)
-        factors.append(factor)
-        last = factor
-        current, start = following, LastLevel.of(solved)
-        del solved  # its factors make room for the next
+            factor, scene = self._finer_box(current, heard.solved, aim)
+        self.factors.append(factor)
+        self._last = factor
+        return scene
+
+    @staticmethod
+    def _degree(scene: Scene) -> int:
+        """The lowest of its bodies."""
+        return min(body.degree for body in scene.bodies)
+
+    def _finer_box(self, current: Scene, solved: SolvedScene, aim: float) -> tuple[float, Scene]:
+        """More cells of boxes, equal ones or graded by the error; the factor and the scene."""
+        degree, scene = self._degree(current), self._scene
+        factors = self.factors
+        errors = comparable(self.levels[-len(factors) :]) if factors else []
+        lines = equal_lines(current) if self._grids is None else self._grids
+        squares = layer_errors(solved, lines)
+        slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
+        if self._grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):
+            self._tell("the error is in few places: cells are graded from here on")
+            self._grids, self._last = lines, _layers_for_one(lines, equal_lines(scene))
+        if self._grids is None:
+            factor = next_factor(factors, errors, aim, self._whole, degree)
+            return factor, refined(scene, factor)
+        return self._graded_box(solved, squares, aim, degree)
+
+    def _graded_box(
+        self, solved: SolvedScene, squares: Grids, aim: float, degree: int
+    ) -> tuple[float, Scene]:
+        """Grid lines laid anew by the errors of layers."""
+        assert self._grids is not None
+        scene, level = self._scene, self.levels[-1]
+        if self._even < 1.0:
+            before, after = (each.estimate for each in self.levels[-2:])
+            self._promise = kept(before, self._even, self._step, after, degree)
+        self._even = evenness(squares)
+        if self._even > SURE and level.dofs > LARGE * scene.dimension:
+            self._even = 1.0
+        step = graded_step(level.error, self._even**self._promise, aim, degree)
+        factor, self._grids = regraded(scene, squares, self._grids, self._last * step)
+        self._step = factor / self._last
+        return factor, on_lines(scene, self._grids, solved.model.comm.size)
+
+
+def _no_room(following: Scene, heard: _Heard) -> str:
+    """That the next mesh needs more memory than there is, if so (collective)."""
+    dofs = sum(body.nodes for body in following.bodies) * following.dimension
+    needed = needed_bytes(dofs)
+    available = heard.solved.model.comm.allreduce(available_bytes(), op=MPI.MIN)
+    if needed <= available:
+        return ""
+    missed = (
+        f"the next mesh has {dofs:,} degrees of freedom, which need about "
+        f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available"
+    )
+    return f"{heard.doubt}; {missed}" if heard.doubt else missed
 
 
 def unconfirmed(error: float, verdict: Verdict) -> str:
