@@ -14,6 +14,7 @@ from contact_app.studies.stability import (
     QP_METHODS,
     STRATEGIES,
     WHOLE,
+    document,
     run_case,
     run_qp_case,
 )
