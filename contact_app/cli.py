@@ -62,8 +62,8 @@ def run(
     Results of an earlier run in the directory are removed first. Ctrl-C or SIGTERM ends the solve:
     what it has reached is written, with a checkpoint for --resume.
     """
+    from contact_app.scene.build import build_scene
     from contact_app.scene.configuration import load
-    from contact_app.scene.scene import build_scene
 
     scene = build_scene(load(config, overrides or ()))
     directory = output or Path("results") / config.stem
@@ -76,8 +76,8 @@ def run(
 @app.command()
 def check(config: Config, overrides: Overrides = None) -> None:
     """Validate a scene and say what will be modelled, what is left out, and what it costs."""
+    from contact_app.scene.build import build_scene
     from contact_app.scene.configuration import load
-    from contact_app.scene.scene import build_scene
 
     scene = build_scene(load(config, overrides or ()))
     from contact_app.run.check import report

@@ -472,12 +472,14 @@ def write(made: Config, path: Path) -> Path:
     return path
 
 
-def build(made: Config, subdomains: int | list[int] | None = None) -> Any:
-    """The scene of a configuration, split into the given subdomains."""
+def build(
+    made: Config, subdomains: int | list[int] | None = None, memory: float | None = None
+) -> Any:
+    """The scene of a configuration, split into the given subdomains, within bytes of memory."""
+    from contact_app.scene.build import build_scene
     from contact_app.scene.configuration import Configuration
-    from contact_app.scene.scene import build_scene
 
     made = copy.deepcopy(made)
     if subdomains is not None:
         made["decomposition"] = {"subdomains": subdomains}
-    return build_scene(Configuration.model_validate(made))
+    return build_scene(Configuration.model_validate(made), memory=memory)

@@ -21,7 +21,7 @@ from contact_app.model.boundaries import boundary_nodes, facets_of, surface_face
 from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
-from contact_app.scene.scene import Contact
+from contact_app.scene.conditions import Contact
 from solver.contact.solution import Solution
 
 ENTERED = 1e-2

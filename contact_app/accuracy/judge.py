@@ -11,7 +11,8 @@ from dataclasses import replace
 
 from contact_app.accuracy.agreement import EITHER_WAY, FALLING, Agreement, Measured, Verdict, alone
 from contact_app.accuracy.estimate.calibration import Calibration, conforms
-from contact_app.scene.scene import CELLS_PER_CUBE, Box, Decomposition, Scene
+from contact_app.scene.bodies import CELLS_PER_CUBE, Box
+from contact_app.scene.scene import Decomposition, Scene
 from solver.contact.solution import Accuracy
 
 FEWEST = 8

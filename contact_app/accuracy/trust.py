@@ -9,7 +9,8 @@ this warning.
 
 from __future__ import annotations
 
-from contact_app.scene.scene import Body, Box, Scene
+from contact_app.scene.bodies import Body, Box
+from contact_app.scene.scene import Scene
 
 FEWEST = 4
 """Cells along an edge, times the degree, below which estimates are not trusted: on the plane random

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from contact_app.scene.scene import Material
+from contact_app.scene.material import Material
 from meshes import Reference
 from meshes import dolfinx_compat as versions
 from meshes.subdomains import vtk_order, vtk_shapes

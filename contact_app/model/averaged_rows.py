@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.facets import moments
+from contact_app.scene.bodies import Body
 from contact_app.scene.obstacles import Obstacle
-from contact_app.scene.scene import Body
 from meshes import Partition
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactEntries, ContactRows

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene.scene import Body, Scene
+from contact_app.scene.bodies import Body
+from contact_app.scene.scene import Scene
 from meshes import Partition, Subdomain
 
 

@@ -24,7 +24,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene.scene import BodyContact, Scene
+from contact_app.scene.conditions import BodyContact
+from contact_app.scene.scene import Scene
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes
 

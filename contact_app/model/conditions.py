@@ -13,7 +13,8 @@ from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumEr
 from contact_app.model.averaged_rows import averaged_rows, has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes, facets_of
 from contact_app.model.pairs import gather_surface, of_what_is_solved, owned_rows
-from contact_app.scene.scene import Contact, DisplacementCondition, Scene
+from contact_app.scene.conditions import Contact, DisplacementCondition
+from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.mortar import SurfacesApartError, mean_gaps
 from solver.tfeti.constraints.exchange import NodeExchange

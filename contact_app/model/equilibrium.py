@@ -11,7 +11,8 @@ from scipy.linalg import block_diag
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.far_obstacles import distant
-from contact_app.scene.scene import Body, Scene
+from contact_app.scene.bodies import Body
+from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.contact.equilibrium import BodyBalance, balance, by_body, holds
 from solver.tfeti.constraints.rows import ContactRows, HeldRows

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import boundary_facets
-from contact_app.scene.scene import Pressure, Scene, Traction
+from contact_app.scene.conditions import Pressure, Traction
+from contact_app.scene.scene import Scene
 from meshes import Partition
 
 

@@ -23,7 +23,8 @@ from contact_app.model.equilibrium import directions_in_words, group_numbers, up
 from contact_app.model.outline import Outline, Tell, outline
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.scene.scene import Material, Scene
+from contact_app.scene.material import Material
+from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.exchange import NodeExchange

@@ -23,20 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
-from contact_app.scene.obstacles import Cylinder, Obstacle, Plane, Sphere
-from contact_app.scene.scene import (
-    Body,
+from contact_app.scene.bodies import Body, Box
+from contact_app.scene.conditions import (
     BodyContact,
     BodyForce,
-    Box,
     Contact,
-    Decomposition,
     DisplacementCondition,
-    Mirror,
     Pressure,
-    Scene,
     Traction,
 )
+from contact_app.scene.obstacles import Cylinder, Obstacle, Plane, Sphere
+from contact_app.scene.scene import Decomposition, Mirror, Scene
 from meshes.symmetric_half import (
     SAME,
     AsymmetryError,

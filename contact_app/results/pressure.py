@@ -41,7 +41,7 @@ from contact_app.model.planes import on_planes
 from contact_app.results.alternation import Lines, alternation
 from contact_app.results.division import ContactLoads, contact_loads
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
-from contact_app.scene.scene import BodyContact, Contact
+from contact_app.scene.conditions import BodyContact, Contact
 from solver.contact.solution import Solution
 
 Array = NDArray[np.float64]

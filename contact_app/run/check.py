@@ -27,14 +27,14 @@ from contact_app.model.far_obstacles import distant
 from contact_app.model.outline import Outline, left_out_notes, outline
 from contact_app.model.symmetry import halved
 from contact_app.run.repeated_sentences import said_once
-from contact_app.scene.scene import (
+from contact_app.scene.conditions import (
     BodyContact,
     Contact,
     DisplacementCondition,
     Pressure,
-    Scene,
     Traction,
 )
+from contact_app.scene.scene import Scene
 from meshes import Subdomain
 from solver.tfeti.subdomain.costs import Group, run_seconds
 

@@ -14,7 +14,9 @@ from scipy.spatial import cKDTree
 
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
-from contact_app.scene.scene import Body, Contact, Scene
+from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import Contact
+from contact_app.scene.scene import Scene
 from meshes import CellMesh
 
 SMOOTH = np.deg2rad(30.0)

@@ -16,7 +16,8 @@ from contact_app.accuracy.refine.grading import layer_errors
 from contact_app.accuracy.refine.refinement import equal_lines, on_lines, regraded
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
-from contact_app.scene.scene import Box, Scene
+from contact_app.scene.bodies import Box
+from contact_app.scene.scene import Scene
 
 REGRADES = 5
 """How often grid lines are laid anew; after five they hardly move."""

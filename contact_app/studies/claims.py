@@ -31,7 +31,8 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
 from contact_app.run.solve import solve_scene
 from contact_app.scene import configuration
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.scene import Scene
 from contact_app.studies.claims_reference import Truth, truth
 from contact_app.studies.claims_scenes import ClaimScene, claim_scene
 from contact_app.studies.time_limit import OutOfTime, time_limit

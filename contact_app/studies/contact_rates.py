@@ -24,8 +24,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
-from contact_app.scene.scene import build_scene
 from contact_app.studies.fields_on_boxes import Lattice, Mesh
 
 EDGE, RADIUS = 2.0, 4.0

@@ -26,8 +26,9 @@ from contact_app.model.model import Model, build_model
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import write_summary
 from contact_app.run.summary import summary_of
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
 from solver import MPRGP, SMALBE, BoxQP, Counts
 from solver.contact.answers import certified_answer

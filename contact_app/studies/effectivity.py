@@ -41,8 +41,10 @@ from contact_app.accuracy.estimate.stress_recovery import (
 from contact_app.accuracy.refine.refinement import FASTEST, solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
+from contact_app.scene.bodies import BodyMesh, Box
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import BodyMesh, Box, Scene, build_scene
+from contact_app.scene.scene import Scene
 from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh

@@ -18,8 +18,8 @@ from mpi4py import MPI
 from contact_app.model.outline import outline
 from contact_app.model.symmetry import halved
 from contact_app.run.check import estimate
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.bench import config
 from contact_app.studies.processes import RunError, python
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.model.assembly import Element
-from contact_app.scene.scene import Material
+from contact_app.scene.material import Material
 from contact_app.studies.fields_on_meshes import BodyNodes
 from meshes.subdomains import Reference
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.model.assembly import lame
-from contact_app.scene.scene import Material
+from contact_app.scene.material import Material
 from meshes import dolfinx_compat as versions
 from meshes.quadratic import VERTICES
 from meshes.subdomains import vtk_order, vtk_places, vtk_shapes

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.scene.scene import Material
+from contact_app.scene.material import Material
 
 Array = NDArray[np.float64]
 

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 
 
 @dataclass(frozen=True)

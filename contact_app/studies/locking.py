@@ -14,8 +14,8 @@ from typing import Any
 from mpi4py import MPI
 
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
-from contact_app.scene.scene import build_scene
 
 LENGTH, YOUNG, LOAD = 100.0, 1.2e5, 0.01
 EXACT = LOAD * LENGTH**3 / (3.0 * YOUNG / 12.0)

@@ -17,8 +17,9 @@ from typing import Any
 
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 
 ROUNDS = 5
 """Solves of each, by turns; the first compiles forms and is not counted."""

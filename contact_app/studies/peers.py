@@ -219,8 +219,8 @@ def _save(scene: Scene, system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
 
 def main() -> None:
     """Run one method and print its row."""
+    from contact_app.scene.build import build_scene
     from contact_app.scene.configuration import load
-    from contact_app.scene.scene import build_scene
 
     parser = argparse.ArgumentParser()
     parser.add_argument("method", choices=METHODS)

@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene.scene import Box, Scene
+from contact_app.scene.bodies import Box
+from contact_app.scene.scene import Scene
 from contact_app.studies.fields_on_boxes import Lattice, Mesh
 from contact_app.studies.fields_on_meshes import BodyNodes, Cloud
 

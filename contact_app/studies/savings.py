@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from solver.contact.options import SolverOptions
 
 EXACT = SolverOptions().tightest

@@ -16,8 +16,8 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.bench import config
 from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem

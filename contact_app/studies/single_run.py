@@ -18,8 +18,8 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_level
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.boundaries import facets_of
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.reference import Fields
 
 

@@ -17,8 +17,9 @@ from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.model import build_model
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Decomposition, Scene, build_scene
+from contact_app.scene.scene import Decomposition, Scene
 from solver.contact.driver import solve
 
 STEPS = (1 / 4, 1 / 2, 2 / 3, 1.0, 3 / 2, 2.0)

@@ -24,7 +24,8 @@ from scipy.spatial import cKDTree
 
 from contact_app.model.assembly import lame, quadrature_degree
 from contact_app.model.averaged_rows import has_averaged_rows
-from contact_app.scene.scene import Body, Box, Scene
+from contact_app.scene.bodies import Body, Box
+from contact_app.scene.scene import Scene
 from meshes import dolfinx_compat as versions
 from meshes.subdomains import VTK_ORDER
 from meshes.unstructured import CellMesh

@@ -36,8 +36,9 @@ from mpi4py import MPI
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
 from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
 from meshes import CellMesh

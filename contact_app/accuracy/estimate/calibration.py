@@ -20,8 +20,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from contact_app.scene.bodies import Box
 from contact_app.scene.obstacles import Plane
-from contact_app.scene.scene import Box, Scene
+from contact_app.scene.scene import Scene
 
 APART = 2.25
 """η² of one mesh over that of the other from which on their energies are compared."""

@@ -44,7 +44,7 @@ from contact_app.accuracy.estimate.patches import Cells, Table
 from contact_app.model.assembly import lame
 from contact_app.model.boundaries import boundary_facets
 from contact_app.model.model import Model
-from contact_app.scene.scene import Material
+from contact_app.scene.material import Material
 from meshes import Subdomain
 
 Array = NDArray[np.float64]

@@ -25,8 +25,10 @@ from contact_app.accuracy.guarantee.equilibrated import (
 from contact_app.errors import ConfigurationError
 from contact_app.machine.memory import available_bytes
 from contact_app.model.boundaries import boundary_facets, boundary_nodes
+from contact_app.scene.bodies import Body, BodyMesh, Box
+from contact_app.scene.conditions import Contact
 from contact_app.scene.obstacles import Plane
-from contact_app.scene.scene import Body, BodyMesh, Box, Contact, Scene
+from contact_app.scene.scene import Scene
 from meshes import Partition, Subdomain
 
 Array = NDArray[np.float64]

@@ -17,7 +17,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.scene.scene import Body, Box, Scene
+from contact_app.scene.bodies import Body, Box
+from contact_app.scene.scene import Scene
 from meshes.bisect import bisected
 from meshes.quadratic import VERTICES
 from meshes.refine import refined

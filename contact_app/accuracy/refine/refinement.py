@@ -50,7 +50,8 @@ from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
 from contact_app.machine.memory import available_bytes, needed_bytes
-from contact_app.scene.scene import Box, Decomposition, Scene
+from contact_app.scene.bodies import Box
+from contact_app.scene.scene import Decomposition, Scene
 from meshes.graded import graded_box
 from solver import Reason
 

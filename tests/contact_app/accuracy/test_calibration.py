@@ -10,8 +10,9 @@ import pytest
 from contact_app.accuracy.estimate.calibration import LEAST, UNCERTAIN, Calibration, conforms
 from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 from tests import scenes
 from tests.contact_app.accuracy.test_refinement import shipped
 from tests.contact_app.model.test_two_bodies import stack

@@ -12,8 +12,10 @@ import pytest
 from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
 from contact_app.accuracy.trust import few_cells
 from contact_app.run.solve import solve_scene
+from contact_app.scene.bodies import Box
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Box, Scene, build_scene
+from contact_app.scene.scene import Scene
 
 STRIP = """
 dimension: 2

@@ -18,8 +18,9 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.memory import needed_bytes
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
 from tests import scenes

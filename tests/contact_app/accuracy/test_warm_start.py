@@ -15,8 +15,9 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Decomposition, Scene, build_scene
+from contact_app.scene.scene import Decomposition, Scene
 from tests import scenes
 from tests.scenes_on_ranks import summary_of
 

@@ -14,8 +14,8 @@ from mpi4py import MPI
 
 from contact_app.model.model import build_model
 from contact_app.run.progress import together
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from solver import SMALBE, Counts, Reason, Step
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.checkpoint import Attention, Checkpoint, CheckpointError, Saver

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from solver.contact import active_set
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.answers import certified_answer

@@ -11,8 +11,8 @@ import pytest
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of

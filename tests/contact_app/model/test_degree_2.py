@@ -12,8 +12,9 @@ from scipy.sparse.linalg import splu
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.assembly import Element
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Material, build_scene
+from contact_app.scene.material import Material
 from meshes import BoxShape, decompose
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve

@@ -14,9 +14,8 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.outline import outline
 from contact_app.run.check import describe
 from contact_app.run.solve import solve_scene
-from contact_app.scene import scene as scene_module
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
 from tests.contact_app.run.test_ranks import summary_of
@@ -275,17 +274,14 @@ def test_mistakes_are_told_with_file_line_and_key(
     assert allowed in message
 
 
-def test_refining_more_than_memory_holds_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(scene_module, "available_bytes", lambda: 1e9)
+def test_refining_more_than_memory_holds_is_refused(tmp_path: Path) -> None:
     file = meshfiles.write(meshfiles.block("hexahedron", 4), tmp_path / "block.msh")
     made = patch("hexahedron", file)
     made["bodies"][0]["mesh"]["refine"] = 1
-    assert scenes.build(made).bodies[0].mesh.nodes == 9**3
+    assert scenes.build(made, memory=1e9).bodies[0].mesh.nodes == 9**3
     made["bodies"][0]["mesh"]["refine"] = 6
     with pytest.raises(ConfigurationError, match="mesh.refine makes about .* 1 GB are available"):
-        scenes.build(made)
+        scenes.build(made, memory=1e9)
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -18,8 +18,9 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
 from tests.scenes_on_ranks import summary_of

@@ -15,8 +15,8 @@ from contact_app.model.symmetry import halved
 from contact_app.results.plot.stored import read
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.mirrored import saving
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes

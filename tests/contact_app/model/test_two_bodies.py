@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, solve
 from tests.contact_app.run.test_ranks import summary_of

@@ -15,8 +15,8 @@ from contact_app.model.symmetry import halved
 from contact_app.results.plot.stored import read
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from tests import meshfiles, scenes
 from tests.boundary_integrals import WEIGHTS, Where, facets, integral, pressure_of
 from tests.comparison import same_contacts, solve

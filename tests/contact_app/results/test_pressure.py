@@ -15,8 +15,8 @@ from contact_app.model.boundaries import facets_of
 from contact_app.model.facets import moments
 from contact_app.results.alternation import Lines, alternation
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.verification import find, study
 from tests import meshfiles, scenes
 from tests.comparison import solve

@@ -14,8 +14,8 @@ from mpi4py import MPI
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.results.surface import SurfaceFields, surface_fields, write_lattice, write_surface
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.cube import cube_scene
 from contact_app.studies.paper_run import Settings, paper_run
 

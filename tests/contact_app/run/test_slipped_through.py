@@ -9,8 +9,8 @@ import pytest
 
 from contact_app.accuracy.contact_limits import entered_between
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from tests import scenes
 from tests.comparison import solve
 

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import EXPANSIONS, FIELDS, Configuration, Solver, load
-from contact_app.scene.scene import build_scene
 from solver.contact.options import SolverOptions
 from solver.qp.expansion import expansion_names
 
@@ -300,7 +300,7 @@ def test_every_key_of_the_schema_is_described() -> None:
 
 def test_configuration_and_scene_need_no_heavy_imports() -> None:
     code = (
-        "import sys, contact_app.cli, contact_app.scene.configuration, contact_app.scene.scene;"
+        "import sys, contact_app.cli, contact_app.scene.configuration, contact_app.scene.build;"
         "print([m for m in ('dolfinx', 'petsc4py', 'mpi4py', 'scipy', 'matplotlib') "
         "if m in sys.modules])"
     )

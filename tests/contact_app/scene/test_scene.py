@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from contact_app.errors import ConfigurationError
-from contact_app.scene import scene as scene_module
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
 from contact_app.scene.obstacles import Cylinder, Plane, Sphere
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 from tests import scenes
 
 GIGABYTE = 1e9
 
 
-def build(made: dict[str, Any]) -> Scene:
-    return build_scene(Configuration.model_validate(copy.deepcopy(made)))
+def build(made: dict[str, Any], memory: float | None = None) -> Scene:
+    return build_scene(Configuration.model_validate(copy.deepcopy(made)), memory=memory)
 
 
 @pytest.mark.parametrize("name", scenes.ALL)
@@ -79,9 +79,9 @@ def test_tiny_and_huge_directions_keep_their_meaning() -> None:
         np.testing.assert_allclose(normal, [-(0.5**0.5), 0, 0.5**0.5])
 
 
-def refusal(made: dict[str, Any]) -> str:
+def refusal(made: dict[str, Any], memory: float | None = None) -> str:
     with pytest.raises(ConfigurationError) as caught:
-        build(made)
+        build(made, memory)
     return str(caught.value)
 
 
@@ -109,17 +109,17 @@ def test_z_faces_and_z_are_unknown_in_the_plane() -> None:
     assert "the name 'z'" in refusal(made)
 
 
-def test_memory_is_estimated_before_anything_is_allocated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_module, "available_bytes", lambda: 4.0 * GIGABYTE)
+def test_memory_is_estimated_before_anything_is_allocated() -> None:
+    memory = 4.0 * GIGABYTE
     made = scenes.wall("hexahedron", 40)
-    assert build(made).bodies[0].mesh.cells == (40, 40, 40)
+    assert build(made, memory).bodies[0].mesh.cells == (40, 40, 40)
     made = scenes.wall("hexahedron", 400)
-    assert "4 GB are available" in refusal(made)
+    assert "4 GB are available" in refusal(made, memory)
     made = scenes.wall("hexahedron", 60)  # one factor of it all: more than the mesh
     made["decomposition"] = {"subdomains": 1}
-    assert "GB are available" in refusal(made)
+    assert "GB are available" in refusal(made, memory)
     made["decomposition"] = {"subdomains": [6, 6, 6]}
-    assert build(made).decomposition.subdomains == (6, 6, 6)
+    assert build(made, memory).decomposition.subdomains == (6, 6, 6)
 
 
 def contact_only(obstacle: dict[str, Any]) -> dict[str, Any]:

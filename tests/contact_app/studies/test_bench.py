@@ -13,8 +13,9 @@ from mpi4py import MPI
 
 from contact_app.model.outline import partition_scene
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Scene, build_scene
+from contact_app.scene.scene import Scene
 from contact_app.studies import bench, processes
 from contact_app.studies.bench import CONTACT, LINEAR, OURS, SERIES
 from contact_app.studies.peers import solve

@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contact_app.errors import ConfigurationError
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import Material, build_scene
+from contact_app.scene.material import Material
 from contact_app.studies import chart
 from contact_app.studies.chart_store import Kept
 from contact_app.studies.fields_on_boxes import Lattice, Mesh

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.scene.scene import Material
+from contact_app.scene.material import Material
 from contact_app.studies.claims import run_claim, scene_of
 from contact_app.studies.claims_reference import truth
 from contact_app.studies.claims_scenes import claim_scene

@@ -9,8 +9,8 @@ from scipy.optimize import minimize
 
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.scene.scene import build_scene
 from contact_app.studies.verification import ROOT
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.winkler import SOFTNESS, gaps_are_zero, winkler_contact

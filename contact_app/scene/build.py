@@ -1,0 +1,197 @@
+"""From a configuration to a scene: everything read, and what only the whole scene can tell.
+
+Here the decomposition, the memory that is needed and the presence of a load are checked.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from contact_app.machine.memory import ROWS_PER_DOF, needed_bytes, surface_bytes
+from contact_app.scene import configuration as c
+from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import (
+    BodyContact,
+    BodyForce,
+    Contact,
+    DisplacementCondition,
+    Pressure,
+    Traction,
+)
+from contact_app.scene.keys import Keys
+from contact_app.scene.read_bodies import read_bodies
+from contact_app.scene.read_conditions import ConditionReader
+from contact_app.scene.scene import Decomposition, OutputOptions, Scene
+
+if TYPE_CHECKING:
+    from solver.contact.options import SolverOptions
+
+
+def build_scene(
+    configuration: c.Configuration, surface_only: bool = False, memory: float | None = None
+) -> Scene:
+    """Resolve a configuration.
+
+    Parameters
+    ----------
+    surface_only
+        The answer will be evaluated on the surface alone, which takes a fraction of the memory.
+    memory
+        Bytes the scene may take; what the machine has left unless given.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, line, key and what is allowed.
+    """
+    keys = Keys(configuration, memory)
+    bodies = read_bodies(keys)
+    decomposition = _decomposition(keys, bodies)
+    _check_memory(keys, bodies, decomposition, surface_only)
+    reader = ConditionReader(keys, bodies)
+    conditions = [reader.condition(i, given) for i, given in enumerate(configuration.conditions)]
+    contacts = [reader.contact(i, given) for i, given in enumerate(configuration.contacts)]
+    scene = Scene(
+        title=configuration.title,
+        dimension=keys.dimension,
+        plane=keys.plane,
+        bodies=bodies,
+        displacements=tuple(x for x in conditions if isinstance(x, DisplacementCondition)),
+        tractions=tuple(x for x in conditions if isinstance(x, Traction)),
+        pressures=tuple(x for x in conditions if isinstance(x, Pressure)),
+        forces=tuple(x for x in conditions if isinstance(x, BodyForce)),
+        contacts=tuple(x for x in contacts if isinstance(x, Contact)),
+        pairs=tuple(x for x in contacts if isinstance(x, BodyContact)),
+        decomposition=decomposition,
+        accuracy=configuration.accuracy,
+        solver=_solver_options(configuration),
+        output=_output(configuration),
+        source=configuration.source,
+        symmetry=configuration.symmetry == "allow",
+        guaranteed=configuration.certificate.guaranteed,
+        places=_places(configuration),
+    )
+    if not _loaded(scene):
+        keys.fail(
+            ("conditions",),
+            "load nothing: give a traction, pressure, force or non-zero displacement, or an "
+            "obstacle or a body that overlaps another body",
+        )
+    return scene
+
+
+def _solver_options(configuration: c.Configuration) -> SolverOptions:
+    """With an accuracy the solver follows the mesh, unless a tolerance is given."""
+    from solver.contact.options import SolverOptions  # with PETSc, which reading needs not
+
+    given, accuracy = configuration.solver, configuration.accuracy
+    options = SolverOptions(**given.model_dump())
+    if accuracy is not None and "tolerance" not in given.model_fields_set:
+        options = replace(options, tolerance="auto")
+    if accuracy is None:
+        return options
+    return replace(options, tightest=min(options.tightest, 0.1 * accuracy))
+
+
+def _output(configuration: c.Configuration) -> OutputOptions:
+    given = configuration.output
+    return OutputOptions(given.xdmf, tuple(dict.fromkeys(given.fields)))
+
+
+def _places(configuration: c.Configuration) -> dict[str, str]:
+    """Where conditions, contacts and the decomposition stand in the file."""
+    keys = [("conditions", i) for i in range(len(configuration.conditions))]
+    keys += [("contacts", i) for i in range(len(configuration.contacts))]
+    places = {f"{name}[{i}]": configuration.where((name, i)) for name, i in keys}
+    places["accuracy"] = configuration.where(("accuracy",))
+    places["certificate.guaranteed"] = configuration.where(("certificate", "guaranteed"))
+    places["decomposition"] = configuration.where(("decomposition",))
+    return places
+
+
+def _decomposition(keys: Keys, bodies: tuple[Body, ...]) -> Decomposition:
+    given = keys.configuration.decomposition
+    if isinstance(given, str):
+        return Decomposition(None)
+    parts = given.subdomains
+    if isinstance(parts, int):
+        cells = sum(b.mesh.total_cells for b in bodies)
+        if parts > cells:
+            keys.fail(
+                ("decomposition", "subdomains"),
+                f"is {parts}; at most one a cell is allowed, {cells} here",
+            )
+        return Decomposition(parts)
+    if len(parts) != keys.dimension:
+        keys.fail(
+            ("decomposition", "subdomains"),
+            f"has {len(parts)} numbers; along the axes of {keys.dimension}D there are "
+            f"{keys.dimension}",
+        )
+    for body in bodies:
+        why = body.mesh.uncuttable(tuple(parts), body.name)
+        if why:
+            keys.fail(("decomposition", "subdomains"), why)
+    return Decomposition(tuple(parts))
+
+
+def _check_memory(
+    keys: Keys, bodies: tuple[Body, ...], decomposition: Decomposition, surface_only: bool
+) -> None:
+    """Refuse what cannot fit: the mesh, and factors of subdomains that are too large."""
+    d = keys.dimension
+    dofs = sum(b.nodes for b in bodies) * d
+    parts = decomposition.subdomains
+    factors: list[tuple[float, int]] = []
+    for body in bodies:
+        unknowns = float(body.nodes * d)
+        if isinstance(parts, int):
+            factors += [(dofs / parts, d)] * min(math.ceil(parts / len(bodies)), 1000)
+        elif isinstance(parts, tuple):  # congruent sub-boxes: one factor for each body
+            count = math.prod(parts)
+            factors += [(unknowns / count, d)] * (1 if body.mesh.congruent else count)
+        elif not body.mesh.congruent:
+            from meshes.decompose import choose_parts  # at hand: the mesh was read
+
+            count = choose_parts(body.nodes, d, degree=body.degree)
+            factors += [(unknowns / count, d)] * count
+    needed, available = needed_bytes(dofs, factors=tuple(factors)), keys.memory
+    if surface_only:
+        needed = surface_bytes(dofs, ROWS_PER_DOF * dofs / 2.0)
+    if needed > available:
+        largest = int(np.argmax([float(b.nodes) for b in bodies]))
+        key = ("box", "cells") if keys.configuration.bodies[largest].mesh.box else ("file",)
+        keys.fail(
+            ("bodies", largest, "mesh", *key),
+            f"{'make' if len(key) == 2 else 'makes'} {float(dofs):.3g} degrees of freedom in "
+            f"all, which need about {needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are "
+            "available",
+        )
+
+
+def _loaded(scene: Scene) -> bool:
+    """Whether anything moves or presses a body."""
+    vectors = [x.vector for x in scene.tractions] + [x.vector for x in scene.forces]
+    pressed = any(map(any, vectors)) or any(load.value for load in scene.pressures)
+    moved = any(any(condition.values) for condition in scene.displacements)
+    entered = any(_may_enter(scene.bodies, contact) for contact in scene.contacts)
+    overlapping = any(_may_overlap(scene.bodies, pair) for pair in scene.pairs)
+    return pressed or moved or entered or overlapping
+
+
+def _may_enter(bodies: tuple[Body, ...], contact: Contact) -> bool:
+    """Whether the box of a body enters an obstacle."""
+    box = bodies[contact.body].mesh
+    lower, upper = (np.array([*v, *(0.0,) * (3 - len(v))]) for v in (box.lower, box.upper))
+    return contact.obstacle.may_overlap(lower, upper)
+
+
+def _may_overlap(bodies: tuple[Body, ...], pair: BodyContact) -> bool:
+    """Whether the boxes of two bodies have a part in common."""
+    a, b = bodies[pair.body].mesh, bodies[pair.other].mesh
+    lower, upper = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
+    return bool((lower < upper).all())

@@ -1,0 +1,85 @@
+"""Supports, loads and contacts, each with its key in the file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from contact_app.scene.obstacles import Obstacle
+
+
+@dataclass(frozen=True)
+class DisplacementCondition:
+    """Displacement of a boundary by component, None where free."""
+
+    body: int
+    boundary: str
+    values: tuple[float | None, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Force per area on a boundary."""
+
+    body: int
+    boundary: str
+    vector: tuple[float, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """Pressure against the outward normal of a boundary."""
+
+    body: int
+    boundary: str
+    value: float
+    source: str
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """Force per volume in a body."""
+
+    body: int
+    vector: tuple[float, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A boundary that may touch an obstacle."""
+
+    body: int
+    boundary: str
+    obstacle: Obstacle
+    source: str
+
+
+@dataclass(frozen=True)
+class BodyContact:
+    """A boundary that may touch the boundary of another body."""
+
+    body: int
+    boundary: str
+    other: int
+    other_boundary: str
+    source: str
+
+
+@dataclass(frozen=True)
+class ContactName:
+    """What a contact of the scene file is called.
+
+    Attributes
+    ----------
+    source
+        Its key in the file, ``contacts[0]``.
+    on, against
+        The boundary that touches, body.boundary, and what it touches: such a boundary, or the kind
+        of an obstacle.
+    """
+
+    source: str
+    on: str
+    against: str

@@ -1,0 +1,60 @@
+"""The keys of a scene file: messages that name file, line and key, and vectors checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NoReturn
+
+from contact_app.errors import ConfigurationError
+from contact_app.machine.memory import available_bytes
+from contact_app.scene import configuration as c
+
+Place = tuple[str | int, ...]
+"""Where a value stands: keys and positions from the top of the file."""
+
+Vector = tuple[float, float, float]
+"""A vector in space."""
+
+
+class Keys:
+    """One configuration, knowing where each key stands in the file.
+
+    Attributes
+    ----------
+    dimension, plane
+        Of the scene; `plane` is None in space.
+    memory
+        Bytes the scene may take.
+    """
+
+    def __init__(self, configuration: c.Configuration, memory: float | None = None) -> None:
+        self.configuration = configuration
+        self.memory = available_bytes() if memory is None else memory
+        self.dimension, self.plane = configuration.space
+
+    def fail(self, path: Place, message: str) -> NoReturn:
+        """Raise a ConfigurationError: file, line and key, then the message."""
+        raise ConfigurationError(self.configuration.where(path) + " " + message)
+
+    def vector(self, values: Sequence[float], path: Place, what: str) -> tuple[float, ...]:
+        """As many components as the scene has axes."""
+        if len(values) != self.dimension:
+            self.fail(
+                path,
+                f"has {len(values)} components; {what} in {self.dimension}D has {self.dimension}",
+            )
+        return tuple(values)
+
+    def space(self, values: Sequence[float], path: Place, what: str) -> Vector:
+        """A vector of the scene with three components, zero across a plane."""
+        vector = self.vector(values, path, what)
+        x, y, z = (*vector, *(0.0,) * (3 - len(vector)))
+        return x, y, z
+
+    def direction(self, values: Sequence[float], path: Place) -> Vector:
+        """A vector in space that is not zero, its largest component 1 or -1."""
+        x, y, z = self.space(values, path, "a direction")
+        scale = max(abs(x), abs(y), abs(z))
+        if scale == 0.0:
+            self.fail(path, "is zero, which is no direction")
+        return x / scale, y / scale, z / scale

@@ -1,0 +1,228 @@
+"""Bodies of a scene file: names, meshes, materials and boundaries checked."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+from contact_app.machine.memory import needed_bytes
+from contact_app.scene import configuration as c
+from contact_app.scene.bodies import CELLS, Body, BodyMesh, Box
+from contact_app.scene.expressions import Expression, ExpressionError
+from contact_app.scene.keys import Keys, Place
+from contact_app.scene.material import Material
+
+SHORTEST_EDGE = 1e-15
+"""Shortest edge of a cell; dolfinx takes boxes a few times shorter for empty."""
+
+LONGEST_CELL = 1e4
+"""Longest over shortest edge of a cell; beyond, round-off hides the short edge's stiffness."""
+
+NEAREST_HALF = 1e-6
+"""Distance of Poisson's ratio from 0.5 and -1, where the stiffness grows beyond all bounds."""
+
+
+def read_bodies(keys: Keys) -> tuple[Body, ...]:
+    """The bodies, each with a name of its own.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, line, key and what is allowed.
+    """
+    bodies = tuple(_body(keys, i, body) for i, body in enumerate(keys.configuration.bodies))
+    names = [body.name for body in bodies]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            keys.fail(("bodies", i, "name"), f"is {name!r}, the name of an earlier body")
+    return bodies
+
+
+def _body(keys: Keys, i: int, body: c.Body) -> Body:
+    path: Place = ("bodies", i)
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]{0,99}", body.name):
+        keys.fail(
+            (*path, "name"),
+            f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
+        )
+    if body.degree not in (1, 2):
+        keys.fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
+    mesh = _mesh(keys, body.mesh, body.degree, (*path, "mesh"))
+    materials, mesh = _materials(keys, body, mesh, (*path, "material"))
+    if body.mean_dilatation:
+        _check_mean_dilatation(keys, body, mesh.cell, (*path, "mean_dilatation"))
+        materials = tuple(replace(m, mean_dilatation=True) for m in materials)
+    return Body(
+        name=body.name,
+        mesh=mesh,
+        degree=body.degree,
+        materials=materials,
+        boundaries=_boundaries(keys, body, mesh, (*path, "boundaries")),
+        degree_given="degree" in body.model_fields_set or keys.configuration.certificate.guaranteed,
+    )
+
+
+def _check_mean_dilatation(keys: Keys, body: c.Body, cell: str, path: Place) -> None:
+    if body.degree != 1 or cell not in ("quadrilateral", "hexahedron"):
+        keys.fail(
+            path,
+            "is for quadrilaterals and hexahedra of degree 1, not "
+            f"{cell}s of degree {body.degree}"
+            + (": use degree 2 there" if body.degree == 1 else ", which needs none"),
+        )
+    if keys.plane == "stress":
+        keys.fail(path, "is for plane strain and 3D: in plane stress the volume is free")
+
+
+def _boundaries(keys: Keys, body: c.Body, mesh: BodyMesh, path: Place) -> dict[str, Expression]:
+    """Those an expression defines, by name."""
+    boundaries = {}
+    for name, boundary in body.boundaries.items():
+        at = (*path, name)
+        if name in mesh.boundaries:
+            keys.fail(at, f"redefines {name}, which the mesh knows already; choose another name")
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_+-]{0,99}", name):
+            keys.fail(
+                at,
+                "is no name for a boundary; a letter or _ first, then letters, digits, _, + "
+                "and - are allowed",
+            )
+        variables = ("x", "y", "z")[: keys.dimension]
+        try:
+            boundaries[name] = Expression.parse(boundary.where, variables)
+        except ExpressionError as error:
+            keys.fail((*at, "where"), str(error))
+    return boundaries
+
+
+def _materials(
+    keys: Keys, body: c.Body, mesh: BodyMesh, path: Place
+) -> tuple[tuple[Material, ...], BodyMesh]:
+    """The materials of a body, and its mesh with each cell tagged by the number of its own."""
+    given = body.material
+    if isinstance(given, c.Material):
+        return (_material(keys, given, path),), mesh
+    if body.mesh.box is not None:
+        keys.fail(path, "by tag needs a mesh from a file; a box takes {young, poisson}")
+    from meshes import MeshError
+
+    materials = tuple(_material(keys, m, (*path, name)) for name, m in given.items())
+    try:
+        return materials, mesh.tagged(tuple(given))  # type: ignore[attr-defined]
+    except MeshError as error:
+        keys.fail(path, str(error))
+
+
+def _material(keys: Keys, material: c.Material, path: Place) -> Material:
+    poisson = material.poisson
+    if not -1.0 < poisson < 0.5:
+        keys.fail(
+            (*path, "poisson"),
+            f"is {poisson:g}; an isotropic solid needs -1 < ν < 0.5 "
+            "(nearly incompressible: ν ≤ 0.4999, and mind the certificate's warning)",
+        )
+    if min(0.5 - poisson, 1.0 + poisson) < NEAREST_HALF:
+        keys.fail(
+            (*path, "poisson"),
+            f"is within {NEAREST_HALF:g} of {0.5 if poisson > 0 else -1}, where round-off "
+            "would decide the answer; at most 0.4999 is recommended",
+        )
+    return Material(material.young, poisson, yield_stress=material.yield_stress)
+
+
+def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
+    if (mesh.box is None) == (mesh.file is None):
+        both = "has both; exactly one of" if mesh.box else "needs"
+        keys.fail(path, f"{both} `box: {{lower, upper, cells, cell}}` or `file: part.msh`")
+    if mesh.box is not None:
+        for key in ("group", "scale", "rotate", "translate", "refine"):
+            if key in mesh.model_fields_set:
+                keys.fail((*path, key), "belongs to a mesh from a file; a box has corners")
+        return _box(keys, mesh.box, (*path, "box"))
+    return _file(keys, mesh, degree, path)
+
+
+def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
+    from meshes import (
+        MeshError,
+        Placement,
+        load_mesh,
+        refined,
+    )  # dolfinx, which boxes need later only
+
+    axis: Any = (0.0, 0.0, 1.0)
+    if mesh.rotate is not None and mesh.rotate.axis is not None:
+        if keys.dimension == 2:
+            keys.fail((*path, "rotate", "axis"), "has no place in 2D; give the angle alone")
+        axis = keys.direction(mesh.rotate.axis, (*path, "rotate", "axis"))
+    elif mesh.rotate is not None and keys.dimension == 3:
+        keys.fail((*path, "rotate"), "needs an axis in 3D: {axis: [0, 0, 1], angle: 90}")
+    placement = Placement(
+        scale=mesh.scale,
+        axis=axis,
+        angle=mesh.rotate.angle if mesh.rotate else 0.0,
+        translation=keys.space(
+            mesh.translate or (0.0,) * keys.dimension, (*path, "translate"), "a translation"
+        ),
+    )
+    groups = [mesh.group] if isinstance(mesh.group, str) else mesh.group or []
+    if not mesh.file or not mesh.file.isprintable():
+        keys.fail((*path, "file"), f"is {mesh.file!r}, which is no name of a file")
+    file = keys.configuration.source.parent / mesh.file
+    try:
+        found = load_mesh(file, keys.dimension, placement, groups, degree)
+    except MeshError as error:
+        keys.fail((*path, "file"), f"is {file}, which {error}")
+    dofs = float(found.nodes * keys.dimension * 2 ** (keys.dimension * mesh.refine))
+    needed, available = needed_bytes(dofs), keys.memory
+    if needed > available:
+        keys.fail(
+            (*path, "refine"),
+            f"makes about {dofs:.3g} degrees of freedom, which need {needed / 1e9:.3g} GB; "
+            f"{available / 1e9:.3g} GB are available",
+        )
+    for _ in range(mesh.refine):
+        found = refined(found)
+    return found
+
+
+def _box(keys: Keys, box: c.Box, path: Place) -> Box:
+    lower = keys.vector(box.lower, (*path, "lower"), "a corner")
+    upper = keys.vector(box.upper, (*path, "upper"), "a corner")
+    if len(box.cells) != keys.dimension:
+        keys.fail(
+            (*path, "cells"),
+            f"has {len(box.cells)} numbers; a box in {keys.dimension}D has {keys.dimension}",
+        )
+    for axis, (a, b) in enumerate(zip(lower, upper, strict=True)):
+        if not b > a:
+            keys.fail(
+                (*path, "upper"),
+                f"is {b:g} along {'xyz'[axis]}, not above lower ({a:g}): the box has no volume",
+            )
+        if (b - a) / box.cells[axis] <= 1e-12 * max(abs(a), abs(b)):
+            keys.fail(
+                (*path, "cells"),
+                f"are too small along {'xyz'[axis]} to tell their nodes apart",
+            )
+    edges = [(b - a) / n for a, b, n in zip(lower, upper, box.cells, strict=True)]
+    if min(edges) < SHORTEST_EDGE:
+        keys.fail(
+            (*path, "cells"),
+            f"make cells of {min(edges):.3g} along an edge; at least {SHORTEST_EDGE:g} is "
+            "allowed: choose a smaller unit of length",
+        )
+    if max(edges) > LONGEST_CELL * min(edges):
+        keys.fail(
+            (*path, "cells"),
+            f"make cells {max(edges) / min(edges):.3g} times as long as wide; up to "
+            f"{LONGEST_CELL:g} is allowed",
+        )
+    cell = box.cell or CELLS[keys.dimension][0]
+    if cell not in CELLS[keys.dimension]:
+        keys.fail(
+            (*path, "cell"),
+            f"is {cell}; in {keys.dimension}D {' or '.join(CELLS[keys.dimension])} is allowed",
+        )
+    return Box(lower, upper, tuple(box.cells), cell)

@@ -1,0 +1,137 @@
+"""Supports, loads and contacts of a scene file: boundaries found by name, vectors checked."""
+
+from __future__ import annotations
+
+import difflib
+
+from contact_app.scene import configuration as c
+from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import (
+    BodyContact,
+    BodyForce,
+    Contact,
+    DisplacementCondition,
+    Pressure,
+    Traction,
+)
+from contact_app.scene.keys import Keys, Place
+from contact_app.scene.obstacles import SHAPES, Obstacle
+
+Condition = DisplacementCondition | Traction | Pressure | BodyForce
+
+
+class ConditionReader:
+    """Reads conditions and contacts of bodies that are known by name."""
+
+    def __init__(self, keys: Keys, bodies: tuple[Body, ...]) -> None:
+        self.keys, self.bodies = keys, bodies
+        self.names = [body.name for body in bodies]
+
+    def _name(self, text: str, path: Place) -> int:
+        if text not in self.names:
+            near = difflib.get_close_matches(text, self.names, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            self.keys.fail(path, f"names the body {text!r}{hint} (known: {', '.join(self.names)})")
+        return self.names.index(text)
+
+    def _boundary(self, text: str, path: Place) -> tuple[int, str]:
+        name, dot, boundary = text.partition(".")
+        if not dot or not boundary:
+            self.keys.fail(
+                path, f"is {text!r}; it has the form body.boundary, e.g. {self.names[0]}.x-"
+            )
+        body = self._name(name, path)
+        known = [*self.bodies[body].mesh.boundaries, *self.bodies[body].boundaries]
+        if boundary not in known:
+            near = difflib.get_close_matches(boundary, known, 1)
+            hint = f"; did you mean {name}.{near[0]}?" if near else ""
+            self.keys.fail(
+                path, f"names the boundary {boundary!r} of {name}{hint} (known: {', '.join(known)})"
+            )
+        return body, boundary
+
+    def condition(self, i: int, condition: c.Condition) -> Condition:
+        """A support or load."""
+        path: Place = ("conditions", i)
+        source = f"conditions[{i}]"
+        given = [k for k in ("displacement", "traction", "pressure", "force")
+                 if getattr(condition, k) is not None]  # fmt: skip
+        if len(given) != 1:
+            self.keys.fail(
+                path,
+                f"has {' and '.join(given) or 'no kind'}; exactly one of displacement, traction, "
+                "pressure, force is allowed",
+            )
+        kind = given[0]
+        if kind == "force":
+            if condition.inside is None or condition.on is not None:
+                self.keys.fail(path, "a force acts `in` a body, e.g. {in: cube, force: [0, 0, -1]}")
+            body = self._name(condition.inside, (*path, "in"))
+            vector = self.keys.vector(condition.force or [], (*path, "force"), "a force")
+            return BodyForce(body, vector, source)
+        if condition.on is None or condition.inside is not None:
+            self.keys.fail(path, f"a {kind} acts `on` a boundary, e.g. {{on: cube.z+, {kind}: …}}")
+        body, boundary = self._boundary(condition.on, (*path, "on"))
+        if kind == "pressure":
+            return Pressure(body, boundary, condition.pressure or 0.0, source)
+        if kind == "traction":
+            vector = self.keys.vector(condition.traction or [], (*path, kind), "a traction")
+            return Traction(body, boundary, vector, source)
+        values = condition.displacement or []
+        d = self.keys.dimension
+        if len(values) != d:
+            self.keys.fail(
+                (*path, kind),
+                f"has {len(values)} components; in {d}D it has {d} (null leaves one free)",
+            )
+        if all(v is None for v in values):
+            self.keys.fail((*path, kind), "leaves every component free; give a number for one")
+        return DisplacementCondition(body, boundary, tuple(values), source)
+
+    def contact(self, i: int, contact: c.Contact) -> Contact | BodyContact:
+        """A contact with an obstacle or with another body."""
+        path: Place = ("contacts", i)
+        if (contact.obstacle is None) == (contact.against is None):
+            forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
+            both = "has both; " if contact.obstacle else ""
+            self.keys.fail(
+                path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
+            )
+        body, boundary = self._boundary(contact.on, (*path, "on"))
+        if contact.obstacle is not None:
+            obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
+            return Contact(body, boundary, obstacle, f"contacts[{i}]")
+        other, other_boundary = self._boundary(contact.against or "", (*path, "against"))
+        if other == body:
+            self.keys.fail(
+                (*path, "against"),
+                f"is a boundary of {self.names[body]} itself; contact of a body with itself is not "
+                "modelled",
+            )
+        for k, earlier in enumerate(self.keys.configuration.contacts[:i]):
+            if {earlier.on, earlier.against} == {contact.on, contact.against}:
+                self.keys.fail(
+                    path, f"repeats contacts[{k}]: each pair of boundaries is given once"
+                )
+        return BodyContact(body, boundary, other, other_boundary, f"contacts[{i}]")
+
+    def _obstacle(self, given: c.Obstacle, path: Place) -> Obstacle:
+        known = given.known_keys()
+        kinds = [key for key in known if getattr(given, key) is not None]
+        if len(kinds) != 1:
+            self.keys.fail(
+                path,
+                f"has {' and '.join(kinds) or 'no shape'}; exactly one of {', '.join(known)} is "
+                "allowed",
+            )
+        at, shape = (*path, kinds[0]), SHAPES[kinds[0]]
+        if self.keys.dimension == 2 and shape.not_in_plane:
+            self.keys.fail(at, shape.not_in_plane)
+        fields = dict(getattr(given, kinds[0]))
+        for key, value in fields.items():
+            if key in shape.directions:
+                fields[key] = self.keys.direction(value, (*at, key))
+            elif isinstance(value, list):
+                fields[key] = self.keys.space(value, (*at, key), "a point")
+        obstacle: Obstacle = shape(**fields)
+        return obstacle
