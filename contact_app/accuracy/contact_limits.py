@@ -138,7 +138,7 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
         if forces[number] == 0.0:
             continue
         depth = entered_between(model, solution, number)
-        young = min(m.young for m in scene.bodies[contact.body].materials)
+        young = scene.bodies[contact.body].softest
         width = np.pi / 8.0 if scene.dimension == 2 else _facet_size(model, contact)
         square += forces[number] * depth / max(across[number], 1.0) ** 2
         square += young * width * depth**2

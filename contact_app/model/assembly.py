@@ -2,7 +2,7 @@
 
 Everything is assembled on the mesh of a congruence class and returned as plain arrays in the
 order of the mesh's nodes: unknown ``node * dimension + component``. Linear elasticity, small
-strain: σ = λ tr(ε) I + 2 μ ε with Lamé's parameters, λ replaced by 2λμ/(λ + 2μ) in plane stress.
+strain; moduli are those of `scene.material`.
 
 Two points a direction integrate the stiffness of first-order cells exactly on undistorted boxes,
 three that of second-order quadrilaterals and hexahedra, a rule of the same degree that of triangles
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from contact_app.scene.material import Material
+from contact_app.scene.material import CellMaterials, Material
 from meshes import Reference
 from meshes import dolfinx_compat as versions
 from meshes.subdomains import vtk_order, vtk_shapes
@@ -41,23 +41,6 @@ def quadrature_degree(cell: str, degree: int, curved: bool = False) -> int:
     if curved:
         return CURVED[cell]
     return 2 * degree if cell in ("quadrilateral", "hexahedron") else degree
-
-
-def lame(material: Material, plane: str | None) -> tuple[float, float]:
-    """Lamé's λ (reduced in plane stress) and μ, in the unit of Young's modulus."""
-    young, poisson = material.young, material.poisson
-    mu = young / (2.0 * (1.0 + poisson))
-    lam = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    if plane == "stress":
-        lam = 2.0 * lam * mu / (lam + 2.0 * mu)
-    return lam, mu
-
-
-def cell_moduli(
-    tags: NDArray[np.int32], materials: tuple[Material, ...], plane: str | None
-) -> NDArray[np.float64]:
-    """Lamé's λ and μ of cells by the tag of each, (2, cells)."""
-    return np.array([lame(material, plane) for material in materials]).T[:, tags]
 
 
 class Element:
@@ -107,13 +90,17 @@ class Element:
         matrix.convert("aij")
         K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
         if materials[0].mean_dilatation:
-            lam = cell_moduli(self.reference.tags, materials, plane)[0]
+            lam = self.of_cells(materials, plane).lame[0]
             means = self.gradient_operator()
             d = self.dimension
             dilatation = sum(means[i * d + i :: d * d] for i in range(d))
             K = (K + dilatation.T @ sparse.diags(lam * self.cell_volumes()) @ dilatation).tocsr()
         K.sort_indices()
         return K
+
+    def of_cells(self, materials: tuple[Material, ...], plane: str | None) -> CellMaterials:
+        """The materials of the cells, by their tags."""
+        return CellMaterials(materials, self.reference.tags, plane)
 
     def body_force(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
         """Load of a force per volume, (unknowns,)."""
@@ -178,10 +165,10 @@ class Element:
         """σ(u); without λ tr(ε) where that is taken from means over cells."""
         full = 0.0 if materials[0].mean_dilatation else 1.0
         if len(materials) == 1:
-            moduli = np.array(lame(materials[0], plane)) * [full, 1.0]
+            moduli = np.array(materials[0].lame(plane)) * [full, 1.0]
             lam, mu = (fem.Constant(self.mesh, PETSc.ScalarType(m)) for m in moduli)
         else:
-            values = cell_moduli(self.reference.tags, materials, plane) * [[full], [1.0]]
+            values = self.of_cells(materials, plane).lame * [[full], [1.0]]
             lam, mu = map(self._cellwise, values)
         strain = ufl.sym(ufl.grad(u))
         return lam * ufl.tr(strain) * ufl.Identity(self.dimension) + 2.0 * mu * strain
@@ -207,44 +194,6 @@ class Element:
     @staticmethod
     def _assembled(form: Any) -> NDArray[np.float64]:
         return fem.assemble_vector(versions.compile_form(form)).array.copy()
-
-
-def stress(
-    gradient: NDArray[np.float64], moduli: NDArray[np.float64], plane: str | None
-) -> NDArray[np.float64]:
-    """Stress xx, yy, zz, xy, yz, xz (…, cells, 6) of displacement gradients.
-
-    In the plane yz and xz vanish; zz does too in plane stress.
-
-    Parameters
-    ----------
-    gradient : (…, cells, d, d)
-    moduli : (2, cells)
-        Lamé's λ and μ.
-    """
-    lam, mu = moduli
-    strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
-    volumetric = lam * np.trace(strain, axis1=-2, axis2=-1)
-    result = np.zeros((*gradient.shape[:-2], 6))
-    dimension = gradient.shape[-1]
-    for i in range(dimension):
-        result[..., i] = volumetric + 2.0 * mu * strain[..., i, i]
-    result[..., 3] = 2.0 * mu * strain[..., 0, 1]
-    if dimension == 3:
-        result[..., 4] = 2.0 * mu * strain[..., 1, 2]
-        result[..., 5] = 2.0 * mu * strain[..., 0, 2]
-    elif plane == "strain":
-        result[..., 2] = volumetric
-    return result
-
-
-def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Von Mises stress of components xx, yy, zz, xy, yz, xz (…, 6)."""
-    xx, yy, zz, xy, yz, xz = np.moveaxis(stress, -1, 0)
-    return np.sqrt(
-        0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
-        + 3.0 * (xy**2 + yz**2 + xz**2)
-    )  # fmt: skip
 
 
 def _scipy(matrix: PETSc.Mat) -> sparse.csr_matrix:

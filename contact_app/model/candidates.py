@@ -85,7 +85,7 @@ def _softness(scene: Scene, number: int) -> float:
     body, d = scene.bodies[number], scene.dimension
     sides = np.subtract(body.mesh.upper, body.mesh.lower)
     length, thickness, volume = float(sides.max()), float(sides.min()), float(sides.prod())
-    young = min(m.young for m in body.materials)
+    young = body.softest
     beam = length / (young * volume / length) * (1.0 + 4.0 * (length / thickness) ** 2)
     cell = (volume / body.mesh.total_cells) ** (1.0 / d) / body.degree
     return beam + (4.0 / young if d == 2 else 1.0 / (young * cell))

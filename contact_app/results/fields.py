@@ -13,11 +13,11 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.model.assembly import cell_moduli, stress, von_mises
 from contact_app.model.candidates import slack_of
 from contact_app.model.model import Model
 from contact_app.results.pressure import NodesInContact, contact_forces, node_gaps
 from contact_app.results.surface_nodes import SurfaceNodes
+from contact_app.scene.material import von_mises
 from solver.contact.solution import Solution
 
 
@@ -134,11 +134,9 @@ def cell_fields(model: Model, solution: Solution) -> CellFields:
         transposed = np.swapaxes(gradient, -1, -2)
         strain, rotation = 0.5 * (gradient + transposed), 0.5 * (gradient - transposed)
         largest = np.maximum(largest, [np.abs(strain).max(), np.abs(rotation).max()])
-        moduli = cell_moduli(element.reference.tags, materials, scene.plane)
-        by_class.append(stress(gradient, moduli, scene.plane))
-        density = moduli[0] * np.trace(strain, axis1=2, axis2=3) ** 2
-        density += 2.0 * moduli[1] * np.einsum("mcij,mcij->mc", strain, strain)
-        energies.append(density @ element.cell_volumes())
+        material = element.of_cells(materials, scene.plane)
+        by_class.append(material.stress(gradient))
+        energies.append(material.energy_density(strain) @ element.cell_volumes())
     stresses = [by_class[cls][column] for cls, column in model.place]
     joined = np.concatenate(stresses) if stresses else np.zeros((0, 6))
     starts = model.partition.cell_starts

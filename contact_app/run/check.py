@@ -154,7 +154,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}" for m in body.materials
         )
         element = ", degree 2" if body.degree == 2 else ""
-        if body.materials[0].mean_dilatation:
+        if body.mean_dilatation:
             element = ", change of volume as its mean over cells"
         lines.append(f"body {body.name}: {body.mesh.describe()}{element}, {materials}")
         ends = (_vector(corner) for corner in (body.mesh.lower, body.mesh.upper))

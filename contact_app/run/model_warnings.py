@@ -44,7 +44,6 @@ SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1
 SMALL_SAGITTA = 0.01
 LARGE_SAGITTA = 0.05
-LOCKING_POISSON = 0.48
 SIMPLICES = ("triangle", "tetrahedron")
 LARGE_ERROR = 0.4
 ROUNDED_STRAINS = 1e-3
@@ -160,8 +159,8 @@ def _locking_in_volume(answer: Answer) -> Iterator[str]:
     """First-order cells of nearly incompressible bodies."""
     scene = answer.model.scene
     for body in scene.bodies:
-        poisson = max(material.poisson for material in body.materials)
-        if scene.plane != "stress" and poisson > LOCKING_POISSON and body.plain:
+        if body.nearly_incompressible(scene.plane) and body.plain:
+            poisson = max(material.poisson for material in body.materials)
             remedy = "degree: 2"
             if body.mesh.cell in ("quadrilateral", "hexahedron"):
                 remedy = "mean_dilatation: true or degree: 2"

@@ -156,6 +156,20 @@ class Body:
         return self.mesh.nodes_of(self.degree)
 
     @property
+    def softest(self) -> float:
+        """Smallest Young's modulus of its materials."""
+        return min(material.young for material in self.materials)
+
+    @property
+    def mean_dilatation(self) -> bool:
+        """Whether its change of volume is taken as the mean over each cell (B-bar)."""
+        return any(material.mean_dilatation for material in self.materials)
+
+    def nearly_incompressible(self, plane: str | None) -> bool:
+        """Whether one of its materials is."""
+        return any(material.nearly_incompressible(plane) for material in self.materials)
+
+    @property
     def plain(self) -> bool:
         """Whether its cells are of first order and fully integrated: they lock."""
-        return self.degree == 1 and not any(m.mean_dilatation for m in self.materials)
+        return self.degree == 1 and not self.mean_dilatation

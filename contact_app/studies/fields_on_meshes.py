@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact_app.model.assembly import lame
 from contact_app.scene.material import Material
 from meshes import dolfinx_compat as versions
 from meshes.quadratic import VERTICES
@@ -93,7 +92,7 @@ class Cloud:
 
     def energy(self, field: Array, materials: Sequence[Material], plane: str | None) -> float:
         """a(e, e) of a field (points, dimension)."""
-        lam, mu = np.array([lame(material, plane) for material in materials]).T
+        lam, mu = np.array([material.lame(plane) for material in materials]).T
         total = 0.0
         cell, degree = self._finest.cell, self._finest.degree
         simplex = cell in ("triangle", "tetrahedron")

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
-from contact_app.model.assembly import lame, quadrature_degree
+from contact_app.model.assembly import quadrature_degree
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Scene
@@ -110,7 +110,7 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
     body, d = scene.bodies[0], scene.dimension
     if len(body.materials) > 1:
         raise UnsuitableError(f"it has {len(body.materials)} materials")
-    if body.materials[0].mean_dilatation:
+    if body.mean_dilatation:
         raise UnsuitableError("its change of volume is taken as a mean over cells")
     if scene.contacts and has_averaged_rows(body):
         raise UnsuitableError("its contact is kept in the mean about vertices, which is no bound")
@@ -174,7 +174,7 @@ def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
 
 def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    moduli = lame(body.materials[0], scene.plane)
+    moduli = body.materials[0].lame(scene.plane)
     lam, mu = (fem.Constant(mesh, PETSc.ScalarType(m)) for m in moduli)
     rule = quadrature_degree(body.mesh.cell, body.degree)
     strain = ufl.sym(ufl.grad(u))

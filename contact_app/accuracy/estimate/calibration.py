@@ -42,7 +42,7 @@ def conforms(scene: Scene) -> bool:
     """
     boxes = all(isinstance(body.mesh, Box) for body in scene.bodies)
     flat = all(isinstance(contact.obstacle, Plane) for contact in scene.contacts)
-    averaged = any(m.mean_dilatation for body in scene.bodies for m in body.materials)
+    averaged = any(body.mean_dilatation for body in scene.bodies)
     return boxes and flat and not scene.pairs and not averaged
 
 

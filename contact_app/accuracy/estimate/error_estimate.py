@@ -45,10 +45,6 @@ _Distance = tuple[NDArray[np.int64], slice, Array, Array]
 MISFIT = 0.5
 """Share of the squared misfit at samples that is the recovery's own error."""
 
-NEARLY_INCOMPRESSIBLE = 0.48
-"""Poisson's ratio above which nothing of the distance is left out: on quadrilaterals of degree 2 at
-0.49 to 0.4999 that made estimates of 0.5 to 0.7 of the error (docs/guide/accuracy.md)."""
-
 
 class ErrorEstimator:
     """Estimates the errors of answers to one model; using it is collective."""
@@ -124,9 +120,8 @@ class ErrorEstimator:
         for cells, averaged, materials in zip(
             recovery.cells, recovery.averaged, self.model.materials, strict=True
         ):
-            stiff = self.model.scene.plane != "stress" and any(
-                material.poisson > NEARLY_INCOMPRESSIBLE for material in materials
-            )
+            plane = self.model.scene.plane
+            stiff = any(material.nearly_incompressible(plane) for material in materials)
             basis = None if averaged or stiff else cells.sampled(2 * cells.degree)
             result.append(None if basis is None else np.kron(basis, np.eye(len(recovery.V))))
         return result

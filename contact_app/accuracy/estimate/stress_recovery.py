@@ -41,24 +41,13 @@ from contact_app.accuracy.estimate.patch_fits import (
     QuadraticFits,
 )
 from contact_app.accuracy.estimate.patches import Cells, Table
-from contact_app.model.assembly import lame
 from contact_app.model.boundaries import boundary_facets
 from contact_app.model.model import Model
-from contact_app.scene.material import Material
 from meshes import Subdomain
 
 Array = NDArray[np.float64]
 
 SHEARS = ((0, 1), (1, 2), (0, 2))
-
-
-def moduli(material: Material, plane: str | None, dimension: int) -> tuple[Array, Array]:
-    """D of σ = D ε in two parts, of the shape and of the volume, (components, components) each."""
-    lam, mu = lame(material, plane)
-    size = dimension * (dimension + 1) // 2
-    volume = np.zeros((size, size))
-    volume[:dimension, :dimension] = lam
-    return np.diag(np.where(np.arange(size) < dimension, 2.0 * mu, mu)), volume
 
 
 def strain_of_gradient(dimension: int) -> Array:
@@ -116,7 +105,7 @@ class StressRecovery:
                 made[id(element)] = Cells(element)
         self.cells = [made[id(element)] for element in model.elements]
         self.moduli = [
-            [moduli(material, model.scene.plane, self.dimension) for material in materials]
+            [material.elasticity(model.scene.plane, self.dimension) for material in materials]
             for materials in model.materials
         ]
         self.averaged = [materials[0].mean_dilatation for materials in model.materials]

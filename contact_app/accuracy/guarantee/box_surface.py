@@ -16,7 +16,6 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.accuracy.estimate.stress_recovery import moduli
 from contact_app.accuracy.guarantee.equilibrated import (
     AdmissibleStresses,
     FaceData,
@@ -96,7 +95,7 @@ class BoxSurface:
                 f"{self.body.name} has degree 2, whose gaps at nodes do not keep it off an "
                 "obstacle between them"
             )
-        if self.body.materials[0].mean_dilatation:
+        if self.body.mean_dilatation:
             raise NoAdmissibleStressError(
                 f"{self.body.name} has mean_dilatation, whose energy is not that of its "
                 "displacement"
@@ -112,8 +111,7 @@ class BoxSurface:
         for contact in scene.contacts:
             if contact.body == number:
                 self._oppose(contact)
-        shape, volume = moduli(self.body.materials[0], scene.plane, d)
-        self.compliance = np.linalg.inv(shape + volume)
+        self.compliance = self.body.materials[0].compliance(scene.plane, d)
         force = np.zeros(d)
         for load in scene.forces:
             if load.body == number:

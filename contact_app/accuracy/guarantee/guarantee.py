@@ -35,7 +35,6 @@ from contact_app.accuracy.estimate.stress_recovery import (
     SHEARS,
     apply,
     at_cells,
-    moduli,
     strain_of_gradient,
     stress_operator,
 )
@@ -146,7 +145,7 @@ class _Answer:
         self.cells = [made[id(element)] for element in model.elements]
         self.pairs = SHEARS[: 2 * self.dimension - 3]
         self.stiff = [
-            sum(moduli(materials[0], model.scene.plane, self.dimension))
+            sum(materials[0].elasticity(model.scene.plane, self.dimension))
             @ strain_of_gradient(self.dimension)
             for materials in model.materials
         ]

@@ -515,7 +515,7 @@ def kept(before: float, even: float, step: float, after: float, degree: int) -> 
 
 def _free_degree(scene: Scene) -> bool:
     """Whether the degree is left to the refinement."""
-    averaged = any(m.mean_dilatation for body in scene.bodies for m in body.materials)
+    averaged = any(body.mean_dilatation for body in scene.bodies)
     return not averaged and not any(body.degree_given for body in scene.bodies)
 
 
