@@ -15,12 +15,13 @@ import numpy as np
 from scipy.linalg.blas import daxpy
 
 from solver.errors import IndefiniteError, NotFiniteError, UnboundedError
-from solver.qp.box_qp import BoxQP
-from solver.qp.gradients import Block, Scratch, activity_edges
+from solver.qp.block import Block
+from solver.qp.convex_set import Scratch
 from solver.qp.memory import CurvatureMemory
 from solver.qp.operators import Operator, estimate_norm
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Step
+from solver.qp.separable_qp import SeparableQP
 from solver.vectors import BLOCK, Mask, Vector, blocks
 
 #: Curvature pᵀAp/(‖A‖ pᵀp) at or below which a direction is taken to be in the kernel of A.
@@ -55,7 +56,7 @@ class Iterate:
 
     def __init__(
         self,
-        qp: BoxQP,
+        qp: SeparableQP,
         x0: object = None,
         *,
         norm: float | None = None,
@@ -72,21 +73,19 @@ class Iterate:
         self.preconditioner: Preconditioner | None = self.memory or preconditioner
         self.x = qp.start(x0)
         self.g, self.p, self.Ap = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._bounded = qp.lower is not None or qp.upper is not None
-        # without bounds the free gradient is the gradient, and nothing is ever chopped
+        feasible = None if qp.feasible.is_everything else qp.feasible
+        self._bounded = feasible is not None
+        # without constraints the free gradient is the gradient, and nothing is ever chopped
         self.free = np.zeros(n) if self._bounded else self.g
         self.chopped = np.zeros(n)
         self.is_free: Mask = np.ones(n, dtype=bool)
         self.z = self.free if self.preconditioner is None else np.zeros(n)
-        lower_edge, upper_edge = activity_edges(qp.lower, qp.upper)
         vectors = {
             "x": self.x, "g": self.g, "p": self.p, "Ap": self.Ap, "b": qp.b,
             "free": self.free, "chopped": self.chopped, "is_free": self.is_free, "z": self.z,
-            "lower": qp.lower, "upper": qp.upper,
-            "lower_edge": lower_edge, "upper_edge": upper_edge,
         }  # fmt: skip
         scratch = Scratch(min(n, BLOCK))
-        self.blocks = [Block(rows, vectors, scratch) for rows in blocks(n)]
+        self.blocks = [Block(rows, vectors, feasible, scratch) for rows in blocks(n)]
         self.counts = Counts()
         self.iterations = 0
         self.history: list[Step] = []
@@ -222,7 +221,7 @@ class Iterate:
         free_product = 0.0
         for block in self.blocks:
             if snap:
-                block.step_to_bound(alpha)
+                block.step_to_boundary(alpha)
             else:
                 block.step(alpha)
             np.multiply(block.Ap, alpha, out=block.t)
@@ -272,7 +271,7 @@ class Iterate:
         slope = standard = 0.0
         for block in self.blocks:
             block.project_into(target, out=block.trial)
-            block.step_to_bound(alpha_f)
+            block.step_to_boundary(alpha_f)
             np.multiply(block.Ap, alpha_f, out=block.t)
             np.subtract(block.g, block.t, out=block.g)
             block.split()
@@ -389,14 +388,9 @@ class Iterate:
             daxpy(self._image_p.ravel(), self.image.ravel(), a=-alpha)  # in place
 
     def settle(self) -> None:
-        """Put active components on their bounds exactly."""
+        """Put active components on the boundary of the feasible set exactly."""
         for block in self.blocks:
-            if block.lower is not None and block.lower_edge is not None:
-                np.less_equal(block.x, block.lower_edge, out=block.mask)
-                np.copyto(block.x, block.lower, where=block.mask)
-            if block.upper is not None and block.upper_edge is not None:
-                np.greater_equal(block.x, block.upper_edge, out=block.mask)
-                np.copyto(block.x, block.upper, where=block.mask)
+            block.settle()
 
     def at_round_off(self) -> bool:
         """Whether the projected gradient is no more than rounding errors."""

@@ -19,6 +19,7 @@ from solver.qp.expansion import Expansion, expansion_by_name
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Reason, Result
+from solver.qp.separable_qp import SeparableQP
 from solver.vectors import Vector
 
 #: Says why to stop, or None to go on.
@@ -81,7 +82,7 @@ class MPRGP:
 
     def solve(
         self,
-        qp: BoxQP,
+        qp: SeparableQP,
         x0: object = None,
         monitor: Monitor | None = None,
         accept: AcceptIterate | None = None,
@@ -138,12 +139,12 @@ class MPRGP:
             history=it.history,
         )
 
-    def _look(self, qp: BoxQP, x0: object) -> tuple[object, Counts]:
+    def _look(self, qp: SeparableQP, x0: object) -> tuple[object, Counts]:
         """Where a few CG steps without the bounds lead, and what they took.
 
         Without bounds a semidefinite problem may have no minimum: then what was reached serves.
         """
-        if self.look == 0 or (qp.lower is None and qp.upper is None):
+        if self.look == 0 or qp.feasible.is_everything:
             return x0, Counts()
         free = BoxQP(qp.operator, qp.b)
         it = Iterate(free, qp.start(x0), norm=self.norm, preconditioner=self.preconditioner)

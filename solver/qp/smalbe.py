@@ -26,12 +26,12 @@ import numpy as np
 from petsc4py import PETSc
 
 from solver.errors import NotFiniteError, QPError
-from solver.qp.box_qp import BoxQP
 from solver.qp.equalities import Equalities, as_equalities, equalities_norm
 from solver.qp.iterate import Iterate
 from solver.qp.mprgp import MPRGP
 from solver.qp.operators import estimate_norm
 from solver.qp.result import Counts, Monitor, Reason, Result
+from solver.qp.separable_qp import SeparableQP
 from solver.vectors import Vector
 
 WINDOW = 10
@@ -178,7 +178,7 @@ class SMALBE:
 
     def begin(
         self,
-        qp: BoxQP,
+        qp: SeparableQP,
         C: Any,
         c: Any = None,
         x0: object = None,
@@ -208,7 +208,7 @@ class SMALBE:
 
     def solve(
         self,
-        qp: BoxQP,
+        qp: SeparableQP,
         C: Any,
         c: Any = None,
         x0: object = None,
@@ -226,7 +226,7 @@ class SMALBE:
         hooks = Hooks(monitor)
         return self.begin(qp, C, c, x0, multiplier0, hooks=hooks).run(accept)
 
-    def _norms(self, qp: BoxQP, equalities: Equalities) -> tuple[float, int, float]:
+    def _norms(self, qp: SeparableQP, equalities: Equalities) -> tuple[float, int, float]:
         """‖A‖, the products it took, and ‖C‖."""
         norm, products = self.inner.norm, 0
         if norm is None:
@@ -259,7 +259,7 @@ class Hooks:
 class _Problem:
     """What is minimised: cost and box, equalities Cx = c, ‖A‖, the products it took, ‖C‖."""
 
-    qp: BoxQP
+    qp: SeparableQP
     equalities: Equalities
     right: Vector
     norm: float
@@ -300,9 +300,9 @@ class OuterIterations:
         self._transposed = np.zeros(qp.size)  # Cᵀ multiplier
         equalities.apply_transpose(multiplier, self._transposed)
         equalities.apply_transpose(self._rho * right, self._change)
-        self._augmented = BoxQP(
+        self._augmented = SeparableQP(
             equalities.penalised(qp.operator, self._rho), qp.b - self._transposed + self._change,
-            qp.lower, qp.upper,
+            qp.feasible,
         )  # fmt: skip
         self._it = it = Iterate(
             self._augmented, x0, norm=self._inner_norm,
@@ -525,7 +525,7 @@ class OuterIterations:
             save(self._restart(it.outer - 1))
 
 
-def _local_rows(values: Any, rows: int, name: str, qp: BoxQP) -> Vector:
+def _local_rows(values: Any, rows: int, name: str, qp: SeparableQP) -> Vector:
     if values is None:
         return np.zeros(rows)
     if isinstance(values, PETSc.Vec):

@@ -1,0 +1,87 @@
+"""MPRGP knows the feasible set by its protocol alone: one written here serves as the box does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from solver.errors import QPError
+from solver.qp.box_qp import BoxQP
+from solver.qp.convex_set import Scratch
+from solver.qp.mprgp import MPRGP
+from solver.qp.separable_qp import SeparableQP
+from solver.vectors import Mask, Vector
+
+NEAR = 1e-14
+
+
+@dataclass(frozen=True)
+class Balls:
+    """|x_i - c_i| ≤ r_i, by distances from the centre instead of bounds."""
+
+    centre: Vector
+    radius: Vector
+
+    is_everything = False
+
+    def not_finite(self, offset: int) -> list[str]:
+        return []
+
+    def empty(self, offset: int) -> list[str]:
+        return ["a radius is negative"] if (self.radius < 0.0).any() else []
+
+    def project(self, x: Vector) -> None:
+        away = x - self.centre
+        x[:] = self.centre + np.sign(away) * np.minimum(np.abs(away), self.radius)
+
+    def on_block(self, rows: slice, scratch: Scratch) -> Balls:
+        return Balls(self.centre[rows], self.radius[rows])
+
+    def split(self, x: Vector, g: Vector, is_free: Mask, free: Vector, chopped: Vector) -> None:
+        away = x - self.centre
+        is_free[:] = np.abs(away) < self.radius * (1.0 - NEAR)
+        free[:] = np.where(is_free, g, 0.0)
+        chopped[:] = np.where(~is_free & (away * g > 0.0), g, 0.0)
+
+    def step_to_boundary(self, x: Vector, p: Vector, alpha: float) -> None:
+        x -= alpha * p
+        self.project(x)
+        self.settle(x)
+
+    def reduce(self, x: Vector, free: Vector, alpha: float, out: Vector) -> None:
+        moved = x - alpha * free
+        self.project(moved)
+        out[:] = (x - moved) / alpha
+
+    def inverse_longest_step(self, x: Vector, p: Vector) -> float:
+        room = self.radius + np.sign(p) * (x - self.centre)
+        return float(np.max(np.abs(p) / np.where(room > 0.0, room, np.inf), initial=0.0))
+
+    def settle(self, x: Vector) -> None:
+        away = x - self.centre
+        on_it = np.abs(away) >= self.radius * (1.0 - NEAR)
+        x[on_it] = (self.centre + np.sign(away) * self.radius)[on_it]
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["fixed", "projcg", "projcg-safe", "gfgr-opt"]))
+def test_a_set_of_ones_own_gives_the_answer_of_the_box(seed: int, expansion: str) -> None:
+    rng = np.random.default_rng(seed)
+    n = 12
+    half = rng.normal(size=(n, n))
+    A, b = half @ half.T + np.eye(n), 5.0 * rng.normal(size=n)
+    centre, radius = rng.normal(size=n), rng.uniform(0.1, 1.0, size=n)
+    solver = MPRGP(rtol=1e-10, expansion=expansion)
+    ours = solver.solve(SeparableQP(A, b, Balls(centre, radius)))
+    box = solver.solve(BoxQP(A, b, centre - radius, centre + radius))
+    assert ours.converged == box.converged
+    if box.converged:  # plain projcg may cycle
+        np.testing.assert_allclose(ours.x, box.x, atol=1e-7)
+
+
+def test_an_empty_set_is_refused() -> None:
+    with pytest.raises(QPError, match="a radius is negative"):
+        SeparableQP(np.eye(2), np.zeros(2), Balls(np.zeros(2), np.array([1.0, -1.0])))
