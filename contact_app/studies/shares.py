@@ -21,7 +21,7 @@ from contact_app.scene.configuration import load
 from contact_app.studies.bench import config
 from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.winkler import winkler_contact
 
 REPEATS = 20
@@ -72,7 +72,7 @@ class Shares:
         x[(problem.kinds == RowKind.SUPPORT) & ~touching] = 0.0
         alpha, beta = rng.standard_normal(coarse.kernels), np.empty(coarse.kernels)
         image, forces, free = np.empty_like(x), np.empty_like(u), np.ones(problem.size, bool)
-        preconditioner = FacePreconditioner(problem, math.inf)
+        preconditioner = DualPreconditioner(problem, math.inf)
 
         def constraints() -> None:
             problem.B.apply_transpose(x, forces)

@@ -1,12 +1,12 @@
-"""Primal-dual active sets on the dual problem of Total FETI.
+"""Primal-dual active sets.
 
-The contact rows of the active set hold with equality, the others are left out
-(`solver.tfeti.active_set_problem`). The solution of the right active set is the solution of the
-contact problem. `active_set_loop` looks for it: an active set is solved no further than a decision
-needs; rows whose tensile multiplier exceeds the error leave the set, and with them their mirror
-image across the edge of contact (`solver.tfeti.constraints.contact_edge`); rows that are penetrated
-by more than the error join it (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as
-a semismooth Newton method*, 2002). Only a set that needs no change is solved to the end.
+The contact rows of the active set hold with equality, the multipliers of the others are prescribed;
+a backend solves that (`solver.backend`). The solution of the right active set is the solution of
+the contact problem. `active_set_loop` looks for it: an active set is solved no further than a
+decision needs; rows whose tensile multiplier exceeds the error leave the set, and with them their
+mirror image across the edge of contact; rows that are penetrated by more than the error join it
+(Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as a semismooth Newton method*,
+2002). Only a set that needs no change is solved to the end.
 """
 
 from __future__ import annotations
@@ -14,23 +14,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Generic
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
+from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
 from solver.contact.law import ContactLaw, Frictionless
 from solver.errors import QPError
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-from solver.tfeti.active_set_problem import ActiveSetProblem, State
-from solver.tfeti.constraints.contact_edge import mirrored
-from solver.tfeti.constraints.hierarchy import RowLevels
-from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import largest_magnitude
-from solver.tfeti.recycling import Directions
 
 Mask = NDArray[np.bool_]
 
@@ -97,9 +92,9 @@ class Start:
 
     Attributes
     ----------
-    active : (dual,)
+    active : (rows,)
         The initial active set.
-    multiplier : (dual,)
+    multiplier : (rows,)
         Where the first set begins; the smallest multiplier in equilibrium if None.
     alternative
         Gives another initial active set (collective). It is asked where contact peels off from the
@@ -113,7 +108,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class StoppingTest:
+class StoppingTest(Generic[S]):
     """What the loop asks about the answer of a set; the same on all ranks.
 
     Attributes
@@ -127,13 +122,13 @@ class StoppingTest:
         Whether an answer will do although its set still changes.
     """
 
-    required_reduction: Callable[[State], float]
-    accept: Callable[[State], bool]
+    required_reduction: Callable[[S], float]
+    accept: Callable[[S], bool]
     may_end_early: bool = False
 
 
 @dataclass(frozen=True)
-class StateSaver:
+class StateSaver(Generic[S]):
     """Saves the state of a set at steps where one is wanted.
 
     Attributes
@@ -147,10 +142,10 @@ class StateSaver:
     """
 
     due: Callable[[], bool]
-    save: Callable[[State, Counts], None]
+    save: Callable[[S, Counts], None]
     before: Counts = field(default_factory=Counts)
 
-    def watch(self, on_set: ActiveSetProblem) -> Watch:
+    def watch(self, on_set: SetSolve[S]) -> Watch:
         """Sees the iterates of a set."""
 
         def saw(it: Iterate) -> None:
@@ -161,7 +156,7 @@ class StateSaver:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(Generic[S]):
     """How the solve on a set, or the loop, ended.
 
     Attributes
@@ -170,31 +165,31 @@ class Outcome:
         `ACCEPTED`, why the solver ended, or None where another set is asked for.
     state
         The last one evaluated.
-    following : (dual,)
-        The active set from there on.
+    following
+        The statuses from there on.
     counts
         Work of the set, or of all of them.
-    released : (dual,)
+    released : (rows,)
         Rows that left although the law lets them stay, as mirror images across the contact edge.
     """
 
     reason: Reason | None
-    state: State | None
-    following: Mask
+    state: S | None
+    following: Statuses
     counts: Counts
     released: Mask | None = None
 
 
 def active_set_loop(
-    problem: DualProblem,
+    backend: Backend[S],
     start: Start,
-    test: StoppingTest,
+    test: StoppingTest[S],
     inner: MPRGP,
     monitor: Monitor | None = None,
-    saver: StateSaver | None = None,
+    saver: StateSaver[S] | None = None,
     options: ActiveSetOptions | None = None,
     law: ContactLaw | None = None,
-) -> Outcome:
+) -> Outcome[S]:
     """Solve active sets, each until it asks for another, until an answer is accepted (collective).
 
     Parameters
@@ -208,23 +203,23 @@ def active_set_loop(
     SMALBE-M, whose convergence is proved, then goes on from there.
     """
     options, law = options or ActiveSetOptions(), law or Frictionless()
-    active, multiplier, alternative = start.active, start.multiplier, start.alternative
-    hierarchy = RowLevels(problem, thinned=problem.held_without_contact and multiplier is None)
-    update = ActiveSetUpdate(problem, hierarchy, law, options, options.release_at_edge)
-    directions, seen, counts = Directions(problem), set[int](), Counts()
+    comm, multiplier, alternative = backend.comm, start.multiplier, start.alternative
+    hierarchy = backend.hierarchy(warm=multiplier is not None)
+    update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge)
+    seen, counts = set[int](), Counts()
     reduction = options.first_reduction if hierarchy.finest else options.coarse_reduction
-    active = active & hierarchy.allowed
-    released, again = np.zeros(problem.size, bool), np.zeros(problem.size, bool)
-    found = Outcome(None, None, active, counts)
+    statuses = Statuses(start.active & hierarchy.allowed)
+    released, again = np.zeros_like(start.active), np.zeros_like(start.active)
+    found: Outcome[S] = Outcome(None, None, statuses, counts)
     for number in range(options.most_sets):
-        fingerprint = _fingerprint(problem.comm, active)
+        fingerprint = statuses.fingerprint(comm)
         if fingerprint in seen:  # decided too early, or the sets do not settle
             reduction *= options.deeper
             update = replace(update, release_at_edge=False)
             seen.clear()
         seen.add(fingerprint)
         try:
-            on_set = ActiveSetProblem(problem, active, multiplier, directions)
+            on_set = backend.on_set(statuses, multiplier)
         except ArithmeticError:  # a body is held by rows that have left the set
             break
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
@@ -233,37 +228,37 @@ def active_set_loop(
             found = solve_on_set(on_set, update, test, left, monitor, watch, reduction)
         except QPError:  # the active rows hold a body so badly that rounding lets it go
             counts = counts + on_set.counts
-            found = Outcome(None, None, active, counts)
+            found = Outcome(None, None, statuses, counts)
             break
         counts = counts + found.counts
-        # its B and coarse problem, before the next has its own: petsc4py leaves them for later
-        del on_set, watch
-        PETSc.garbage_cleanup(problem.comm)
+        del on_set, watch  # what they hold is given back before the next set has its own
+        backend.release()
         if found.reason is not None or found.state is None:
             break
         following = found.following
-        if alternative is not None and not _peels(problem.comm, active, following, options.peeled):
+        if alternative is not None and not _peels(comm, statuses, following, options.peeled):
             alternative = None
         if alternative is not None and number == 1:  # the second set in a row peels
-            following, alternative = following & alternative(), None
+            following = replace(following, active=following.active & alternative())
+            alternative = None
         if update.release_at_edge:
-            again |= released & following
+            again |= released & following.active
             released |= found.released if found.released is not None else False
-            if _share(problem.comm, again, released) > options.rejoining:
+            if _share(comm, again, released) > options.rejoining:
                 update = replace(update, release_at_edge=False)
-        multiplier, active = found.state.multiplier, following
+        multiplier, statuses = found.state.multiplier, following
     return replace(found, counts=counts)
 
 
 def solve_on_set(
-    on_set: ActiveSetProblem,
-    update: ActiveSetUpdate,
-    test: StoppingTest,
+    on_set: SetSolve[S],
+    update: ActiveSetUpdate[S],
+    test: StoppingTest[S],
     inner: MPRGP,
     monitor: Monitor | None = None,
     watch: Watch | None = None,
     first_reduction: float | None = None,
-) -> Outcome:
+) -> Outcome[S]:
     """Solve on an active set until the set has to change, or its answer is accepted (collective).
 
     Parameters
@@ -271,7 +266,7 @@ def solve_on_set(
     first_reduction
         Reduction of the residual before the first evaluation, if not that of the options.
     """
-    options, comm = update.options, on_set.problem.comm
+    options, comm = update.options, update.backend.comm
     wanted = (first_reduction or options.first_reduction) * on_set.residual
     evaluations = 0
     while True:
@@ -280,7 +275,7 @@ def solve_on_set(
         following, released = update.following(on_set, state)
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, on_set.counts)
-        changes = _changes(comm, on_set.active, following)
+        changes = _changes(comm, on_set.statuses, following)
         asks = test.may_end_early or not changes
         lack = test.required_reduction(state) if asks else math.inf
         at_end = not changes and on_set.at_round_off
@@ -301,7 +296,7 @@ def solve_on_set(
 
 
 @dataclass(frozen=True, eq=False)
-class ActiveSetUpdate:
+class ActiveSetUpdate(Generic[S]):
     """The primal-dual update: the KKT residuals of a state decide on the next active set.
 
     Attributes
@@ -312,62 +307,53 @@ class ActiveSetUpdate:
         Whether rows leave together with their mirror image across the edge of contact.
     """
 
-    problem: DualProblem
-    hierarchy: RowLevels
+    backend: Backend[S]
+    hierarchy: Hierarchy
     law: ContactLaw
     options: ActiveSetOptions
     release_at_edge: bool = True
 
     @classmethod
-    def simple(cls, problem: DualProblem) -> ActiveSetUpdate:
-        """Without contact the rows of all levels, the frictionless law and default options."""
-        return cls(problem, RowLevels(problem, thinned=False), Frictionless(), ActiveSetOptions())
+    def simple(cls, backend: Backend[S]) -> ActiveSetUpdate[S]:
+        """All rows on one level, the frictionless law and default options."""
+        return cls(backend, backend.hierarchy(warm=True), Frictionless(), ActiveSetOptions())
 
-    def following(self, on_set: ActiveSetProblem, state: State) -> tuple[Mask, Mask]:
-        """The next active set, and the rows released as mirror images, (dual,) (collective)."""
-        problem, active = self.problem, on_set.active
-        distance = state.distance(problem)
+    def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask]:
+        """The next statuses, and the rows released as mirror images, (rows,) (collective)."""
+        backend, active = self.backend, on_set.statuses.active
         error = self.options.significant * on_set.error(state.strained)
-        strongest = largest_magnitude(problem.comm, state.multiplier[active])
+        strongest = _largest(backend.comm, state.multiplier[active])
         stays = self.law.may_stay_active(state.multiplier, error * strongest)
-        released = np.zeros(problem.size, bool)
+        released = np.zeros_like(active)
         if self.release_at_edge:
-            released = stays & mirrored(problem, active, active & ~stays)
+            released = stays & backend.mirror_image(active, active & ~stays)
             stays &= ~released
         for _ in range(2):
-            joins = self.hierarchy.allowed & self.law.closes(distance, error)
-            if not problem.comm.allreduce(int(active.sum())):
-                joins &= self._first_to_close(state.jumps, joins)
-            following = problem.inequality & np.where(active, stays, joins)
-            if self.hierarchy.finest or _changes(problem.comm, active, following):
+            joins = self.hierarchy.allowed & self.law.closes(state.distance, error)
+            if not backend.comm.allreduce(int(active.sum())):
+                joins &= self._first_to_close(state, joins)
+            next_active = backend.contact_rows & np.where(active, stays, joins)
+            following = Statuses(next_active, self.law.tractions(state.multiplier, next_active))
+            if self.hierarchy.finest or _changes(backend.comm, on_set.statuses, following):
                 break
             self.hierarchy.refine()
         return following, released
 
-    def _first_to_close(self, jumps: NDArray[np.float64], penetrated: Mask) -> Mask:
-        """Penetrated rows that a growing load closes first; others may then stay open.
-
-        Parameters
-        ----------
-        jumps : (dual,)
-            B u - c of the full load without contact; B u grows with the load.
-        """
-        problem = self.problem
-        gaps = np.maximum(problem.c, 0.0)
-        moved = np.where(penetrated, jumps + problem.c, 1.0)
-        share = np.where(penetrated, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
-        first = problem.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
+    def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
+        """Penetrated rows that a growing load closes first; others may then stay open."""
+        share = self.backend.closing_share(state, penetrated)
+        first = self.backend.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
         return np.asarray(share <= first + self.options.first_share * (1.0 - first))
 
 
-def _fingerprint(comm: MPI.Intracomm, active: Mask) -> int:
-    """A number that tells active sets apart (collective)."""
-    return hash(tuple(comm.allgather(hash(active.tobytes()))))
+def _largest(comm: MPI.Intracomm, values: NDArray[np.float64]) -> float:
+    """Largest magnitude on all ranks (collective)."""
+    return float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
 
 
-def _changes(comm: MPI.Intracomm, active: Mask, following: Mask) -> int:
-    """Rows that join or leave (collective)."""
-    return int(comm.allreduce(int((following != active).sum())))
+def _changes(comm: MPI.Intracomm, statuses: Statuses, following: Statuses) -> int:
+    """Rows whose status changes (collective)."""
+    return int(comm.allreduce(int(statuses.changed(following).sum())))
 
 
 def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
@@ -376,9 +362,10 @@ def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
     return float(few) / max(float(all_rows), 1.0)
 
 
-def _peels(comm: MPI.Intracomm, active: Mask, following: Mask, share: float) -> bool:
+def _peels(comm: MPI.Intracomm, statuses: Statuses, following: Statuses, share: float) -> bool:
     """Whether at least that share of the rows leaves and none joins (collective)."""
+    active, next_active = statuses.active, following.active
     joined, gone, before = comm.allreduce(
-        np.array([(following & ~active).sum(), (active & ~following).sum(), active.sum()])
+        np.array([(next_active & ~active).sum(), (active & ~next_active).sum(), active.sum()])
     )
     return not joined and bool(gone > share * before)

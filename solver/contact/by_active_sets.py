@@ -18,6 +18,7 @@ from solver.contact.task import Task
 from solver.qp.result import Counts, Reason
 from solver.qp.smalbe import Restart
 from solver.tfeti.active_set_problem import State
+from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.winkler import gaps_are_zero, winkler_contact
 
@@ -32,7 +33,7 @@ LOOSE = 1e-2
 
 def solve_from_first_set(
     task: Task, restart: Restart | None, saver: Saver, guess: NDArray[np.float64] | None
-) -> tuple[Outcome, Solution | None]:
+) -> tuple[Outcome[State], Solution | None]:
     """Active sets from an initial one on, or from where a stopped solve had come to (collective).
 
     The initial active set is that of the compressive multipliers of a guess. Without a guess it is
@@ -56,7 +57,7 @@ def solve_from_first_set(
 
 def _solve(
     task: Task, restart: Restart | None, saver: Saver, guess: NDArray[np.float64] | None
-) -> tuple[Outcome, Solution | None]:
+) -> tuple[Outcome[State], Solution | None]:
     """As `solve_from_first_set`, for one initial set."""
     start, before = initial_active_set(task.problem, guess), Counts()
     if restart is not None:
@@ -87,8 +88,8 @@ def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) 
 
 
 def solve_from(
-    task: Task, start: Start, saver: StateSaver | None
-) -> tuple[Outcome, Solution | None]:
+    task: Task, start: Start, saver: StateSaver[State] | None
+) -> tuple[Outcome[State], Solution | None]:
     """The loop from an initial active set, with the certificate as its test (collective).
 
     Returns
@@ -99,7 +100,7 @@ def solve_from(
     test = _CertificateTest(task.problem, task.rule)
     asks = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     found = active_set_loop(
-        task.problem, start, asks, task.inner, task.monitor, saver, task.active_sets
+        TotalFeti(task.problem), start, asks, task.inner, task.monitor, saver, task.active_sets
     )
     if found.reason not in ENDS:
         return found, None

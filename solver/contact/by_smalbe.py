@@ -28,7 +28,7 @@ from solver.qp.smalbe import SMALBE, Hooks, OuterIterations, OuterState, Restart
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.bodies import body_lengths
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import ProjectorEquality
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 
@@ -58,7 +58,7 @@ def solve_as_in_the_paper(task: Task) -> Solution:
     return replace(found, counts=Counts(norm_estimation=products) + found.counts)
 
 
-def solve_by_smalbe(task: Task, before: Outcome | None, restart: Restart | None) -> Solution:
+def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart | None) -> Solution:
     """Go on where active sets did not settle, or where a stopped SMALBE had come to (collective).
 
     Parameters
@@ -71,7 +71,7 @@ def solve_by_smalbe(task: Task, before: Outcome | None, restart: Restart | None)
     norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
     spent = before.counts if before is not None else Counts()
     counts = spent + Counts(norm_estimation=products)
-    preconditioner = FacePreconditioner(problem, norm)
+    preconditioner = DualPreconditioner(problem, norm)
     inner = replace(
         task.inner,
         norm=norm,
@@ -210,7 +210,7 @@ class _ActiveSetsBetween:
         slow = outer % PATIENCE == 0 and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]
         return slow or (outer == 1 and not self._task.problem.held_without_contact)
 
-    def solve_from(self, state: OuterState) -> tuple[Outcome, Solution | None]:
+    def solve_from(self, state: OuterState) -> tuple[Outcome[State], Solution | None]:
         """The outcome of active sets, and the answer if they settle (collective)."""
         problem = self._task.problem
         assert problem.lower is not None

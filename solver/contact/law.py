@@ -1,7 +1,10 @@
 """Contact laws: which contact forces are admissible, and when a point opens or closes.
 
-A law is one object. The active-set loop asks it which active rows may stay closed and which open
-rows close; the certificate's numbers are those of its conditions. A new law is a new class here.
+A law is one object. The active-set loop asks it which active rows may stay active, which others
+join them, and which multipliers the rest have; the certificate's numbers are those of its
+conditions. A new law is a new class: Tresca's and Coulomb's laws keep active the tangential rows
+whose traction is below the slip limit and prescribe the slip traction of the others, a tied contact
+keeps every row active.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 
 
 class ContactLaw(Protocol):
-    """What the active-set loop asks of a contact law; arrays are (dual,), local parts."""
+    """What the active-set loop asks of a contact law; arrays are (rows,), local parts."""
 
     @property
     def name(self) -> str:
@@ -27,6 +30,11 @@ class ContactLaw(Protocol):
 
     def closes(self, distance: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
         """Open rows whose penetration the law does not admit, to a tolerance."""
+
+    def tractions(
+        self, multiplier: NDArray[np.float64], active: NDArray[np.bool_]
+    ) -> NDArray[np.float64] | None:
+        """Multipliers of the rows that are not active from now on; None where all are zero."""
 
 
 @dataclass(frozen=True)
@@ -44,3 +52,9 @@ class Frictionless:
     def closes(self, distance: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
         """Rows that are penetrated."""
         return distance > tolerance
+
+    def tractions(
+        self, multiplier: NDArray[np.float64], active: NDArray[np.bool_]
+    ) -> NDArray[np.float64] | None:
+        """None: an open row carries no force."""
+        return None

@@ -17,13 +17,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.backend import Statuses
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
-from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
 
@@ -60,8 +61,9 @@ class State:
         Contact rows that hold with equality.
     jumps : (dual,)
         B u - c.
-    lengths : (dual,)
-        What each row's jump is relative to: the displacement of its body on the interface.
+    sizes : (dual,)
+        What each row's jump is relative to: the displacement of its body on the interface; in
+        contact rows over the row's length, so that the quotient is a distance.
     displacements : (interface,)
         u.
     strained
@@ -72,18 +74,19 @@ class State:
     motions: NDArray[np.float64]
     active: NDArray[np.bool_]
     jumps: NDArray[np.float64]
-    lengths: NDArray[np.float64]
+    sizes: NDArray[np.float64]
     displacements: NDArray[np.float64]
     strained: float
 
-    def distance(self, problem: DualProblem) -> NDArray[np.float64]:
+    @property
+    def distance(self) -> NDArray[np.float64]:
         """Jumps, and the penetration of contact rows; over the body's displacement."""
-        return self.jumps / (problem.spread * self.lengths)
+        return self.jumps / self.sizes
 
     def worst(self, problem: DualProblem) -> float:
         """Largest jump or penetration, over the displacement of its body."""
         one_sided = problem.inequality & ~self.active
-        distance = self.distance(problem)
+        distance = self.distance
         return largest_magnitude(
             problem.comm, np.where(one_sided, np.maximum(distance, 0.0), distance)
         )
@@ -103,8 +106,8 @@ class ActiveSetProblem:
 
     Parameters
     ----------
-    active : (dual,)
-        The active set: contact rows that hold with equality.
+    statuses
+        The active set, and the multipliers of the other contact rows.
     multiplier : (dual,)
         Where to begin: the nearest multiplier in equilibrium; at the smallest one unless given.
     directions
@@ -119,11 +122,15 @@ class ActiveSetProblem:
     def __init__(
         self,
         problem: DualProblem,
-        active: NDArray[np.bool_],
+        statuses: Statuses,
         multiplier: NDArray[np.float64] | None = None,
         directions: Directions | None = None,
     ) -> None:
-        self.problem, self.active = problem, active
+        self.statuses, self.active = statuses, statuses.active
+        self._tractions = _outside(statuses, problem)
+        if self._tractions is not None:
+            problem = problem.with_constraint_forces(self._tractions)
+        self.problem, active = problem, self.active
         directions = directions or Directions(problem)
         recycled = Recycled(directions, active)
         self.reduced = problem.with_active(active, multiplier)
@@ -133,7 +140,7 @@ class ActiveSetProblem:
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does
-        own = FacePreconditioner(self.reduced, math.inf)
+        own = DualPreconditioner(self.reduced, math.inf)
         operator = RecordedOperator(self.reduced, directions)
         preconditioner = DeflatedPreconditioner(own, recycled, operator)
         self._iterate = it = Iterate(
@@ -241,5 +248,14 @@ class ActiveSetProblem:
         problem.coarse.extend(alpha, kernel_part)
         jumps += kernel_part
         add_motions(problem, alpha, u)
-        lengths = problem.bodies.of_rows(problem.lengths(u))
-        return State(multiplier, alpha, self.active, jumps, lengths, u, strained)
+        if self._tractions is not None:
+            multiplier = multiplier + self._tractions
+        sizes = problem.spread * problem.bodies.of_rows(problem.lengths(u))
+        return State(multiplier, alpha, self.active, jumps, sizes, u, strained)
+
+
+def _outside(statuses: Statuses, problem: DualProblem) -> NDArray[np.float64] | None:
+    """The prescribed multipliers, zero on the rows that hold with equality."""
+    if statuses.tractions is None:
+        return None
+    return np.where(problem.inequality & ~statuses.active, statuses.tractions, 0.0)

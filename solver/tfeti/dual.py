@@ -105,6 +105,17 @@ class DualProblem:
         """
         return DualProblem(self.system.with_loads(forces, lifting, c), Known(operator=self.F))
 
+    def with_constraint_forces(self, multiplier: NDArray[np.float64]) -> DualProblem:
+        """The problem in which -Bᵀ λ of a given multiplier (dual,) acts as a load."""
+        forces, loads = self.constraint_forces(multiplier), []
+        for cls, part, load in zip(
+            self.classes, interface_slices(self.classes), self.forces, strict=True
+        ):
+            changed = load.copy(order="F")
+            changed[cls.interface] -= forces[part].reshape(cls.members, -1).T
+            loads.append(changed)
+        return self.with_loads(loads)
+
     @property
     def comm(self) -> MPI.Intracomm:
         """Communicator of all ranks."""

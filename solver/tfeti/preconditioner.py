@@ -1,4 +1,4 @@
-"""The preconditioner of the projected dual operator, applied in the face of free rows.
+"""The preconditioner of the projected dual operator on the free rows.
 
     z = P B S Bᵀ Pᵀ r + ρ⁻¹ Q r
 
@@ -25,7 +25,7 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 
 
-class FacePreconditioner:
+class DualPreconditioner:
     """Approximate inverse of P F P + ρ Q (protocol `Preconditioner` of MPRGP).
 
     Parameters

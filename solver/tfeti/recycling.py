@@ -1,54 +1,67 @@
-"""Directions of conjugate gradients kept from face to face, where they need no second product.
+"""Search directions of earlier active sets that need no second operator application.
 
-Faces differ in which contact rows are left out, the operator F is one. Directions p of earlier
-faces, all with G p = 0, span a space V; those of its vectors that vanish on the rows that are open
-now lie in the face, and F is known on them. On a face
+Active sets differ in which contact rows are left out, the operator F is one. The directions p of
+earlier sets, all with G p = 0, span a space V. Vectors of V that vanish on the rows that are open
+now are admissible on the present set, and F is known on them. On a set
 
     C = Z (Zᵀ VᵀFV Z)⁻¹ Zᵀ,  Z a basis of the y with V y = 0 on open rows,
 
-gives the best multiplier V C Vᵀ r they hold for a residual r, and makes what a preconditioner
-answers F-orthogonal to them, z - V C (F V)ᵀ z (Y. Saad, M. Yeung, J. Erhel, F. Guyomarc'h, *A
-deflated version of the conjugate gradient algorithm*, 2000; P. Gosselet, C. Rey, J. Pebrel, *Total
-and selective reuse of Krylov subspaces for the resolution of sequences of nonlinear structural
+gives the best multiplier V C Vᵀ r in V for a residual r, and makes a preconditioned residual z
+F-orthogonal to V by z - V C (F V)ᵀ z (Y. Saad, M. Yeung, J. Erhel, F. Guyomarc'h, *A deflated
+version of the conjugate gradient algorithm*, 2000; P. Gosselet, C. Rey, J. Pebrel, *Total and
+selective reuse of Krylov subspaces for the resolution of sequences of nonlinear structural
 problems*, 2013). A row that opens costs one dimension, one that closes none.
 
-Within a face directions are kept F-orthogonal to all earlier ones, not to the last alone: rounding
-undoes the rest, and where cells are slivers most steps would repeat others (F.-X. Roux,
-*Acceleration of the outer conjugate gradient by reorthogonalization for a domain decomposition
-method for structural analysis problems*, 1990).
+On one set each new direction is made F-orthogonal to all earlier ones, not to the last alone:
+rounding undoes the orthogonality, and where cells are slivers most steps would repeat others
+(F.-X. Roux, *Acceleration of the outer conjugate gradient by reorthogonalization for a domain
+decomposition method for structural analysis problems*, 1990).
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import RangeOperator
-
-DIRECTIONS = 100
-"""Directions kept."""
-
-LIGHT = 2**19
-"""Bytes of a direction, over all ranks, up to which to keep it costs nothing beside its product."""
-
-EASY = 8
-"""Steps within which faces end that are better left alone, where directions are not light: the
-first face that takes more keeps those that follow, and each face after it all."""
-
-FEWEST = 9
-"""Directions from which on they serve: where faces take few there is little to save."""
-
-BYTES = 2**27
-"""Memory a rank spends on them; large problems keep none."""
 
 DEPENDENT = 1e-6
 """Eigenvalues of the scaled VᵀFV, relative to the largest, below which directions repeat others."""
 
 ABSENT = 1e-10
-"""Singular values of V on open rows, relative to the largest, that are none."""
+"""Singular values of V on open rows, relative to the largest, that count as zero."""
+
+
+@dataclass(frozen=True)
+class RecyclingOptions:
+    """How many search directions are stored.
+
+    Attributes
+    ----------
+    most
+        Directions stored at once.
+    fewest
+        Stored directions from which on later sets use them: fewer save little.
+    light
+        Bytes of a direction, over all ranks, up to which storing it costs nothing beside its
+        operator application.
+    easy
+        Steps within which a set ends that needs no stored directions, where directions are not
+        light: the first set that takes more stores the following ones, and each later set all.
+    memory
+        Bytes a rank spends on them; large problems store none.
+    """
+
+    most: int = 100
+    fewest: int = 9
+    light: int = 2**19
+    easy: int = 8
+    memory: int = 2**27
 
 
 class Directions:
@@ -62,19 +75,20 @@ class Directions:
     Attributes
     ----------
     count
-        Those that serve; others were kept since they were settled.
+        Directions that later sets use; those of the present set are stored beside them.
     largest
         Largest ‖F p‖/‖p‖ of them: a lower bound of ‖F‖.
     """
 
-    def __init__(self, problem: DualProblem) -> None:
+    def __init__(self, problem: DualProblem, options: RecyclingOptions | None = None) -> None:
+        self.options = options = options or RecyclingOptions()
         self.problem, self.comm = problem, problem.comm
         self._contact = np.flatnonzero(problem.inequality)
         entries = 2 * problem.size + problem.B.columns
-        self._light = 8 * self.comm.allreduce(entries) <= LIGHT
-        room = BYTES // (8 * max(entries, 1))
-        capacity = int(self.comm.allreduce(min(DIRECTIONS, room), op=MPI.MIN))
-        self.capacity = capacity if capacity >= FEWEST else 0
+        self._light = 8 * self.comm.allreduce(entries) <= options.light
+        room = options.memory // (8 * max(entries, 1))
+        capacity = int(self.comm.allreduce(min(options.most, room), op=MPI.MIN))
+        self.capacity = capacity if capacity >= options.fewest else 0
         self.count = self._next = 0
         self._vectors = np.empty((self.capacity, problem.size))
         self._products = np.empty((self.capacity, problem.size))
@@ -98,18 +112,18 @@ class Directions:
         return self._motions[: self.count]
 
     def wanted(self, steps: int) -> bool:
-        """Whether to keep the direction of a face's step of this number, counted from one."""
-        return self._light or self._next > 0 or steps > EASY
+        """Whether to store the direction of this step on a set, counted from one."""
+        return self._light or self._next > 0 or steps > self.options.easy
 
-    def keep(
+    def store(
         self,
         vector: NDArray[np.float64],
         motion: NDArray[np.float64],
         image: NDArray[np.float64],
     ) -> None:
-        """Remember a product, x, K⁺ Bᵀ x and P F x, as long as there is room.
+        """Store an operator application, x, K⁺ Bᵀ x and P F x, as long as there is room.
 
-        It serves at once on the face it comes from, and from the next face on.
+        The set that it comes from uses it at once, later sets from the next one on.
         """
         if self._next < self.capacity:
             self._vectors[self._next], self._motions[self._next] = vector, motion
@@ -117,12 +131,12 @@ class Directions:
             self._next += 1
 
     @property
-    def kept(self) -> int:
-        """How many there are, those of this face included."""
+    def stored(self) -> int:
+        """How many there are, those of the present set included."""
         return self._next
 
     def orthogonalise(self, z: NDArray[np.float64], first: int) -> None:
-        """Make z F-orthogonal to the directions of this face, kept from `first` on (collective).
+        """Make z F-orthogonal to the directions of this set, stored from `first` on (collective).
 
         In exact arithmetic conjugate gradients are; rounding takes that from them where what F
         does to a direction is small beside what it does to others, and costs steps.
@@ -136,12 +150,12 @@ class Directions:
         z -= np.where(good, parts / np.where(good, curvatures, 1.0), 0.0) @ vectors
 
     @property
-    def serve(self) -> bool:
-        """Whether there are enough."""
-        return self._next >= FEWEST
+    def suffice(self) -> bool:
+        """Whether there are enough for later sets."""
+        return self._next >= self.options.fewest
 
     def settle(self) -> None:
-        """Take in what was kept since; where there is no more room, let the older half go."""
+        """Offer all stored directions to later sets; where memory is full, drop the older half."""
         rows, self.count = slice(self.count, self._next), self._next
         for motion, product in zip(self._motions[rows], self._products[rows], strict=True):
             self.problem.B.apply(motion, product)
@@ -159,12 +173,12 @@ class Directions:
                 array[: self.count] = array[-self.count :].copy()
             self._gram[: self.count, : self.count] = self._gram[-self.count :, -self.count :].copy()
 
-    def on_face(self, touching: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """C, (k, k), for the face of these contact rows (collective)."""
+    def on_set(self, active: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """C, (k, k), for an active set (collective)."""
         k = self.count
         gram = self._gram[:k, :k]
         scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), np.inf))
-        open_rows = self._contact[~touching[self._contact]]
+        open_rows = self._contact[~active[self._contact]]
         values = self._vectors[:k, open_rows].T * scale
         triangle = np.zeros((k, k))
         if len(open_rows):
@@ -181,7 +195,7 @@ class Directions:
 
 
 def _inverse_on(basis: NDArray[np.float64], gram: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Z (Zᵀ A Z)⁻¹ Zᵀ on what is independent to working precision."""
+    """Z (Zᵀ A Z)⁻¹ Zᵀ on directions that are independent to working precision."""
     small = basis.T @ gram @ basis
     scale = 1.0 / np.sqrt(np.maximum(np.diag(small), np.finfo(np.float64).tiny))
     sizes, modes = np.linalg.eigh(0.5 * (small + small.T) * scale * scale[:, None])
@@ -191,12 +205,12 @@ def _inverse_on(basis: NDArray[np.float64], gram: NDArray[np.float64]) -> NDArra
 
 
 class RecordedOperator(RangeOperator):
-    """A face's operator that keeps the directions it is applied to."""
+    """The operator of a set, which stores the directions it is applied to."""
 
-    def __init__(self, face: DualProblem, directions: Directions) -> None:
-        assert face.coarse is not None
-        super().__init__(face.F, face.coarse)
-        self._directions, self._first = directions, directions.kept
+    def __init__(self, reduced: DualProblem, directions: Directions) -> None:
+        assert reduced.coarse is not None
+        super().__init__(reduced.F, reduced.coarse)
+        self._directions, self._first = directions, directions.stored
         self._applied = 0
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
@@ -204,7 +218,7 @@ class RecordedOperator(RangeOperator):
         super().apply(x, out)
         self._applied += 1
         if self._directions.wanted(self._applied):
-            self._directions.keep(x, self.image, out)
+            self._directions.store(x, self.image, out)
 
     def orthogonalise(self, z: NDArray[np.float64]) -> None:
         """Make z F-orthogonal to the directions it was applied to."""
@@ -212,24 +226,24 @@ class RecordedOperator(RangeOperator):
 
 
 class Recycled:
-    """What directions of earlier faces do on one face.
+    """The directions of earlier sets as they are used on one set.
 
     Parameters
     ----------
-    touching : (dual,)
-        Its contact rows.
+    active : (dual,)
+        The active set.
     """
 
-    def __init__(self, directions: Directions, touching: NDArray[np.bool_]) -> None:
-        if directions.serve:
+    def __init__(self, directions: Directions, active: NDArray[np.bool_]) -> None:
+        if directions.suffice:
             directions.settle()
         self._of, self._comm = directions, directions.comm
-        self._closed = ~directions.problem.inequality | touching
-        self._inverse = directions.on_face(touching)
+        self._closed = ~directions.problem.inequality | active
+        self._inverse = directions.on_set(active)
 
     @property
     def empty(self) -> bool:
-        """Whether none lies in the face."""
+        """Whether no combination of them is admissible on the set."""
         return not self._inverse.any()
 
     def best(
@@ -246,10 +260,10 @@ class Recycled:
 
 
 class DeflatedPreconditioner:
-    """A face's preconditioner, without what its directions and earlier ones have done already."""
+    """A preconditioner whose result is F-orthogonal to the directions of this and earlier sets."""
 
     def __init__(
-        self, base: FacePreconditioner, recycled: Recycled, operator: RecordedOperator
+        self, base: DualPreconditioner, recycled: Recycled, operator: RecordedOperator
     ) -> None:
         self._base, self._recycled, self._operator = base, recycled, operator
 

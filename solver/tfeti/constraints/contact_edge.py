@@ -1,13 +1,13 @@
-"""Where contact that is closed too far ends.
+"""The edge of contact: where an active set reaches too far, and its mirror image there.
 
-Closed too far by a, the pressure at distance s from the edge of a contact without friction is
+If an active set reaches too far by a, the pressure at distance s from its edge is
 
     p(s) ≈ A √s - A a / (2 √s),
 
-since to first order in a it is what the right edge makes of A √(s - a). It pulls up to s = a/2, so
-that active sets, which open what pulls, halve the excess on each face: the finer the mesh, the more
-faces. What pulls is opened together with its mirror image across the edge where it ends, which
-leaves an excess of second order.
+since to first order in a it is what the right edge makes of A √(s - a). It is tensile up to
+s = a/2. Active sets that release tensile rows alone halve the excess with each set: the finer the
+mesh, the more sets. If tensile rows leave together with their mirror image across the line where
+tension ends, the excess that is left is of second order.
 """
 
 from __future__ import annotations
@@ -28,50 +28,51 @@ APART = 10.0
 """Distance that is put between contacts, over the extent of all: none is near another."""
 
 AROUND = 8
-"""Neighbours among which a row is the one farthest from what pushes."""
+"""Neighbours among which a row is the one farthest from all compressive rows."""
 
 Array = NDArray[np.float64]
 
 
-def mirrored(
-    problem: DualProblem, touching: NDArray[np.bool_], pulling: NDArray[np.bool_]
+def mirror_image(
+    problem: DualProblem, active: NDArray[np.bool_], leaving: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Touching rows in the mirror image of what pulls (collective).
+    """Active rows in the mirror image of leaving ones across the edge of contact (collective).
 
-    A row that pulls at distance w from all that push stands for a zone that is w wide there; of
-    these the rows farthest inside are asked, and the image is what lies within 2 w of them.
+    A tensile row at distance w from all compressive ones stands for a tensile zone that is w wide
+    there. The rows farthest inside such zones are asked, and the mirror image is what lies within
+    2 w of them.
 
     Parameters
     ----------
-    touching : (dual,)
-        Contact rows of a face.
-    pulling : (dual,)
-        Those that pull.
+    active : (dual,)
+        The active set.
+    leaving : (dual,)
+        Its rows with tensile multipliers.
 
     Returns
     -------
-    (dual,), none of which pull.
+    (dual,), compressive rows of the active set.
     """
     comm = problem.comm
     rows = np.flatnonzero(problem.inequality)
     places = _places(comm, problem.contact.points, problem.contact.sources)
-    pulls = pulling[rows]
-    pushes = touching[rows] & ~pulls
-    asked = np.concatenate(comm.allgather(places[pulls]))
+    tensile = leaving[rows]
+    compressive = active[rows] & ~tensile
+    asked = np.concatenate(comm.allgather(places[tensile]))
     result = np.zeros(problem.size, bool)
-    if not len(asked) or not comm.allreduce(int(pushes.sum())):
+    if not len(asked) or not comm.allreduce(int(compressive.sum())):
         return result
-    depth = _tree(places[pushes]).query(asked)[0]
+    depth = _tree(places[compressive]).query(asked)[0]
     comm.Allreduce(MPI.IN_PLACE, depth, op=MPI.MIN)
     spacing, innermost = _within(asked, depth)
     reach = 2.0 * depth - SLACK[problem.dimension] * spacing
     some = np.flatnonzero(innermost & (reach > depth) & (depth < 0.5 * APART))
     if len(some):
         distance, which = _tree(asked[some]).query(
-            places[pushes], distance_upper_bound=float(reach[some].max())
+            places[compressive], distance_upper_bound=float(reach[some].max())
         )
         found = distance < np.append(reach[some], 0.0)[which]
-        result[rows[pushes][found]] = True
+        result[rows[compressive][found]] = True
     return result
 
 

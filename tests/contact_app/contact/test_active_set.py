@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from contact_app.model.model import build_model
 from contact_app.studies.failing_scenes import slender
 from solver import MPRGP, Reason
+from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetUpdate, StoppingTest, solve_on_set
 from solver.contact.driver import solve
 from solver.contact.duality_gap import duality_gap
 from solver.contact.solution import Accuracy
 from solver.contact.stopping import GAIN, LOOSEST, SHARPENS, AutomaticRule
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
+from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import follows
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
@@ -37,7 +39,7 @@ def every_second(problem: DualProblem) -> NDArray[np.bool_]:
 
 
 def solved_to(problem: DualProblem, aim: float) -> tuple[ActiveSetProblem, State]:
-    on_set = ActiveSetProblem(problem, every_second(problem))
+    on_set = ActiveSetProblem(problem, Statuses(every_second(problem)))
     on_set.solve(MPRGP(), aim, None)
     return on_set, on_set.state()
 
@@ -53,15 +55,43 @@ def test_a_state_tells_what_an_operator_application_would(problem: DualProblem) 
     other = problem.constraint_forces(change)
     assert abs(other @ motions) <= 1e-10 * np.linalg.norm(other) * np.linalg.norm(motions)
     jumps = problem.residual(state.displacements) / problem.spread
-    np.testing.assert_allclose(state.distance(problem), jumps / scale, atol=1e-10)
+    np.testing.assert_allclose(state.distance, jumps / scale, atol=1e-10)
     strained = problem.strain_energy(multiplier, free)
     assert state.strained == pytest.approx(strained, rel=1e-10)
+
+
+def test_prescribed_multipliers_act_as_loads(problem: DualProblem) -> None:
+    """Rows that leave the set with the multipliers they had there change nothing."""
+    closed = problem.inequality
+    on_set = ActiveSetProblem(problem, Statuses(closed))
+    on_set.solve(MPRGP(), 1e-12, None)
+    whole = on_set.state()
+    some = every_second(problem)
+    part = ActiveSetProblem(problem, Statuses(some, whole.multiplier))
+    part.solve(MPRGP(), 1e-12, None)
+    found = part.state()
+    scale = np.abs(whole.displacements).max()
+    np.testing.assert_allclose(found.displacements, whole.displacements, atol=1e-7 * scale)
+    largest = np.abs(whole.multiplier).max()
+    np.testing.assert_allclose(found.multiplier, whole.multiplier, atol=1e-7 * largest)
+    assert found.strained == pytest.approx(whole.strained, rel=1e-7)
+    other = ActiveSetProblem(problem, Statuses(some))
+    other.solve(MPRGP(), 1e-12, None)
+    assert np.abs(other.state().displacements - whole.displacements).max() > 1e-3 * scale
+
+
+def test_statuses_differ_by_rows_and_by_prescribed_multipliers() -> None:
+    active = np.array([True, False, False])
+    assert not Statuses(active).changed(Statuses(active, np.array([5.0, 0.0, 0.0]))).any()
+    changed = Statuses(active, np.zeros(3)).changed(Statuses(active, np.array([0.0, 2.0, 0.0])))
+    np.testing.assert_array_equal(changed, [False, True, False])
+    np.testing.assert_array_equal(Statuses(active).changed(Statuses(~active)), [True] * 3)
 
 
 def test_an_active_set_goes_on_from_the_last_multiplier(problem: DualProblem) -> None:
     """Solved from there the same set is at its end, and its first product is all it takes."""
     on_set, state = solved_to(problem, 1e-8)
-    again = ActiveSetProblem(problem, every_second(problem), state.multiplier)
+    again = ActiveSetProblem(problem, Statuses(every_second(problem)), state.multiplier)
     assert again.counts.hessian == 1
     np.testing.assert_allclose(again.state().displacements, state.displacements, atol=1e-12)
 
@@ -82,7 +112,7 @@ def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
     options = scenes.build(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2]).solver
     energy = solve(problem, options, None).measures.energy
     on_set = ActiveSetProblem(
-        problem, np.zeros(problem.size, bool)
+        problem, Statuses(np.zeros(problem.size, bool))
     )  # without contact λ is admissible
     on_set.solve(MPRGP(), 0.3, None)
     state = on_set.state()
@@ -104,7 +134,7 @@ def beside_two_walls(cell: str, angle: float) -> DualProblem:
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_an_active_set_ends_within_a_step_for_each_unknown(cell: str) -> None:
     problem = beside_two_walls(cell, 0.1)
-    on_set = ActiveSetProblem(problem, problem.inequality)
+    on_set = ActiveSetProblem(problem, Statuses(problem.inequality))
     assert on_set.solve(MPRGP(), 1e-8, None) is Reason.CONVERGED
     assert on_set.counts.cg < problem.size
 
@@ -118,7 +148,7 @@ def test_an_active_set_that_rounding_holds_up_ends_all_the_same(cell: str) -> No
     """
     problem = beside_two_walls(cell, 1e-4)
     on_set, inner = (
-        ActiveSetProblem(problem, problem.inequality),
+        ActiveSetProblem(problem, Statuses(problem.inequality)),
         MPRGP(max_iterations=8 * problem.size),
     )
     assert on_set.solve(inner, 1e-8, None) is Reason.ROUND_OFF
@@ -127,7 +157,7 @@ def test_an_active_set_that_rounding_holds_up_ends_all_the_same(cell: str) -> No
     # whoever asked for it goes on elsewhere, without another step on it
     spent = on_set.counts.hessian
     test = StoppingTest(lambda state: 1.0, lambda state: False)
-    found = solve_on_set(on_set, ActiveSetUpdate.simple(problem), test, inner)
+    found = solve_on_set(on_set, ActiveSetUpdate.simple(TotalFeti(problem)), test, inner)
     assert found.reason in (None, Reason.ROUND_OFF)
     assert found.counts.hessian == spent
 
@@ -139,7 +169,7 @@ def test_an_active_set_knows_what_rounding_leaves_outside_the_range_of_the_proje
     """
     scene = scenes.build(slender(300.0, [300, 1]), [30, 1])
     problem = build_model(scene, MPI.COMM_SELF).problem
-    on_set = ActiveSetProblem(problem, winkler_contact(problem))
+    on_set = ActiveSetProblem(problem, Statuses(winkler_contact(problem)))
     assert on_set.solve(MPRGP(), 0.0, None) is Reason.CONVERGED
     assert on_set.counts.cg < problem.size / 10
     assert on_set.at_round_off

@@ -18,15 +18,18 @@ from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from solver.contact import active_set
+from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.answers import certified_answer
 from solver.contact.driver import solve
+from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
-from solver.tfeti.active_set_problem import ActiveSetProblem
+from solver.tfeti.active_set_problem import ActiveSetProblem, State
+from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
 from tests import scenes
+from tests.loops import loop
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -176,47 +179,72 @@ def test_an_answer_far_from_the_solution_is_not_certified() -> None:
     assert answer.certificate.equilibrium < 1e-9
 
 
-def test_an_active_set_is_let_go_before_the_next_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def cube_problem() -> DualProblem:
+    return build_model(build_scene(load(CONFIGS / "cube.yaml")), MPI.COMM_SELF).problem
+
+
+def test_an_active_set_is_let_go_before_the_next_is_made() -> None:
     """Without waiting for Python's collector: on large problems each holds a gigabyte."""
     made: list[weakref.ref[ActiveSetProblem]] = []
     alive: list[int] = []
-    begin = ActiveSetProblem.__init__
 
-    def counting(self: ActiveSetProblem, *arguments: Any) -> None:
-        alive.append(sum(one() is not None for one in made))
-        made.append(weakref.ref(self))
-        begin(self, *arguments)
+    class Watched(TotalFeti):
+        def on_set(self, statuses: Statuses, multiplier: Any) -> ActiveSetProblem:
+            alive.append(sum(one() is not None for one in made))
+            found = super().on_set(statuses, multiplier)
+            made.append(weakref.ref(found))
+            return found
 
-    monkeypatch.setattr(ActiveSetProblem, "__init__", counting)
+    backend = Watched(cube_problem())
     gc.disable()
     try:
-        summary("cube")
+        loop(backend)
     finally:
         gc.enable()
     assert len(alive) > 3
     assert max(alive) == 0
 
 
-def test_active_sets_that_come_back_are_decided_later(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_active_sets_that_come_back_are_decided_later() -> None:
     """The second set is made to ask for the first again, as one left too early may."""
-    reductions: list[float] = []
-    sets: list[NDArray[np.bool_]] = []
-    solve_on_set = active_set.solve_on_set
+    residuals: list[list[float]] = []
+    first: list[NDArray[np.bool_]] = []
 
-    def hasty(on_set: ActiveSetProblem, *arguments: Any) -> active_set.Outcome:
-        reductions.append(arguments[5])
-        sets.append(on_set.active)
-        found = solve_on_set(on_set, *arguments)
-        if len(reductions) == 2:
-            found = replace(found, reason=None, following=sets[0])
-        return found
+    class Recorded(ActiveSetProblem):
+        def solve(self, inner: MPRGP, residual: float, *rest: Any) -> Reason:
+            residuals[-1].append(residual / self.residual)
+            return super().solve(inner, residual, *rest)
 
-    monkeypatch.setattr(active_set, "solve_on_set", hasty)
-    found = summary("cube")
-    assert found["certificate"]["passed"]
-    assert found["solver"]["outer_iterations"] == 0
-    assert reductions[1] == reductions[0]
-    assert reductions[2] == pytest.approx(0.1 * reductions[0])
+        def state(self) -> State:
+            state = super().state()
+            if len(residuals) == 2:  # all rows of the first set penetrate, the others pull
+                contact, back = self.problem.inequality, first[0]
+                jumps = np.where(back, 1.0, -1.0) * np.abs(state.jumps).max()
+                pull = np.where(back, 1.0, -1.0) * np.abs(state.multiplier).max()
+                state = replace(
+                    state,
+                    jumps=np.where(contact, jumps, state.jumps),
+                    multiplier=np.where(contact, pull, state.multiplier),
+                )
+            return state
+
+    class Hasty(TotalFeti):
+        def on_set(self, statuses: Statuses, multiplier: Any) -> ActiveSetProblem:
+            residuals.append([])
+            first.append(statuses.active)
+            if len(residuals) == 3:
+                multiplier = None
+            return Recorded(self.problem, statuses, multiplier)
+
+        def mirror_image(self, active: Any, leaving: Any) -> Any:
+            return np.zeros_like(active)
+
+    problem = cube_problem()
+    found = loop(Hasty(problem))
+    assert found.reason is Reason.ACCEPTED
+    np.testing.assert_array_equal(first[2], first[0])
+    assert residuals[1][0] == pytest.approx(residuals[0][0])
+    assert residuals[2][0] == pytest.approx(0.1 * residuals[0][0])
 
 
 def test_rows_of_b_come_one_face_edge_or_corner_after_another() -> None:

@@ -1,8 +1,6 @@
-"""Directions of one face serve on the next: they lie in it, they are exact, and they save work."""
+"""Directions of one set on the next: they are admissible, exact, and save work."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +8,15 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
-from contact_app.run.solve import solve_scene
 from contact_app.studies.failing_scenes import locking
-from solver import MPRGP
-from solver.tfeti import recycling
-from solver.tfeti.active_set_problem import ActiveSetProblem
+from solver import MPRGP, Reason
+from solver.backend import Statuses
+from solver.contact.active_set import StoppingTest, active_set_loop
+from solver.contact.by_active_sets import initial_active_set
+from solver.tfeti.active_set_problem import ActiveSetProblem, State
+from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.recycling import Directions, Recycled
+from solver.tfeti.recycling import Directions, Recycled, RecyclingOptions
 from tests import scenes
 
 TOLERANCE = 1e-8
@@ -50,9 +50,13 @@ def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
     directions = Directions(problem)
     near = None
     for before in (16, 12):
-        near, _ = solved(ActiveSetProblem(problem, closed(problem, before), near, directions))
-    alone, all_products = solved(ActiveSetProblem(problem, closed(problem, count), near))
-    found, products = solved(ActiveSetProblem(problem, closed(problem, count), near, directions))
+        near, _ = solved(
+            ActiveSetProblem(problem, Statuses(closed(problem, before)), near, directions)
+        )
+    alone, all_products = solved(ActiveSetProblem(problem, Statuses(closed(problem, count)), near))
+    found, products = solved(
+        ActiveSetProblem(problem, Statuses(closed(problem, count)), near, directions)
+    )
     assert found == pytest.approx(alone, abs=1e-6 * np.abs(alone).max())
     assert products < all_products / 2
 
@@ -60,7 +64,7 @@ def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
 def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualProblem) -> None:
     """It keeps open rows empty and equilibrium, and leaves a residual orthogonal to the rest."""
     directions = Directions(problem)
-    near, _ = solved(ActiveSetProblem(problem, closed(problem, 16), None, directions))
+    near, _ = solved(ActiveSetProblem(problem, Statuses(closed(problem, 16)), None, directions))
     touching = closed(problem, 13)
     glued = problem.with_active(touching, near)
     np.testing.assert_allclose(glued.d, glued.residual(glued.free_displacements))
@@ -88,35 +92,38 @@ def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualP
     assert abs(change @ product) < 1e-7 * np.linalg.norm(change) * np.linalg.norm(product)
 
 
-def test_near_incompressibility_takes_half_the_products(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The active sets change a few rows a face; what one learnt the next needs not learn again."""
+def test_near_incompressibility_takes_half_the_products(problem: DualProblem) -> None:
+    """Sets differ in a few rows: directions of one set save operator applications on the next."""
 
-    def products() -> int:
-        summary: dict[str, Any] = solve_scene(scenes.build(locking(0.4999), [2, 2])).summary
-        assert summary["certificate"]["passed"]
-        return int(summary["solver"]["hessian_multiplications"])
+    def products(options: RecyclingOptions) -> int:
+        def required(state: State) -> float:
+            return state.worst(problem) / 1e-7
 
-    recycled = products()
-    monkeypatch.setattr(recycling, "BYTES", 0)
-    assert recycled < 0.6 * products()
+        test = StoppingTest(required, lambda state: required(state) <= 1.0)
+        backend, start = TotalFeti(problem, options), initial_active_set(problem, None)
+        found = active_set_loop(backend, start, test, MPRGP(max_iterations=5000))
+        assert found.reason is Reason.ACCEPTED
+        return found.counts.hessian
+
+    assert products(RecyclingOptions()) < 0.6 * products(RecyclingOptions(memory=0))
 
 
 def test_directions_that_are_not_light_are_kept_once_a_face_is_hard(
-    problem: DualProblem, monkeypatch: pytest.MonkeyPatch
+    problem: DualProblem,
 ) -> None:
-    """The first face keeps those after its first steps, the next all of its own."""
-    monkeypatch.setattr(recycling, "LIGHT", 0)
-    directions = Directions(problem)
+    """The first set stores those after its first steps, the next all of its own."""
+    options = RecyclingOptions(light=0)
+    directions = Directions(problem, options)
     first, second = (closed(problem, count) for count in (16, 12))
-    near, products = solved(ActiveSetProblem(problem, first, None, directions))
+    near, products = solved(ActiveSetProblem(problem, Statuses(first), None, directions))
     steps = products - 1  # the right-hand side is the other
-    assert steps > recycling.EASY
-    assert directions.kept == steps - recycling.EASY
-    _, products = solved(ActiveSetProblem(problem, second, near, directions))
-    assert directions.kept == steps - recycling.EASY + products - 1
+    assert steps > options.easy
+    assert directions.stored == steps - options.easy
+    _, products = solved(ActiveSetProblem(problem, Statuses(second), near, directions))
+    assert directions.stored == steps - options.easy + products - 1
 
-    easy = Directions(problem)
-    ActiveSetProblem(problem, first, None, easy).solve(
-        MPRGP(max_iterations=recycling.EASY), TOLERANCE, None
+    easy = Directions(problem, options)
+    ActiveSetProblem(problem, Statuses(first), None, easy).solve(
+        MPRGP(max_iterations=options.easy), TOLERANCE, None
     )
-    assert easy.kept == 0
+    assert easy.stored == 0

@@ -10,7 +10,7 @@ from contact_app.model.model import build_model
 from contact_app.studies import failing_scenes
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.driver import solve
-from solver.tfeti.constraints.contact_edge import SLACK, mirrored
+from solver.tfeti.constraints.contact_edge import SLACK, mirror_image
 from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.ranks import python
@@ -36,7 +36,7 @@ def band(problem: DualProblem, rows: int, n: int, source: int = 0) -> np.ndarray
 @pytest.mark.parametrize("case", CASES)
 def test_a_band_at_an_edge_opens_twice_as_wide_but_for_the_slack(case: str, rows: int) -> None:
     problem, n = problem_of(case), CASES[case][1]
-    found = mirrored(problem, problem.inequality, band(problem, rows, n))
+    found = mirror_image(problem, problem.inequality, band(problem, rows, n))
     wide = 2 * rows - int(SLACK[problem.dimension])
     expected = band(problem, max(wide, rows), n) & ~band(problem, rows, n)
     np.testing.assert_array_equal(found, expected)
@@ -48,30 +48,30 @@ def test_nothing_opens_where_nothing_or_all_pulls(case: str) -> None:
     problem = problem_of(case)
     none = np.zeros(problem.size, bool)
     for pulling in (none, problem.inequality):
-        assert not mirrored(problem, problem.inequality, pulling).any()
+        assert not mirror_image(problem, problem.inequality, pulling).any()
 
 
 def test_open_rows_and_other_contacts_stay_as_they_are() -> None:
     """Rows of three obstacles lie at the same nodes; of one the middle of the wall is open."""
     problem, n = problem_of("line", "duplicate_obstacles"), CASES["line"][1]
     open_rows = band(problem, 30, n) & ~band(problem, 12, n)
-    found = mirrored(problem, problem.inequality & ~open_rows, band(problem, 8, n))
+    found = mirror_image(problem, problem.inequality & ~open_rows, band(problem, 8, n))
     assert found.sum() == 12 - 8
     assert not (found & ~band(problem, 12, n)).any()
     all_of_one = band(problem, n + 2, n)
-    assert not mirrored(problem, problem.inequality, all_of_one).any()
+    assert not mirror_image(problem, problem.inequality, all_of_one).any()
 
 
 def test_on_ranks() -> None:
     program = (
         "from mpi4py import MPI\n"
         "from tests.contact_app.tfeti.test_contact_edge import CASES, band, problem_of\n"
-        "from solver.tfeti.constraints.contact_edge import mirrored\n"
+        "from solver.tfeti.constraints.contact_edge import mirror_image\n"
         "for case in CASES:\n"
         "    counts = []\n"
         "    for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):\n"
         "        problem, n = problem_of(case, comm=comm), CASES[case][1]\n"
-        "        found = mirrored(problem, problem.inequality, band(problem, 7, n))\n"
+        "        found = mirror_image(problem, problem.inequality, band(problem, 7, n))\n"
         "        counts.append(comm.allreduce(int(found.sum())))\n"
         "    assert counts[0] == counts[1] > 0, (case, counts)\n"
     )

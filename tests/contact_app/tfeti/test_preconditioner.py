@@ -9,7 +9,7 @@ from mpi4py import MPI
 from solver import MPRGP, BoxQP
 from solver.qp.operators import estimate_norm
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.preconditioner import FacePreconditioner
+from solver.tfeti.preconditioner import DualPreconditioner
 from tests import scenes
 
 
@@ -23,7 +23,7 @@ def problem() -> DualProblem:
 
 def test_it_is_symmetric_and_positive(problem: DualProblem) -> None:
     norm, _ = estimate_norm(problem.projected)
-    preconditioner = FacePreconditioner(problem, norm)
+    preconditioner = DualPreconditioner(problem, norm)
     x, y = np.random.default_rng(0).normal(size=(2, problem.size))
     Mx, My = np.empty_like(x), np.empty_like(y)
     preconditioner.apply(x, None, Mx)
@@ -38,7 +38,7 @@ def test_it_halves_the_iterations_of_the_glued_problem(problem: DualProblem) -> 
     norm, _ = estimate_norm(glued.projected)
     qp = BoxQP(glued.projected, glued.rhs)
     plain = MPRGP(rtol=1e-8).solve(qp)
-    lumped = MPRGP(rtol=1e-8, preconditioner=FacePreconditioner(glued, norm)).solve(qp)
+    lumped = MPRGP(rtol=1e-8, preconditioner=DualPreconditioner(glued, norm)).solve(qp)
     assert lumped.converged
     assert lumped.counts.hessian < 0.6 * plain.counts.hessian
     difference = np.empty(problem.size)

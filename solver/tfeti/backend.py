@@ -1,0 +1,67 @@
+"""Total FETI as a backend of the active-set loop (protocol `solver.backend.Backend`)."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from solver.backend import Statuses
+from solver.tfeti.active_set_problem import ActiveSetProblem, State
+from solver.tfeti.constraints.contact_edge import mirror_image
+from solver.tfeti.constraints.hierarchy import RowLevels
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.recycling import Directions, RecyclingOptions
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class TotalFeti:
+    """Solves active sets of one dual problem; made for one run of the loop.
+
+    The search directions of the sets solved so far serve later ones.
+    """
+
+    def __init__(self, problem: DualProblem, recycling: RecyclingOptions | None = None) -> None:
+        self.problem = problem
+        self._directions = Directions(problem, recycling)
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
+        return self.problem.comm
+
+    @property
+    def contact_rows(self) -> Mask:
+        """Which rows of B are contact rows, (dual,)."""
+        return self.problem.inequality
+
+    def on_set(self, statuses: Statuses, multiplier: Array | None) -> ActiveSetProblem:
+        """Conjugate gradients on a set (collective).
+
+        Raises
+        ------
+        ArithmeticError
+            The active rows do not hold every body in place.
+        """
+        return ActiveSetProblem(self.problem, statuses, multiplier, self._directions)
+
+    def hierarchy(self, warm: bool) -> RowLevels:
+        """Levels where bodies are thin and nothing is known of the answer (collective)."""
+        return RowLevels(self.problem, thinned=self.problem.held_without_contact and not warm)
+
+    def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
+        """Active rows in the mirror image of leaving ones (collective)."""
+        return mirror_image(self.problem, active, leaving)
+
+    def closing_share(self, state: State, penetrated: Mask) -> Array:
+        """Share of the load at which each penetrated row closes: B u grows with the load."""
+        gaps = np.maximum(self.problem.c, 0.0)
+        moved = np.where(penetrated, state.jumps + self.problem.c, 1.0)
+        return np.where(penetrated, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
+
+    def release(self) -> None:
+        """Free the matrices of the last set: petsc4py leaves them for later."""
+        PETSc.garbage_cleanup(self.problem.comm)

@@ -1,0 +1,21 @@
+"""The active-set loop alone, on a backend that a test may watch."""
+
+from __future__ import annotations
+
+from solver import MPRGP
+from solver.contact.active_set import Outcome, StoppingTest, active_set_loop
+from solver.contact.by_active_sets import initial_active_set
+from solver.tfeti.active_set_problem import State
+from solver.tfeti.backend import TotalFeti
+
+
+def loop(backend: TotalFeti, violation: float = 1e-8, steps: int = 10_000) -> Outcome[State]:
+    """From the first set of a scene on, until no constraint is violated by more (relatively)."""
+    problem = backend.problem
+
+    def required(state: State) -> float:
+        return state.worst(problem) / violation
+
+    test = StoppingTest(required, lambda state: required(state) <= 1.0)
+    start = initial_active_set(problem, None)
+    return active_set_loop(backend, start, test, MPRGP(max_iterations=steps))
