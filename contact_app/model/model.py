@@ -30,6 +30,7 @@ from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, HeldRows, write_rows
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.options import TotalFetiOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,7 @@ def build_model(
     timings: Timings | None = None,
     needed: Needed = "all",
     tell: Tell | None = None,
+    options: TotalFetiOptions | None = None,
 ) -> Model:
     """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`.
 
@@ -99,22 +101,30 @@ def build_model(
     ----------
     tell
         Called with the scene and its outline before anything is assembled (collective).
+    options
+        Of the decomposition's constraints and coarse problem.
     """
     timings = timings or Timings()
     with timings.measure("setup"):
         known = outline(scene, comm, timings, needed)
         if tell is not None:
             tell(scene, known)
-        return _built(scene, comm, timings, known)
+        return _built(scene, comm, timings, known, options)
 
 
-def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) -> Model:
+def _built(
+    scene: Scene,
+    comm: MPI.Intracomm,
+    timings: Timings,
+    known: Outline,
+    options: TotalFetiOptions | None,
+) -> Model:
     """The model; all but assembly and factorization is set-up."""
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, balances, eliminated = known.held, known.balances, known.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
     rows, contact = write_rows(
-        exchange, surface.subdomains, held, known.contact, eliminated[body_of_held]
+        exchange, surface.subdomains, held, known.contact, eliminated[body_of_held], options
     )
     supports = support_rows(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
@@ -130,7 +140,7 @@ def _built(scene: Scene, comm: MPI.Intracomm, timings: Timings, known: Outline) 
     problem = DualProblem(
         build_system(
             subdomains, constraints, group_numbers(scene),
-            lambda: timings.measure("factorization"),
+            lambda: timings.measure("factorization"), options,
         )
     )  # fmt: skip
     give_back()

@@ -37,7 +37,10 @@ class History:
         Keep the rows of the run this one goes on from.
     """
 
-    def __init__(self, path: Path | None, go_on: bool = False) -> None:
+    def __init__(
+        self, path: Path | None, go_on: bool = False, flush_seconds: float = FLUSH_SECONDS
+    ) -> None:
+        self._flush_seconds = flush_seconds
         self._file: TextIO | None = None
         self._flushed = time.monotonic()
         if path is not None:
@@ -80,7 +83,7 @@ class History:
             f"{event.equality_residual:.9e},{event.active},{event.seconds:.6f}\n"
         )
         now = time.monotonic()
-        if now - self._flushed >= FLUSH_SECONDS:
+        if now - self._flushed >= self._flush_seconds:
             self._file.flush()
             self._flushed = now
 

@@ -50,7 +50,13 @@ class Progress:
         once; the log has them all.
     """
 
-    def __init__(self, show: bool = True, console: Console | None = None) -> None:
+    def __init__(
+        self,
+        show: bool = True,
+        console: Console | None = None,
+        outer_seconds: float = OUTER_SECONDS,
+    ) -> None:
+        self._outer_seconds = outer_seconds
         self._show = show
         self._console = console or Console(stderr=True, highlight=False)
         self._live: Live | None = None
@@ -97,7 +103,7 @@ class Progress:
         if self._live is not None:
             due = elapsed >= LIVE_SECONDS
         else:
-            due = elapsed >= (OUTER_SECONDS if begins else PLAIN_SECONDS)
+            due = elapsed >= (self._outer_seconds if begins else PLAIN_SECONDS)
         self._waiting = not due
         if due:
             self._shown = now

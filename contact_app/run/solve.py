@@ -79,6 +79,7 @@ def solve_scene(
     checkpoint: Checkpoint | None = None,
     tell: Tell | None = None,
     start: LastLevel | None = None,
+    needed: Needed = "estimated",
 ) -> SolvedScene:
     """Solve a scene and summarise it; writes nothing.
 
@@ -88,13 +89,15 @@ def solve_scene(
         The answer on another mesh to begin with.
     tell
         Called with the scene and the outline of its model (collective).
+    needed
+        Candidate contact rows to begin with; more join where the answer crosses others.
 
     Raises
     ------
     ConfigurationError, NoEquilibriumError
         The scene cannot be modelled, or has no equilibrium.
     """
-    asked = _Request(scene, comm, monitor, checkpoint, tell, start, Timings())
+    asked = _Request(scene, comm, monitor, checkpoint, tell, start, Timings(), needed=needed)
     solved = _certified_if_possible(asked)
     if not scene.guaranteed:
         return solved

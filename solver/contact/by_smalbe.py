@@ -83,7 +83,7 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
     x0, multiplier0 = start.homogenised(problem) if start else (None, None)
     saver = Saver(task.checkpoint, counts)
     sets = _ActiveSetsBetween(replace(task, inner=inner), saver)
-    rules = SMALBE(inner)
+    rules = replace(task.smalbe, inner=inner)
     iterations = rules.begin(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),

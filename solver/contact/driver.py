@@ -33,6 +33,7 @@ from solver.contact.stopping import Assess, stopping_rule
 from solver.contact.task import Task
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
+from solver.qp.smalbe import SMALBE
 from solver.tfeti.dual import DualProblem
 
 INNER = 0.1
@@ -66,6 +67,7 @@ def solve(
     assess: Assess | None = None,
     start: NDArray[np.float64] | None = None,
     active_sets: ActiveSetOptions | None = None,
+    smalbe: SMALBE | None = None,
 ) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it (collective).
 
@@ -78,8 +80,8 @@ def solve(
         Estimates the errors of an answer; an automatic tolerance needs it.
     start : (dual,)
         Multipliers to begin with; the paper's algorithm begins at zero.
-    active_sets
-        Options of the active-set loop.
+    active_sets, smalbe
+        Options of the active-set loop, and of SMALBE-M where the sets do not settle.
     """
     rule = stopping_rule(options, assess)
     if problem.comm.allreduce(problem.size) == 0:
@@ -91,7 +93,10 @@ def solve(
         rtol=INNER * rule.tolerance,
         max_iterations=options.max_iterations,
     )
-    task = Task(problem, rule, inner, monitor, checkpoint, active_sets or ActiveSetOptions())
+    task = Task(
+        problem, rule, inner, monitor, checkpoint, active_sets or ActiveSetOptions(),
+        smalbe or SMALBE(),
+    )  # fmt: skip
     found = _solved(task, options.method, start)
     if checkpoint is not None and found.reason is not Reason.STOPPED:
         active = problem.inequality & (found.multiplier > 0.0)

@@ -17,6 +17,7 @@ from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, RowKind, Rows
 from solver.tfeti.constraints.supports import SupportRows
+from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import SubdomainClass, subdomain_class
 from solver.tfeti.system import Constraints, ContactSystem, loads_on
@@ -90,6 +91,7 @@ def build_system(
     constraints: ConstraintRows,
     groups: NDArray[np.int64],
     measure: Measure = nullcontext,
+    options: TotalFetiOptions | None = None,
 ) -> ContactSystem:
     """Factor the stiffness matrices, number the interface, write B and the coarse problem.
 
@@ -123,7 +125,9 @@ def build_system(
     coarse = None
     if comm.allreduce(len(loads.e)):
         with measure():
-            coarse = CoarseProblem(ordered.B, kernels, in_contact, ordered.weight, ordered.alike)
+            coarse = CoarseProblem(
+                ordered.B, kernels, in_contact, ordered.weight, ordered.alike, options
+            )
     wide = np.zeros(len(ordered.kinds), bool)
     wide[in_contact] = contact.wide
     widths = [len(cls.interface) for cls in classes]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.coarse.gram import KernelRows
-from solver.tfeti.coarse.row_patterns import Kind, kinds_of
+from solver.tfeti.coarse.row_patterns import RowPattern, patterns_of
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.nodal import nodal_rows
@@ -39,7 +39,7 @@ class OrderedRows:
     c: NDArray[np.float64]
     kinds: NDArray[np.int8]
     weight: NDArray[np.float64]
-    alike: list[Kind]
+    alike: list[RowPattern]
 
 
 def order_rows(
@@ -91,7 +91,7 @@ def _row_order(
     seen: KernelRows,
     own: tuple[int, int],
     d: int,
-) -> tuple[NDArray[np.int64], int, list[Kind]]:
+) -> tuple[NDArray[np.int64], int, list[RowPattern]]:
     """The order of rows in which those that repeat are together and products read nearby.
 
     Rows that do the same to each component of some nodes of this rank come first, then those that
@@ -108,7 +108,7 @@ def _row_order(
 
     Returns
     -------
-    The order, how many rows come first, and kinds of rows.
+    The order, how many rows come first, and the row patterns.
     """
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
     runs = np.empty(0, np.int64)
@@ -118,9 +118,9 @@ def _row_order(
     begin, end = local.indptr[runs], local.indptr[runs + 1] - 1
     inside = (local.indices[begin] >= own[0]) & (local.indices[end] < sum(own))
     parts: list[NDArray[np.int64]] = []
-    alike: list[Kind] = []
+    alike: list[RowPattern] = []
     for mine in (runs[inside], runs[~inside]):
-        order, found = kinds_of(seen, mine, d, d * sum(map(len, parts)))
+        order, found = patterns_of(seen, mine, d, d * sum(map(len, parts)))
         parts.append(mine[order])
         alike += found
     nodal = (np.concatenate(parts)[:, None] + np.arange(d)).ravel()

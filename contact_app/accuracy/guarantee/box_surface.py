@@ -232,8 +232,13 @@ class BoxSurface:
         return int((~belongs).sum())
 
 
-def refuse_unguaranteed(scene: Scene, partition: Partition) -> None:
+def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None = None) -> None:
     """Refuse a scene that asks for a guaranteed bound and cannot have one (collective).
+
+    Parameters
+    ----------
+    memory
+        Bytes a rank may take; what the machine has left unless given.
 
     Raises
     ------
@@ -249,7 +254,7 @@ def refuse_unguaranteed(scene: Scene, partition: Partition) -> None:
                 "mean only"
             )
         needed = stress_bytes(scene)
-        available = partition.comm.allreduce(available_bytes(), op=MPI.MIN)
+        available = partition.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
         if needed > available:
             raise NoAdmissibleStressError(
                 f"its stresses take about {needed / 1e9:.3g} GB on one rank, and "

@@ -150,6 +150,8 @@ class AdmissibleStresses:
         x-, x+, y-, …
     force : (d,)
         Force per volume.
+    direct
+        Equations up to which they are factored; `DIRECT` unless given.
 
     Raises
     ------
@@ -158,8 +160,14 @@ class AdmissibleStresses:
     """
 
     def __init__(
-        self, axes: Sequence[Array], compliance: Array, faces: Sequence[FaceData], force: Array
+        self,
+        axes: Sequence[Array],
+        compliance: Array,
+        faces: Sequence[FaceData],
+        force: Array,
+        direct: int | None = None,
     ) -> None:
+        self.direct = DIRECT[len(axes)] if direct is None else direct
         self.space = GridStresses(axes)
         self._compliance, size = compliance, self.space.size
         self.wanted = np.repeat(-force, int(np.prod(self.space.cells)))
@@ -340,7 +348,7 @@ class _Subspace:
         self._inverse = np.where(free, 1.0 / stresses.matrix.diagonal(), 0.0)
         self._S = sparse.csr_matrix(self._B @ sparse.diags(self._inverse) @ self._B.T)
         self._preconditioner: Callable[[Array], Array]
-        if len(self._wanted) <= DIRECT[stresses.space.dimension]:
+        if len(self._wanted) <= stresses.direct:
             diagonal = self._S.diagonal()
             shift = SHIFT * np.where(diagonal > 0.0, diagonal, diagonal.max(initial=1e-300))
             factor = CholeskyFactor(self._S + sparse.diags(shift))

@@ -100,7 +100,22 @@ PROMISE, KEPT = 0.75, 0.3
 """Power of the evenness that new grid lines are expected to leave of the error: at first, and at
 least from then on, when it is what the last ones left."""
 
-MOST_LEVELS = 12
+
+@dataclass(frozen=True)
+class Limits:
+    """Where a refinement ends although its target is not met.
+
+    Attributes
+    ----------
+    levels
+        Meshes that are solved.
+    memory
+        Bytes a rank may take; what the machine has left unless given.
+    """
+
+    levels: int = 12
+    memory: float | None = None
+
 
 NO_STRAINS = "the bodies are not strained beyond rounding errors: no relative error can be told"
 
@@ -192,6 +207,7 @@ def solve_to_accuracy(
     scene: Scene,
     solve: Solve,
     tell: Callable[[str], None] = lambda text: None,
+    limits: Limits | None = None,
 ) -> Refined:
     """Refine a scene until its error is below `scene.accuracy` (collective).
 
@@ -203,10 +219,10 @@ def solve_to_accuracy(
         Solves one level, beginning with the answer of the last.
     tell
         Called with a sentence on each level.
-
     """
     assert scene.accuracy is not None
-    levels = _Levels(scene, scene.accuracy, solve, tell)
+    limits = limits or Limits()
+    levels = _Levels(scene, scene.accuracy, solve, tell, limits.levels)
     current, start = scene, None
     while True:
         solved = solve(current, start=start)
@@ -215,7 +231,7 @@ def solve_to_accuracy(
         if missed is not None:
             return levels.refined(heard.solved, missed)
         following = levels.following(current, heard)
-        missed = _no_room(following, heard)
+        missed = _no_room(following, heard, limits.memory)
         if missed:
             return levels.refined(heard.solved, missed)
         current, start = following, LastLevel.of(heard.solved)
@@ -254,8 +270,9 @@ class _Levels:
     """
 
     def __init__(
-        self, scene: Scene, accuracy: float, solve: Solve, tell: Callable[[str], None]
+        self, scene: Scene, accuracy: float, solve: Solve, tell: Callable[[str], None], most: int
     ) -> None:
+        self._most = most
         self.levels: list[Level] = []
         self.checks: list[Level] = []
         self.factors = [1.0]
@@ -322,8 +339,8 @@ class _Levels:
             return ""
         if not solution.converged:
             return "the solver did not reach its tolerance"
-        if len(self.levels) >= MOST_LEVELS:
-            return heard.doubt or f"{MOST_LEVELS} levels were not enough"
+        if len(self.levels) >= self._most:
+            return heard.doubt or f"{self._most} levels were not enough"
         self._doubts = self._doubts + 1 if heard.doubt else 0
         if self._doubts > 1 and self.levels[-1].dofs > LARGE * self._scene.dimension:
             return heard.doubt
@@ -390,11 +407,11 @@ class _Levels:
         return factor, on_lines(scene, self._grids, solved.model.comm.size)
 
 
-def _no_room(following: Scene, heard: _Heard) -> str:
+def _no_room(following: Scene, heard: _Heard, memory: float | None) -> str:
     """That the next mesh needs more memory than there is, if so (collective)."""
     dofs = sum(body.nodes for body in following.bodies) * following.dimension
     needed = needed_bytes(dofs)
-    available = heard.solved.model.comm.allreduce(available_bytes(), op=MPI.MIN)
+    available = heard.solved.model.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
     if needed <= available:
         return ""
     missed = (

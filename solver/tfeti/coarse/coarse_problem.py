@@ -11,8 +11,8 @@ linear and geometrically non-linear structural analysis problems*, 2000).
 
 W = I makes Q symmetric. As an equality constraint of the dual problem it then serves as the matrix
 C: with C = Cᵀ = C² the rows are orthonormal, the penalty product Cᵀ C x is one projection, and
-‖C x‖ measures ‖G x‖ in a norm that does not depend on the scaling of R. Conjugate gradients on a
-face need no symmetric projector: there W is what `cross_points` chose, and G W Gᵀ has blocks
+‖C x‖ measures ‖G x‖ in a norm that does not depend on the scaling of R. Conjugate gradients on an
+active set need no symmetric projector: there W is what `cross_points` chose, and G W Gᵀ has blocks
 between subdomains with a common face alone, a third of those of G Gᵀ.
 """
 
@@ -33,15 +33,11 @@ from scipy import sparse
 
 from solver.openmp import one_openmp_thread
 from solver.tfeti.coarse.gram import Blocks, KernelRows
-from solver.tfeti.coarse.row_patterns import Kind, KindProduct, blocks_of, pays
+from solver.tfeti.coarse.row_patterns import PatternProduct, RowPattern, blocks_of, pays
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, petsc_rows
+from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import on_arrays
-
-SHARED = 50_000
-"""Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather of the
-right-hand side costs less than the messages of a triangular solve in parts. Measured on two ranks:
-a solve takes 6 percent less at 48,000, 12 percent more at 94,000."""
 
 VANISHING = 1e-13
 """Blocks of G W Gᵀ, over the largest entry, that are what rounding left of none."""
@@ -69,8 +65,9 @@ class Restriction(Protocol):
 class CoarseProblem:
     """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
 
-    G is applied kind by kind where rows of B repeat, else by way of the interface; its entries,
-    twelve a row, would take several times longer. The factor is made when it is first asked for.
+    G is applied pattern by pattern where rows of B repeat, else by way of the interface; its
+    entries, twelve a row, would take several times longer. The factor is made when it is first
+    asked for.
 
     Parameters
     ----------
@@ -83,7 +80,7 @@ class CoarseProblem:
         Contact rows, which `weighted` may weigh down.
     metric : (dual,)
         W of the problems that `weighted` makes, one on contact rows; in this one W = I.
-    kinds
+    patterns
         Of the rows of B.
     """
 
@@ -93,26 +90,29 @@ class CoarseProblem:
         kernels: Sequence[tuple[int, NDArray[np.float64]]],
         inequality: NDArray[np.bool_],
         metric: NDArray[np.float64],
-        kinds: Sequence[Kind] = (),
+        patterns: Sequence[RowPattern] = (),
+        options: TotalFetiOptions | None = None,
     ) -> None:
+        self.options = options = options or TotalFetiOptions()
         self.comm = B.comm
         self.B = B
         self.size = B.rows
         self.kernels = sum(members * R.shape[1] for members, R in kernels)
         self.metric = metric
         self._kernels = kernels
-        self._layout = _Layout(self.comm, self.kernels)
+        self._layout = _Layout(self.comm, self.kernels, options.gathered)
         self._inequality = inequality
-        rows = KernelRows(B, kernels)
-        repeats = pays(self.comm, kinds, B.rows)
-        self._kinds = kinds if repeats else ()
+        rows = KernelRows(B, kernels, options.chunk)
+        repeats = pays(self.comm, patterns, B.rows, options)
+        self._patterns = patterns if repeats else ()
         self._contact = list(rows.alike(np.flatnonzero(inequality)))
         self._weighed = self._gram(rows, metric)
         self._oblique = False
+        self._own_factor: CoarseFactor | None = None  # of G W Gᵀ; else that of G Gᵀ
         self._spare: list[CoarseFactor] = []
         self._product: Restriction
         if repeats and self._layout.whole:
-            self._product = KindProduct(rows, self._kinds, self._layout.total, metric)
+            self._product = PatternProduct(rows, self._patterns, self._layout.total, metric)
         else:
             self._product = _ThroughInterface(B, kernels, self._layout, metric)
         self._coarse = np.empty(self._layout.rows)
@@ -120,7 +120,7 @@ class CoarseProblem:
 
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
         """What G W Gᵀ is without contact rows, which are summed from `_contact` (collective)."""
-        repeated, inside = blocks_of(self._kinds, rows.motions, metric)
+        repeated, inside = blocks_of(self._patterns, rows.motions, metric)
         single = np.flatnonzero(~inside & ~self._inequality)
         singles = Blocks.of(rows.alike(single), rows.motions, metric)
         others = self._layout.brought(Blocks.join([repeated, singles]))
@@ -129,10 +129,18 @@ class CoarseProblem:
         others = Blocks.join([others, self._layout.brought(places)]).summed()
         return _Gram(others, self._layout.places(others))
 
-    @cached_property
+    @property
     def _factor(self) -> CoarseFactor:
+        if self._own_factor is not None:
+            return self._own_factor
+        return self._symmetric
+
+    @cached_property
+    def _symmetric(self) -> CoarseFactor:
+        """The factor of G Gᵀ."""
         one = np.ones(self.size)
-        return self._factored(self._gram(KernelRows(self.B, self._kernels), one), one)
+        rows = KernelRows(self.B, self._kernels, self.options.chunk)
+        return self._factored(self._gram(rows, one), one)
 
     @property
     def entries(self) -> int:
@@ -158,7 +166,7 @@ class CoarseProblem:
         result._oblique, result._product = True, self._product.weighted(weights)
         factor = self._spare.pop() if self._spare else None
         factor = self._factored(self._weighed, weights**2, factor)
-        vars(result)["_factor"] = factor
+        result._own_factor = factor
         if self._layout.of_factor.size == 1:  # ranks may let go of it at different times
             finalize(result, self._spare.append, factor)
         return result
@@ -234,7 +242,7 @@ class _Gram:
 
 
 class _Layout:
-    """Where G Gᵀ lives: whole on every rank up to `SHARED` unknowns, else each rank its rows.
+    """Where G Gᵀ lives: whole on every rank up to `gathered` unknowns, else each rank its rows.
 
     Parameters
     ----------
@@ -242,12 +250,12 @@ class _Layout:
         Coarse unknowns of this rank.
     """
 
-    def __init__(self, comm: MPI.Intracomm, kernels: int) -> None:
+    def __init__(self, comm: MPI.Intracomm, kernels: int, gathered: int) -> None:
         self.comm, self.counts = comm, comm.allgather(kernels)
         self.starts = np.cumsum([0, *self.counts])
         self.total = int(self.starts[-1])
         first, last = (int(n) for n in self.starts[comm.rank :][:2])
-        self.gathered = 1 < comm.size and self.total <= SHARED
+        self.gathered = 1 < comm.size and self.total <= gathered
         self.whole = comm.size == 1 or self.gathered
         self.of_factor = MPI.COMM_SELF if self.gathered else comm
         self._first, self.rows = (0, self.total) if self.gathered else (first, kernels)

@@ -21,9 +21,6 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.vectors import runs
 
-CHUNK = 2**20
-"""Entries of B taken at a time: 50 MB of Gᵀ."""
-
 Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 
 
@@ -160,6 +157,8 @@ class KernelRows:
         Constraint matrix on interface unknowns, a run of the columns for each subdomain.
     kernels : one (members, (m, k) array) pair a class
         Kernel on the class's m interface unknowns, in the order of B's columns.
+    chunk
+        Entries of B that are taken at a time.
 
     Attributes
     ----------
@@ -170,9 +169,12 @@ class KernelRows:
     """
 
     def __init__(
-        self, B: ConstraintMatrix, kernels: Sequence[tuple[int, NDArray[np.float64]]]
+        self,
+        B: ConstraintMatrix,
+        kernels: Sequence[tuple[int, NDArray[np.float64]]],
+        chunk: int = 2**20,
     ) -> None:
-        self.comm = B.comm
+        self.comm, self._at_once = B.comm, chunk
         counts = np.array([(n, *R.shape) for n, R in kernels], np.int64).reshape(-1, 3)
         members, self._sizes, self._widths = counts.T
         self.motions = int(self.comm.allreduce(int(self._widths.max(initial=0)), op=MPI.MAX))
@@ -228,8 +230,8 @@ class KernelRows:
 
     def alike(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
         """Some local rows, by the subdomains they touch; those that touch none are left out."""
-        ends = np.cumsum(self.entries[rows])
-        cuts = np.searchsorted(ends, np.arange(CHUNK, ends[-1] if len(ends) else 0, CHUNK))
+        ends, step = np.cumsum(self.entries[rows]), self._at_once
+        cuts = np.searchsorted(ends, np.arange(step, ends[-1] if len(ends) else 0, step))
         for chunk in np.split(rows, cuts):
             yield from self._chunk(chunk)
 

@@ -1,9 +1,10 @@
-"""Sets of rows of B that repeat, and G applied to all of a kind at once.
+"""Row patterns: groups of rows of B that repeat, and G applied to all of a pattern at once.
 
-Rows that touch the same subdomains, those of a face, an edge or a corner, are a dense matrix V on
-the rigid motions of these subdomains: their rows of Gᵀ = B R. Between congruent subdomains V
-repeats, and with the rows of each kind one after another, kind after kind, Gᵀ is a dense product
-for each kind: it reads and writes dual vectors once and never makes one on the interface.
+The rows that touch the same subdomains, those of a face, an edge or a corner, are a group. Their
+rows of Gᵀ = B R are a dense matrix V on the rigid motions of these subdomains. Between congruent
+subdomains V repeats: such groups have one pattern. With the rows of each pattern one after another
+Gᵀ is a dense product for each pattern: it reads and writes dual vectors once and never makes one on
+the interface.
 """
 
 from __future__ import annotations
@@ -19,16 +20,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.coarse.gram import Blocks, KernelRows
+from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import blocks, runs
-
-ROWS_OF_A_KIND = 2000
-"""Rows that have to belong to a kind, on average, for its calls to cost less than they save."""
-
-ON_RANKS = 1000
-"""The same on several ranks, where the way through the interface is two halos and a gather."""
-
-OTHERS = 0.2
-"""Share of rows outside all kinds up to which it pays to apply G kind by kind."""
 
 ROWS_AT_ONCE = 2**16
 """Rows whose motions are subtracted from a vector at once: half a megabyte, which caches hold."""
@@ -38,17 +31,17 @@ _Factors = tuple[Any, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Kind:
-    """Sets of n rows that are alike, on m subdomains each, one set after another.
+class RowPattern:
+    """Groups of n rows that are alike, on m subdomains each, one group after another.
 
     Attributes
     ----------
     first
         The first of their rows.
-    starts : (sets, m)
+    starts : (groups, m)
         First coarse unknown of each subdomain, over all ranks.
     V : (n, m · motions)
-        Rows of Gᵀ of each set.
+        Rows of Gᵀ of each group.
     """
 
     first: int
@@ -96,10 +89,10 @@ class _Entries:
         return np.asarray(np.add.reduceat(_mixed(hashes, self.nth), self.begins[:-1]))
 
 
-def kinds_of(
+def patterns_of(
     kernels: KernelRows, rows: NDArray[np.int64], components: int, first: int = 0
-) -> tuple[NDArray[np.int64], list[Kind]]:
-    """The order in which rows of a kind follow one another, and the kinds.
+) -> tuple[NDArray[np.int64], list[RowPattern]]:
+    """The order in which rows of a pattern follow one another, and the patterns.
 
     Where nothing repeats that is the order of the subdomains.
 
@@ -112,7 +105,7 @@ def kinds_of(
 
     Returns
     -------
-    The order of the runs, those that belong to no kind last, and the kinds.
+    The order of the runs, those without a pattern last, and the patterns.
     """
     fits, entries = _entries(kernels, rows)
     none = np.flatnonzero(~fits)
@@ -123,30 +116,30 @@ def kinds_of(
     order = np.lexsort((entries.place[begin], touched, entries.start[end], entries.start[begin]))
     entries = entries.of(order)
 
-    # sets of rows that touch the same subdomains, and what makes one like another
+    # groups of rows that touch the same subdomains, and what makes one like another
     touched = touched[order]
-    sets = np.flatnonzero(np.concatenate([[True], touched[1:] != touched[:-1]]))
-    sizes = np.diff(sets, append=len(touched))
+    groups = np.flatnonzero(np.concatenate([[True], touched[1:] != touched[:-1]]))
+    sizes = np.diff(groups, append=len(touched))
     seen = kernels.signatures(components)[entries.place] ^ entries.value.view(np.uint64)
     of_rows = entries.summed(seen)
-    within = np.arange(len(touched)) - np.repeat(sets, sizes)
-    alike = np.add.reduceat(_mixed(of_rows, within), sets)
-    _, one, kind = np.unique(alike, return_index=True, return_inverse=True)
+    within = np.arange(len(touched)) - np.repeat(groups, sizes)
+    alike = np.add.reduceat(_mixed(of_rows, within), groups)
+    _, one, pattern = np.unique(alike, return_index=True, return_inverse=True)
     appears = np.empty(len(one), np.int64)
     appears[np.argsort(one)] = np.arange(len(one))
-    by_kind = np.argsort(appears[kind], kind="stable")
+    by_pattern = np.argsort(appears[pattern], kind="stable")
 
-    kinds: list[Kind] = []
-    for mine in np.split(by_kind, np.cumsum(np.bincount(appears[kind]))[:-1]):
-        one_set = entries.of(sets[mine[0]] + np.arange(sizes[mine[0]]))
-        width = one_set.begins[1]
-        place, value = one_set.place.reshape(-1, width), one_set.value.reshape(-1, width)
+    patterns: list[RowPattern] = []
+    for mine in np.split(by_pattern, np.cumsum(np.bincount(appears[pattern]))[:-1]):
+        one_group = entries.of(groups[mine[0]] + np.arange(sizes[mine[0]]))
+        width = one_group.begins[1]
+        place, value = one_group.place.reshape(-1, width), one_group.value.reshape(-1, width)
         V = kernels.values(place, value, components)
-        starts = entries.start[entries.begins[sets[mine]][:, None] + np.arange(width)]
-        kinds.append(Kind(first, starts, V))
-        first = kinds[-1].rows.stop
-    nth = runs(sets[by_kind], sizes[by_kind])
-    return np.concatenate([np.flatnonzero(fits)[order[nth]], none]), kinds
+        starts = entries.start[entries.begins[groups[mine]][:, None] + np.arange(width)]
+        patterns.append(RowPattern(first, starts, V))
+        first = patterns[-1].rows.stop
+    nth = runs(groups[by_pattern], sizes[by_pattern])
+    return np.concatenate([np.flatnonzero(fits)[order[nth]], none]), patterns
 
 
 def _entries(kernels: KernelRows, rows: NDArray[np.int64]) -> tuple[NDArray[np.bool_], _Entries]:
@@ -169,24 +162,26 @@ def _mixed(hashes: Hashes, nth: NDArray[np.int64]) -> Hashes:
     return np.asarray(mixed ^ mixed >> np.uint64(32))
 
 
-def pays(comm: MPI.Intracomm, kinds: Sequence[Kind], rows: int) -> bool:
-    """Whether to apply G kind by kind rather than by way of the interface (collective).
+def pays(
+    comm: MPI.Intracomm, patterns: Sequence[RowPattern], rows: int, options: TotalFetiOptions
+) -> bool:
+    """Whether to apply G pattern by pattern rather than by way of the interface (collective).
 
     Parameters
     ----------
     rows
         Of B on this rank.
     """
-    inside = sum(k.rows.stop - k.rows.start for k in kinds)
-    least = ROWS_OF_A_KIND if comm.size == 1 else ON_RANKS
-    good = least * len(kinds) <= rows and rows - inside <= OTHERS * rows
+    inside = sum(k.rows.stop - k.rows.start for k in patterns)
+    least = options.pattern_rows if comm.size == 1 else options.pattern_rows_on_ranks
+    good = least * len(patterns) <= rows and rows - inside <= options.other_rows * rows
     return bool(comm.allreduce(int(good), op=MPI.MIN))
 
 
 def blocks_of(
-    kinds: Sequence[Kind], motions: int, weights: NDArray[np.float64]
+    patterns: Sequence[RowPattern], motions: int, weights: NDArray[np.float64]
 ) -> tuple[Blocks, NDArray[np.bool_]]:
-    """G W Gᵀ of the kinds whose sets have the same weights, Vᵀ W V once for each kind.
+    """G W Gᵀ of the patterns whose groups have the same weights, Vᵀ W V once for each pattern.
 
     Parameters
     ----------
@@ -199,16 +194,18 @@ def blocks_of(
     """
     inside = np.zeros(len(weights), bool)
     parts = [Blocks.of([], motions)]
-    for kind in kinds:
-        sets, m = kind.starts.shape
-        weight = weights[kind.rows].reshape(sets, -1)
+    for pattern in patterns:
+        groups, m = pattern.starts.shape
+        weight = weights[pattern.rows].reshape(groups, -1)
         if not _even(weight):
             continue
-        inside[kind.rows] = True
-        product = (kind.V.T * weight[0]) @ kind.V
+        inside[pattern.rows] = True
+        product = (pattern.V.T * weight[0]) @ pattern.V
         between = product.reshape(m, motions, m, motions).transpose(0, 2, 1, 3)
-        pairs = np.stack(np.broadcast_arrays(kind.starts[:, :, None], kind.starts[:, None]), -1)
-        values = np.broadcast_to(between, (sets, *between.shape)).reshape(-1, motions, motions)
+        pairs = np.stack(
+            np.broadcast_arrays(pattern.starts[:, :, None], pattern.starts[:, None]), -1
+        )
+        values = np.broadcast_to(between, (groups, *between.shape)).reshape(-1, motions, motions)
         starts = pairs.reshape(-1, 2)
         parts.append(Blocks(starts, np.full_like(starts, motions), values))
     return Blocks.join(parts), inside
@@ -216,7 +213,7 @@ def blocks_of(
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A kind's rows, n to a set, and the motions of its sets, (sets, m · motions).
+    """The rows of a pattern, n to a group, and the motions of its groups, (groups, m · motions).
 
     Attributes
     ----------
@@ -230,46 +227,47 @@ class _Part:
     factors: tuple[_Factors, _Factors]
 
     def few(self, room: NDArray[np.float64]) -> Iterator[tuple[slice, slice, NDArray[np.float64]]]:
-        """Sets a few at a time, their rows, and room for what they have there."""
+        """A few groups at a time, their rows, and room for their values."""
         n = len(self.factors[0][0])
-        for sets in blocks(len(self.motions), max(len(room) // n, 1)):
-            begin, end = n * sets.start, n * sets.stop
+        for groups in blocks(len(self.motions), max(len(room) // n, 1)):
+            begin, end = n * groups.start, n * groups.stop
             rows = slice(self.rows.start + begin, self.rows.start + end)
-            yield sets, rows, room[: end - begin]
+            yield groups, rows, room[: end - begin]
 
 
-class KindProduct:
-    """G and its transpose, kind by kind (protocol `Restriction`).
+class PatternProduct:
+    """G and its transpose, pattern by pattern (protocol `Restriction`).
 
     Coarse vectors are whole on every rank.
 
     Parameters
     ----------
     kernels
-        The rows of Gᵀ, of the rows of B in the order of the kinds.
+        The rows of Gᵀ, of the rows of B in the order of the patterns.
     total
         Coarse unknowns of all ranks.
     metric : (dual,)
-        W. A kind whose sets differ in it is applied row by row, as what belongs to no kind.
+        W. A pattern whose groups differ in it is applied row by row, as rows without a pattern are.
     """
 
     def __init__(
         self,
         kernels: KernelRows,
-        kinds: Sequence[Kind],
+        patterns: Sequence[RowPattern],
         total: int,
         metric: NDArray[np.float64],
+        rows_at_once: int = ROWS_AT_ONCE,
     ) -> None:
         self._comm = kernels.comm
-        kinds = [k for k in kinds if _even(metric[k.rows].reshape(len(k.starts), -1))]
+        patterns = [k for k in patterns if _even(metric[k.rows].reshape(len(k.starts), -1))]
         inside = np.zeros(len(kernels.entries), bool)
-        for kind in kinds:
-            inside[kind.rows] = True
+        for pattern in patterns:
+            inside[pattern.rows] = True
         self._others = np.flatnonzero(~inside)
         rest = kernels.matrix(self._others, total)
         self._rest = _factors(rest), _factors(sparse.diags(metric[self._others]) @ rest)
         # subdomains one after another, each with all motions
-        seen = [np.zeros(0, np.int64), *(k.starts.ravel() // kernels.motions for k in kinds)]
+        seen = [np.zeros(0, np.int64), *(k.starts.ravel() // kernels.motions for k in patterns)]
         self._seen = np.concatenate(seen)
         self._shape = total // kernels.motions, kernels.motions
         places = (self._seen, np.arange(len(self._seen)))
@@ -277,18 +275,18 @@ class KindProduct:
         self._sum = sparse.csr_matrix((np.ones(len(self._seen)), places), shape=shape)
         self._motions = np.empty((len(self._seen), kernels.motions))
 
-        ends = np.cumsum([0, *(k.starts.size for k in kinds)])
+        ends = np.cumsum([0, *(k.starts.size for k in patterns)])
         self._parts = []
-        for k, a, b in zip(kinds, ends[:-1], ends[1:], strict=True):
+        for k, a, b in zip(patterns, ends[:-1], ends[1:], strict=True):
             motions = self._motions[a:b].reshape(len(k.starts), -1)
             weights, plain = metric[k.rows][: len(k.V), None], _factors(k.V)
             weighed = plain if (weights == 1.0).all() else _factors(weights * k.V)
             self._parts.append(_Part(k.rows, motions, (plain, weighed)))
-        widest = max((len(k.V) for k in kinds), default=0)
-        self._room = np.empty(max(widest, min(ROWS_AT_ONCE, len(kernels.entries))))
+        widest = max((len(k.V) for k in patterns), default=0)
+        self._room = np.empty(max(widest, min(rows_at_once, len(kernels.entries))))
 
-    def weighted(self, weights: NDArray[np.float64]) -> KindProduct:
-        """The same of the rows of B times weights that are one on the rows of all kinds."""
+    def weighted(self, weights: NDArray[np.float64]) -> PatternProduct:
+        """The same of the rows of B times weights that are one on the rows of all patterns."""
         result = copy(self)
         left = sparse.diags(weights[self._others])
         plain, weighed = (_factors(left @ rest) for rest, _ in self._rest)
@@ -316,19 +314,19 @@ class KindProduct:
         """Subtract that from x, without a vector of its size."""
         self._spread(coarse)
         for p in self._parts:
-            for sets, rows, room in p.few(self._room):
-                motions = p.motions[sets]
+            for groups, rows, room in p.few(self._room):
+                motions = p.motions[groups]
                 np.matmul(motions, p.factors[metric][1], out=room.reshape(len(motions), -1))
                 x[rows] -= room
         x[self._others] -= self._rest[metric][0] @ coarse
 
     def _spread(self, coarse: NDArray[np.float64]) -> None:
-        """The motions of the subdomains of each set."""
+        """The motions of the subdomains of each group."""
         np.take(coarse.reshape(self._shape), self._seen, 0, out=self._motions, mode="clip")
 
 
 def _even(weights: NDArray[np.float64]) -> bool:
-    """Whether all sets have the same weights, (sets, n)."""
+    """Whether all groups have the same weights, (groups, n)."""
     return bool((weights == weights[0]).all())
 
 

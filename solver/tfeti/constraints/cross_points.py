@@ -1,4 +1,4 @@
-"""Where more than two subdomains meet: gluing rows that join neighbours across faces alone.
+"""Cross-point gluing: rows at nodes of more than two subdomains join neighbours across faces alone.
 
 The m copies of a node are glued by m - 1 orthonormal rows C, any basis of the complement of
 (1, …, 1). In the graph whose edges join subdomains with a common face, with the Laplacian
@@ -28,14 +28,20 @@ EQUAL = 1e-9
 """Eigenvalues closer than this are one."""
 
 
-MANY = 100
-"""Subdomains in space from which on a coarse solve shows beside a product."""
+def coarse_solves_matter(
+    comm: MPI.Intracomm, subdomains: NDArray[np.int64], dimension: int, many: int
+) -> bool:
+    """Whether a coarse solve takes time beside an operator application (collective).
 
-
-def dear(comm: MPI.Intracomm, subdomains: NDArray[np.int64], dimension: int) -> bool:
-    """Whether a coarse solve shows beside a product, by numbers of subdomains (collective)."""
+    Parameters
+    ----------
+    subdomains
+        Numbers of the subdomains of this rank's copies of nodes.
+    many
+        Subdomains from which on it does in space; in the plane it never does.
+    """
     count = comm.allreduce(int(subdomains.max(initial=-1)), op=MPI.MAX) + 1
-    return dimension == 3 and count >= MANY
+    return dimension == 3 and count >= many
 
 
 def helmert(m: int) -> NDArray[np.float64]:

@@ -32,8 +32,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.constraints import cross_points as crossings
+from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
 from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.options import TotalFetiOptions
 
 MOST_COMPONENTS = 3
 """Components a node has at most."""
@@ -508,6 +509,7 @@ def write_rows(
     held: HeldRows,
     contact: ContactRows,
     eliminated: NDArray[np.bool_],
+    options: TotalFetiOptions | None = None,
 ) -> tuple[Rows, ContactRows]:
     """Write the rows of the owned nodes (collective).
 
@@ -533,8 +535,10 @@ def write_rows(
     skipped[at] = eliminated
     of_copy = exchange.to_owners(subdomains)
     two = order[start[copies == 2][:, None] + np.arange(2)]
-    dear = crossings.dear(exchange.comm, subdomains, dimension)
-    neighbours = crossings.Neighbours(exchange.comm, of_copy[two if dear else two[:0]])
+    many = (options or TotalFetiOptions()).many_subdomains
+    if not coarse_solves_matter(exchange.comm, subdomains, dimension, many):
+        two = two[:0]
+    neighbours = Neighbours(exchange.comm, of_copy[two])
 
     parts: list[_Part] = []
     for m in np.unique(copies):

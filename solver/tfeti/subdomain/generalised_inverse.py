@@ -275,6 +275,7 @@ class SymmetricInverse:
         fixing: NDArray[np.int64],
         symmetry: Symmetry,
         comm: MPI.Intracomm | None = None,
+        dense_share: float = DENSE,
     ) -> None:
         self.symmetry = symmetry
         self._comm = comm
@@ -285,7 +286,7 @@ class SymmetricInverse:
         for V, (first, orbit) in zip(bases, self._split.orbits, strict=True):
             # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
             matrix = sparse.diags(orbit) @ (regular[first] @ V)
-            dense = 0.0 < DENSE * matrix.shape[0] ** 2 <= matrix.nnz
+            dense = 0.0 < dense_share * matrix.shape[0] ** 2 <= matrix.nnz
             self._factors.append(DenseFactor(matrix) if dense else CholeskyFactor(matrix))
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
+from contact_app.accuracy.refine.refinement import Limits, Refined, solve_to_accuracy
 from contact_app.accuracy.trust import few_cells
 from contact_app.run.solve import solve_scene
 from contact_app.scene.bodies import Box
@@ -116,10 +116,9 @@ def test_a_start_of_a_few_cells_is_no_basis_for_a_claim(text: str, target: float
     assert measured(found, fine_energy(text)) <= 1.05 * target
 
 
-def test_what_is_not_confirmed_is_not_met(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_confirmed_is_not_met() -> None:
     """A run that may not refine says that its estimate is not believed, and why."""
-    monkeypatch.setattr("contact_app.accuracy.refine.refinement.MOST_LEVELS", 1)
-    found = solve_to_accuracy(built(STRIP, 0.15), solve_scene)
+    found = solve_to_accuracy(built(STRIP, 0.15), solve_scene, limits=Limits(levels=1))
     assert found.levels[-1].error <= 0.15
     assert "no other mesh confirms its estimate" in found.missed
 

@@ -269,14 +269,13 @@ def test_refused_with_the_reason(
     assert "guaranteed" in path.read_text().splitlines()[line - 1]
 
 
-def test_grids_beyond_the_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_grids_beyond_the_memory_are_refused() -> None:
     made = scenes.wall("hexahedron", 4) | {"certificate": {"guaranteed": True}}
     scene = scenes.build(made)
     partition = partition_scene(scene, MPI.COMM_WORLD)
     box_surface.refuse_unguaranteed(scene, partition)
-    monkeypatch.setattr(box_surface, "available_bytes", lambda: 5e5)
     with pytest.raises(ConfigurationError, match=r"about 0\.00064 GB on one rank, and 0\.0005 GB"):
-        box_surface.refuse_unguaranteed(scene, partition)
+        box_surface.refuse_unguaranteed(scene, partition, memory=5e5)
 
 
 def test_what_a_run_says_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

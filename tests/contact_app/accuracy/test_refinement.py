@@ -12,7 +12,13 @@ import numpy as np
 import pytest
 
 from contact_app.accuracy.refine.grading import evenness, graded
-from contact_app.accuracy.refine.refinement import next_factor, refined, solve_to_accuracy
+from contact_app.accuracy.refine.refinement import (
+    Limits,
+    next_factor,
+    refined,
+    solve_to_accuracy,
+    with_levels,
+)
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.memory import needed_bytes
@@ -149,14 +155,13 @@ def test_the_price_of_each_level_is_reported(tmp_path: Path) -> None:
     assert "level 1: 18 degrees of freedom: error" in log
 
 
-def test_what_does_not_fit_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_fit_is_said() -> None:
     made = weight_config("quadrilateral", 0.01)
     made["bodies"][0]["degree"] = 1
     scene = scenes.build(made)
-    room = needed_bytes(4000.0)
-    monkeypatch.setattr("contact_app.accuracy.refine.refinement.available_bytes", lambda: room)
-    assert run(scene, tmp_path) == 1
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    limits = Limits(memory=needed_bytes(4000.0))
+    refined = solve_to_accuracy(scene, solve_scene, limits=limits)
+    summary = with_levels(refined.solved.summary, refined)
     assert summary["accuracy"]["met"] is False
     assert summary["certificate"]["passed"]
     (warning,) = [w for w in summary["certificate"]["warnings"] if "not reached" in w]

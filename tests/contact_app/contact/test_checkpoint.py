@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +55,7 @@ def go(
     stop: Any,
     resume: bool,
     every: float = 1e9,
-    sets: ActiveSetOptions | None = None,
+    **how: Any,
 ) -> Solution:
     """Solve; as in a run, a step at which it is stopped is saved, and steps `every` seconds."""
     checkpoint = Checkpoint(directory, MPI.COMM_SELF, resume, every)
@@ -66,7 +65,7 @@ def go(
         asked[0] = stop is not None and stop(event)
 
     monitor = together(ask, Attention(MPI.COMM_SELF, lambda: asked[0], checkpoint))
-    solution = solve(problem, scene.solver, monitor, checkpoint, active_sets=sets)
+    solution = solve(problem, scene.solver, monitor, checkpoint, **how)
     assert (solution.reason is Reason.STOPPED) == (stop is not None)
     return solution
 
@@ -98,10 +97,10 @@ def test_a_resumed_solve_ends_with_the_same_answer(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
     straight = solve(problem, scene.solver, active_sets=SMALBE_ALONE)
-    stopped = go(problem, scene, tmp_path, stopped_after(4), resume=False, sets=SMALBE_ALONE)
+    stopped = go(problem, scene, tmp_path, stopped_after(4), resume=False, active_sets=SMALBE_ALONE)
     assert not stopped.converged
     assert state_of(tmp_path)["outer"] == 4
-    resumed = go(problem, scene, tmp_path, None, resume=True, sets=SMALBE_ALONE)
+    resumed = go(problem, scene, tmp_path, None, resume=True, active_sets=SMALBE_ALONE)
     assert resumed.converged
     assert resumed.counts.outer == pytest.approx(straight.counts.outer, abs=2)
     # going on costs the start's product, and the steps of the outer iteration that was cut
@@ -115,9 +114,9 @@ def test_a_resumed_solve_ends_with_the_same_answer(
 def test_one_checkpoint_is_left_and_it_can_be_removed(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
-    go(problem, scene, tmp_path, stopped_after(5), resume=False, sets=SMALBE_ALONE)
+    go(problem, scene, tmp_path, stopped_after(5), resume=False, active_sets=SMALBE_ALONE)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["checkpoint-1.vectors", "checkpoint.json"]
-    go(problem, scene, tmp_path, stopped_after(7), resume=True, sets=SMALBE_ALONE)
+    go(problem, scene, tmp_path, stopped_after(7), resume=True, active_sets=SMALBE_ALONE)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["checkpoint-2.vectors", "checkpoint.json"]
     Checkpoint(tmp_path, MPI.COMM_SELF, True).remove()
     assert not list(tmp_path.iterdir())
@@ -126,7 +125,7 @@ def test_one_checkpoint_is_left_and_it_can_be_removed(
 def test_a_checkpoint_of_another_problem_is_refused(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
-    go(problem, scene, tmp_path, stopped_after(3), resume=False, sets=SMALBE_ALONE)
+    go(problem, scene, tmp_path, stopped_after(3), resume=False, active_sets=SMALBE_ALONE)
     other = build_scene(
         load(CUBE, ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]",
                     "conditions.1.traction=[0,0,-466]"])
@@ -138,15 +137,15 @@ def test_a_checkpoint_of_another_problem_is_refused(
             tmp_path,
             None,
             resume=True,
-            sets=SMALBE_ALONE,
+            active_sets=SMALBE_ALONE,
         )
 
 
 def test_a_damaged_checkpoint_is_refused(problem: DualProblem, scene: Any, tmp_path: Path) -> None:
-    go(problem, scene, tmp_path, stopped_after(3), resume=False, sets=SMALBE_ALONE)
+    go(problem, scene, tmp_path, stopped_after(3), resume=False, active_sets=SMALBE_ALONE)
     (tmp_path / "checkpoint-1.vectors").write_bytes(b"")
     with pytest.raises(CheckpointError, match="no readable checkpoint"):
-        go(problem, scene, tmp_path, None, resume=True, sets=SMALBE_ALONE)
+        go(problem, scene, tmp_path, None, resume=True, active_sets=SMALBE_ALONE)
 
 
 def test_a_checkpoint_of_another_number_of_ranks_is_refused(
@@ -177,20 +176,19 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("ended", ["stopped", "killed"])
 def test_whatever_the_algorithm_does_it_goes_on_from_there(
-    kind: str, ended: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, ended: str, tmp_path: Path
 ) -> None:
     """By far fewer products than from the beginning, to the same answer."""
     changes, steps, on_sets = KINDS[kind]
-    if not on_sets:  # no active sets, and a first outer iteration of more than a few steps
-        monkeypatch.setattr("solver.contact.by_smalbe.SMALBE", partial(SMALBE, M=1e-3))
-    sets = None if on_sets else SMALBE_ALONE
+    # no active sets, and a first outer iteration of more than a few steps
+    how = {} if on_sets else {"active_sets": SMALBE_ALONE, "smalbe": SMALBE(M=1e-3)}
     overrides = ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]"]
     overrides += [f"{'solver.' * (k == 'tolerance')}{k}={v}" for k, v in changes.items()]
     scene = build_scene(load(CUBE, overrides))
     problem = build_model(scene, MPI.COMM_SELF).problem
-    straight = solve(problem, scene.solver, active_sets=sets)
+    straight = solve(problem, scene.solver, **how)
     if ended == "stopped":
-        go(problem, scene, tmp_path, stopped_after_steps(steps), resume=False, sets=sets)
+        go(problem, scene, tmp_path, stopped_after_steps(steps), resume=False, **how)
     else:  # at a step, without a word; a checkpoint is written at every step
 
         def kill(event: Step) -> bool:
@@ -200,13 +198,13 @@ def test_whatever_the_algorithm_does_it_goes_on_from_there(
 
         taken = stopped_after_steps(steps)
         with pytest.raises(KeyboardInterrupt):
-            go(problem, scene, tmp_path, kill, resume=False, every=0.0, sets=sets)
+            go(problem, scene, tmp_path, kill, resume=False, every=0.0, **how)
     state = state_of(tmp_path)
     assert state["outer"] == 0
     assert (state["rho"] > 0.0) is not on_sets
     spent = state["counts"]["hessian"]
     assert spent >= steps - 2
-    resumed = go(problem, scene, tmp_path, None, resume=True, sets=sets)
+    resumed = go(problem, scene, tmp_path, None, resume=True, **how)
     assert resumed.converged
     assert resumed.counts.hessian - spent <= straight.counts.hessian - 0.5 * spent
     assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)

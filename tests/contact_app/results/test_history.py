@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.results import history
 from contact_app.results.history import COLUMNS, History
 from solver import MPRGP, SMALBE, BoxQP
 from solver.qp.result import Step
@@ -48,10 +47,9 @@ def test_numbers_come_back_as_they_were(tmp_path: Path) -> None:
     assert float(row["seconds"]) == 0.125
 
 
-def test_rows_are_on_disk_before_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(history, "FLUSH_SECONDS", 0.0)
+def test_rows_are_on_disk_before_the_end(tmp_path: Path) -> None:
     path = tmp_path / "history.csv"
-    with History(path) as monitor:
+    with History(path, flush_seconds=0.0) as monitor:
         for i in range(3):
             monitor(Step(1, i, "cg", 1.0, 0.0, 0, 0.0))
             assert len(rows(path)) == i + 1

@@ -18,21 +18,19 @@ def step(outer: int, iteration: int, kind: str = "cg") -> Step:
     return Step(outer, iteration, kind, 10.0**-iteration, 2e-3, 5, 0.1 * iteration)
 
 
-def shown(events: list[Step], term: str | None = None) -> str:
+def shown(events: list[Step], term: str | None = None, **options: float) -> str:
     text = io.StringIO()
     environment = {} if term is None else {"TERM": term}
     console = Console(file=text, width=70, force_terminal=bool(term), _environ=environment)
-    with Progress(console=console) as monitor:
+    with Progress(console=console, **options) as monitor:
         for event in events:
             monitor(event)
     return text.getvalue()
 
 
-def test_a_pipe_gets_a_line_for_each_outer_iteration_and_the_last(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(progress, "OUTER_SECONDS", 0.0)
-    text = shown([step(outer, 4 * outer + i) for outer in (1, 2) for i in range(4)])
+def test_a_pipe_gets_a_line_for_each_outer_iteration_and_the_last() -> None:
+    events = [step(outer, 4 * outer + i) for outer in (1, 2) for i in range(4)]
+    text = shown(events, outer_seconds=0.0)
     lines = text.splitlines()
     assert [line.split(",")[0] for line in lines] == ["outer 1", "outer 2", "outer 2"]
     last = "outer 2, iteration 11, residual 1.0e-11, equalities 2.0e-03, active 5, 1.1 s"

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from solver.contact.driver import solve
-from solver.tfeti.constraints import cross_points as crossings
 from solver.tfeti.constraints.cross_points import Neighbours, helmert, joining
 from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
 from tests.ranks import python
 
@@ -84,15 +84,16 @@ CASES = {
 }
 
 
-@pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few subdomains count as many."""
-    monkeypatch.setattr(crossings, "MANY", 2)
+FEW = TotalFetiOptions(many_subdomains=2)
+"""Few subdomains count as many."""
 
 
-def problem_of(case: str, comm: MPI.Intracomm = MPI.COMM_SELF) -> DualProblem:
+def problem_of(
+    case: str, comm: MPI.Intracomm = MPI.COMM_SELF, options: TotalFetiOptions = FEW
+) -> DualProblem:
     name, cell, subdomains = CASES[case]
-    return build_model(scenes.build(scenes.ALL[name](cell, 6), subdomains), comm).problem
+    scene = scenes.build(scenes.ALL[name](cell, 6), subdomains)
+    return build_model(scene, comm, options=options).problem
 
 
 def errors_of(problem: DualProblem) -> float:
@@ -123,12 +124,10 @@ def errors_of(problem: DualProblem) -> float:
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.usefixtures("few")
 def test_faces_have_an_oblique_projector_onto_the_kernel(case: str) -> None:
     assert errors_of(problem_of(case)) < 1e-10
 
 
-@pytest.mark.usefixtures("few")
 def test_the_coarse_problem_of_a_face_joins_neighbours_alone() -> None:
     """27 subdomains of six motions, 54 faces; edges count only where there is contact."""
     problem = problem_of("regular")
@@ -147,22 +146,20 @@ def test_few_subdomains_and_those_in_the_plane_have_no_weights() -> None:
     plane = build_model(
         scenes.build(scenes.ALL["wall"]("quadrilateral", 12), [12, 9]), MPI.COMM_SELF
     )
-    for problem in (problem_of("regular"), plane.problem):
+    for problem in (problem_of("regular", options=TotalFetiOptions()), plane.problem):
         assert problem.coarse is not None
         assert (problem.coarse.metric == 1.0).all()
 
 
-@pytest.mark.usefixtures("few")
 @pytest.mark.parametrize("case", CASES)
-def test_the_answer_is_the_same(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_answer_is_the_same(case: str) -> None:
     """With weights and without."""
     made = scenes.ALL[CASES[case][0]](CASES[case][1], 6)
     scene = scenes.build(made, CASES[case][2])
     options = replace(scene.solver, tolerance=1e-8)
     answers = []
     for many in (2, 1000):
-        monkeypatch.setattr(crossings, "MANY", many)
-        model = build_model(scene, MPI.COMM_SELF)
+        model = build_model(scene, MPI.COMM_SELF, options=TotalFetiOptions(many_subdomains=many))
         assert model.problem.coarse is not None
         assert (model.problem.coarse.metric != 1.0).any() == (many == 2)
         answers.append(solve(model.problem, options, None))
@@ -176,14 +173,13 @@ def test_the_answer_is_the_same(case: str, monkeypatch: pytest.MonkeyPatch) -> N
 def test_on_ranks(shared: int) -> None:
     program = (
         "from mpi4py import MPI\n"
-        "from solver.tfeti.coarse import coarse_problem as coarse\n"
-        "from solver.tfeti.constraints import cross_points as crossings\n"
+        "from solver.tfeti.options import TotalFetiOptions\n"
         "from tests.contact_app.tfeti.test_cross_points import CASES, errors_of, problem_of\n"
-        f"coarse.SHARED, crossings.MANY = {shared}, 2\n"
+        f"options = TotalFetiOptions(many_subdomains=2, gathered={shared})\n"
         "for case in CASES:\n"
-        "    error = errors_of(problem_of(case, MPI.COMM_WORLD))\n"
+        "    error = errors_of(problem_of(case, MPI.COMM_WORLD, options))\n"
         "    assert error < 1e-10, (case, error)\n"
-        "coarse = problem_of('regular', MPI.COMM_WORLD)\n"
+        "coarse = problem_of('regular', MPI.COMM_WORLD, options)\n"
         "coarse = coarse.with_active(coarse.inequality).coarse\n"
         "assert coarse.entries == 36 * 151, coarse.entries\n"
     )

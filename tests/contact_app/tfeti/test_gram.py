@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.tfeti.coarse import gram
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
 from tests.ranks import python
 
@@ -21,10 +21,12 @@ CASES = {
 }
 
 
-def problem_of(case: str, comm: MPI.Intracomm = MPI.COMM_SELF) -> DualProblem:
+def problem_of(
+    case: str, comm: MPI.Intracomm = MPI.COMM_SELF, options: TotalFetiOptions | None = None
+) -> DualProblem:
     name, cell, subdomains = CASES[case]
     scene = scenes.build(scenes.ALL[name](cell, 4), subdomains)
-    return build_model(scene, comm).problem
+    return build_model(scene, comm, options=options).problem
 
 
 def error_of(problem: DualProblem) -> float:
@@ -47,9 +49,8 @@ def test_its_factor_undoes_products_with_g(case: str) -> None:
     assert error_of(problem_of(case)) < 1e-8
 
 
-def test_rows_are_taken_in_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gram, "CHUNK", 100)
-    assert error_of(problem_of("hexahedra")) < 1e-8
+def test_rows_are_taken_in_chunks() -> None:
+    assert error_of(problem_of("hexahedra", options=TotalFetiOptions(chunk=100))) < 1e-8
 
 
 @pytest.mark.mpi
@@ -58,11 +59,11 @@ def test_on_ranks(shared: int) -> None:
     """In parts and whole on every rank."""
     program = (
         "from mpi4py import MPI\n"
-        "from solver.tfeti.coarse import coarse_problem as coarse\n"
+        "from solver.tfeti.options import TotalFetiOptions\n"
         "from tests.contact_app.tfeti.test_gram import CASES, error_of, problem_of\n"
-        f"coarse.SHARED = {shared}\n"
+        f"options = TotalFetiOptions(gathered={shared})\n"
         "for case in CASES:\n"
-        "    error = error_of(problem_of(case, MPI.COMM_WORLD))\n"
+        "    error = error_of(problem_of(case, MPI.COMM_WORLD, options))\n"
         "    assert error < 1e-8, (case, error)\n"
     )
     done = python("-c", program, ranks=2, limit=300)

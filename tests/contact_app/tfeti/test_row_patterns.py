@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.model.model import build_model
-from solver.tfeti.coarse import row_patterns as congruent
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.coarse.gram import Blocks, KernelRows
-from solver.tfeti.coarse.row_patterns import Kind, KindProduct, blocks_of, kinds_of
+from solver.tfeti.coarse.row_patterns import PatternProduct, RowPattern, blocks_of, patterns_of
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
 from tests.ranks import python
 
@@ -32,9 +32,16 @@ CASES = {
 Kernels = list[tuple[int, NDArray[np.float64]]]
 
 
-def problem_of(case: str, comm: MPI.Intracomm = MPI.COMM_SELF) -> DualProblem:
+ALWAYS = TotalFetiOptions(pattern_rows=0, pattern_rows_on_ranks=0, other_rows=1.0)
+"""G is applied pattern by pattern wherever there are any."""
+
+
+def problem_of(
+    case: str, comm: MPI.Intracomm = MPI.COMM_SELF, options: TotalFetiOptions | None = None
+) -> DualProblem:
     name, cell, subdomains = CASES[case]
-    return build_model(scenes.build(scenes.ALL[name](cell, 4), subdomains), comm).problem
+    scene = scenes.build(scenes.ALL[name](cell, 4), subdomains)
+    return build_model(scene, comm, options=options).problem
 
 
 def matrix_of(B: ConstraintMatrix, kernels: Kernels) -> NDArray[np.float64]:
@@ -73,11 +80,9 @@ def error_of(problem: DualProblem) -> float:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_it_is_g(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(congruent, "ROWS_OF_A_KIND", 0)
-    monkeypatch.setattr(congruent, "OTHERS", 1.0)
-    problem = problem_of(case)
-    assert isinstance(coarse_of(problem)._product, KindProduct)
+def test_it_is_g(case: str) -> None:
+    problem = problem_of(case, options=ALWAYS)
+    assert isinstance(coarse_of(problem)._product, PatternProduct)
     assert error_of(problem) < 1e-13
 
 
@@ -86,13 +91,12 @@ def test_it_is_g(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_on_ranks(ranks: int) -> None:
     program = (
         "from mpi4py import MPI\n"
-        "from solver.tfeti.coarse import row_patterns as congruent\n"
-        "from tests.contact_app.tfeti.test_row_patterns import CASES, coarse_of\n"
+        "from solver.tfeti.coarse.row_patterns import PatternProduct\n"
+        "from tests.contact_app.tfeti.test_row_patterns import ALWAYS, CASES, coarse_of\n"
         "from tests.contact_app.tfeti.test_row_patterns import error_of, problem_of\n"
-        "congruent.ON_RANKS, congruent.OTHERS = 0, 1.0\n"
         "for case in CASES:\n"
-        "    problem = problem_of(case, MPI.COMM_WORLD)\n"
-        "    assert isinstance(coarse_of(problem)._product, congruent.KindProduct), case\n"
+        "    problem = problem_of(case, MPI.COMM_WORLD, ALWAYS)\n"
+        "    assert isinstance(coarse_of(problem)._product, PatternProduct), case\n"
         "    error = error_of(problem)\n"
         "    assert error < 1e-13, (case, error)\n"
     )
@@ -131,7 +135,7 @@ def test_kinds_of_any_rows(
     columns, total = rows.shape[1], sum(n * R.shape[1] for n, R in kernels)
     before = ConstraintMatrix(MPI.COMM_SELF, rows, columns)
     runs = np.arange(0, rows.shape[0], components)
-    order, kinds = kinds_of(KernelRows(before, kernels), runs, components)
+    order, kinds = patterns_of(KernelRows(before, kernels), runs, components)
     np.testing.assert_array_equal(np.sort(order), np.arange(len(runs)))
     taken = (runs[order][:, None] + np.arange(components)).ravel()
     B = ConstraintMatrix(MPI.COMM_SELF, rows[taken], columns)
@@ -149,9 +153,8 @@ def test_kinds_of_any_rows(
     for kind in kinds:  # the same for all its sets, but for the last one now and then
         metric[kind.rows] = np.tile(rng.integers(1, 3, len(kind.V)), len(kind.starts))
         metric[kind.rows.stop - 1] = rng.integers(1, 3)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(congruent, "ROWS_AT_ONCE", 1)  # no more sets at once than it has to take
-        product = KindProduct(KernelRows(B, kernels), kinds, total, metric)
+    # no more groups at once than it has to take
+    product = PatternProduct(KernelRows(B, kernels), kinds, total, metric, rows_at_once=1)
     x, alpha = rng.standard_normal(len(G)), rng.standard_normal(total)
     force, motion, left = np.empty(total), np.empty(len(G)), x.copy()
     for oblique, W in ((False, np.ones(len(G))), (True, metric)):
@@ -178,22 +181,21 @@ def dense(blocks: Blocks, total: int) -> NDArray[np.float64]:
     return result
 
 
-def kinds_in(split: int) -> tuple[list[Kind], DualProblem]:
+def patterns_in(split: int) -> tuple[list[RowPattern], DualProblem]:
     """Of a cube in so many sub-boxes along each edge, of two cells an edge each."""
     scene = scenes.build(scenes.wall("hexahedron", 2 * split), [split, split, split])
-    problem = build_model(scene, MPI.COMM_SELF).problem
-    return list(coarse_of(problem)._kinds), problem
+    problem = build_model(scene, MPI.COMM_SELF, options=ALWAYS).problem
+    return list(coarse_of(problem)._patterns), problem
 
 
-def test_kinds_do_not_grow_with_the_number_of_subdomains(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_patterns_do_not_grow_with_the_number_of_subdomains() -> None:
     """Faces, edges and corners of a regular split, inside and at the held side."""
-    monkeypatch.setattr(congruent, "ROWS_OF_A_KIND", 0)
-    few, _ = kinds_in(5)
-    many, problem = kinds_in(6)
+    few, _ = patterns_in(5)
+    many, problem = patterns_in(6)
     assert len(few) == len(many)
     inside = sum(k.rows.stop - k.rows.start for k in many)
     assert inside == (problem.kinds != RowKind.CONTACT).sum()
 
 
 def test_bodies_without_repetition_keep_their_interface() -> None:
-    assert not isinstance(coarse_of(problem_of("tetrahedra"))._product, KindProduct)
+    assert not isinstance(coarse_of(problem_of("tetrahedra"))._product, PatternProduct)
