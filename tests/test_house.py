@@ -23,6 +23,8 @@ APPLICATION = (
 )  # fmt: skip
 """The same of `contact_app`."""
 
+STUDIES = "contact_app.studies"
+
 MOST_ENTRIES = 12
 """Entries at the top of `contact_app`."""
 
@@ -161,3 +163,15 @@ def test_tests_of_the_solver_import_the_solver_alone() -> None:
             names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
             for name in names:
                 assert name.split(".")[0] not in ("contact_app", "meshes"), f"{path}: {name}"
+
+
+def test_only_tests_of_studies_import_studies() -> None:
+    own = ROOT / "tests" / "contact_app" / "studies"
+    wrong = [
+        str(path.relative_to(ROOT))
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        if own not in path.parents
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(STUDIES)
+    ]
+    assert not wrong

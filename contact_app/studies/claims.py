@@ -29,13 +29,13 @@ from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
+from contact_app.machine.time_limit import OutOfTime, time_limit
 from contact_app.run.solve import solve_scene
 from contact_app.scene import configuration
 from contact_app.scene.build import build_scene
 from contact_app.scene.scene import Scene
 from contact_app.studies.claims_reference import Truth, truth
 from contact_app.studies.claims_scenes import ClaimScene, claim_scene
-from contact_app.studies.time_limit import OutOfTime, time_limit
 from solver import QPError
 
 TARGETS = (0.3, 0.15, 0.08)

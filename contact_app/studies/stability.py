@@ -30,12 +30,12 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+from contact_app.machine.time_limit import OutOfTime, time_limit
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
 from contact_app.scene.scene import Scene
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case, Config
-from contact_app.studies.time_limit import OutOfTime, time_limit
 from solver import MPRGP, BoxQP
 from solver.errors import QPError
 from solver.qp.benchmark import RTOL, Problem, run_tao

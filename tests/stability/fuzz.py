@@ -35,7 +35,7 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 from scipy.optimize import linprog, lsq_linear
 
-from contact_app.studies.time_limit import OutOfTime, time_limit
+from contact_app.machine.time_limit import OutOfTime, time_limit
 from tests import reference, scenes
 from tests.stability.defect_scenes import kind_of, overlapping_cells
 from tests.stability.groups import Known, groups_of, in_order, motions_at

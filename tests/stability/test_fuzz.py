@@ -81,6 +81,7 @@ def test_a_named_method_that_fails_gives_way_to_others() -> None:
     assert fuzz.judge(269, method="smalbe").kind == "agrees"
 
 
+@pytest.mark.ratchet
 def test_directions_of_a_face_stay_orthogonal() -> None:
     """Rounding made conjugate gradients repeat directions: 10,000 steps without an answer."""
     verdict = fuzz.judge(378, method="auto")

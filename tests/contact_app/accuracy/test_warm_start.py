@@ -100,6 +100,7 @@ def test_the_start_is_as_good_as_the_mesh_it_comes_from(coarse: Scene, fine: Sce
     assert start_error(last, solved) <= 1.2 * last.accuracy.discretisation
 
 
+@pytest.mark.ratchet
 def test_all_levels_but_the_first_begin_with_the_last() -> None:
     """A disc that contact alone holds, in parts: half the products, and each level says so."""
     scene = built("configs/hertz_disc.yaml", "accuracy=0.02", subdomains=8)

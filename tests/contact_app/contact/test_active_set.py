@@ -8,7 +8,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
-from contact_app.studies.failing_scenes import slender
 from solver import MPRGP, Reason
 from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetUpdate, StoppingTest, solve_on_set
@@ -23,6 +22,7 @@ from solver.tfeti.feasible import follows
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 from solver.tfeti.winkler import winkler_contact
 from tests import scenes
+from tests.hard_scenes import slender
 
 
 @pytest.fixture(scope="module")
@@ -162,6 +162,7 @@ def test_an_active_set_that_rounding_holds_up_ends_all_the_same(cell: str) -> No
     assert found.counts.hessian == spent
 
 
+@pytest.mark.ratchet
 def test_an_active_set_knows_what_rounding_leaves_outside_the_range_of_the_projector() -> None:
     """A beam 1:300 in thirty parts: 5e-4 of the right-hand side, which no step removes.
 

@@ -92,6 +92,7 @@ def test_one_held_subdomain_has_neither_gluing_nor_coarse_problem() -> None:
         ("plate_and_pins", []),
     ],
 )
+@pytest.mark.ratchet
 def test_faces_end_what_augmented_lagrangians_are_slow_with(
     name: str, overrides: list[str]
 ) -> None:
@@ -148,6 +149,7 @@ def test_active_sets_that_do_not_settle_are_told() -> None:
     assert found.counts.hessian > 0
 
 
+@pytest.mark.ratchet
 def test_the_default_cube_stays_cheap() -> None:
     """The paper's best expansion takes 269 products on its mesh, this scene 39."""
     assert summary("cube")["solver"]["hessian_multiplications"] <= 45

@@ -8,11 +8,12 @@ from mpi4py import MPI
 
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
-from contact_app.studies.failing_scenes import Config, slender, wall
 from solver.tfeti.columns import on_columns
 from solver.tfeti.constraints.hierarchy import RowLevels
 from solver.tfeti.dual import DualProblem
 from tests import scenes
+from tests.hard_scenes import slender, wall
+from tests.scenes import Config
 
 
 def problem(made: Config, parts: list[int]) -> DualProblem:
@@ -44,6 +45,7 @@ def test_thick_bodies_have_none(made: Config) -> None:
     assert RowLevels(problem(made, [2, 1]), thinned=True).finest
 
 
+@pytest.mark.ratchet
 def test_columns_of_a_slender_body_are_hardly_more_than_rows_that_touch() -> None:
     """And their forces answer the optimality conditions of the whole problem."""
     dual = problem(slender(100.0, [200, 2]), [1, 1])
@@ -66,6 +68,7 @@ def test_thick_bodies_take_no_columns() -> None:
 
 
 @pytest.mark.parametrize("parts", [[10, 1], [1, 1]])
+@pytest.mark.ratchet
 def test_a_slender_body_costs_less_than_thrice_its_thick_twin(parts: list[int]) -> None:
     """Without levels it takes 5 times as many in parts and 8 times as many whole."""
     products = []

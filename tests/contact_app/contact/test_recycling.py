@@ -8,7 +8,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
-from contact_app.studies.failing_scenes import locking
 from solver import MPRGP, Reason
 from solver.backend import Statuses
 from solver.contact.active_set import StoppingTest, active_set_loop
@@ -18,6 +17,7 @@ from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.recycling import Directions, Recycled, RecyclingOptions
 from tests import scenes
+from tests.hard_scenes import wall
 
 TOLERANCE = 1e-8
 
@@ -25,7 +25,7 @@ TOLERANCE = 1e-8
 @pytest.fixture(scope="module")
 def problem() -> DualProblem:
     """A nearly incompressible block in four parts, whose F is ill-conditioned."""
-    return build_model(scenes.build(locking(0.4999), [2, 2]), MPI.COMM_WORLD).problem
+    return build_model(scenes.build(wall(poisson=0.4999), [2, 2]), MPI.COMM_WORLD).problem
 
 
 def closed(problem: DualProblem, count: int) -> NDArray[np.bool_]:
@@ -43,6 +43,7 @@ def solved(face: ActiveSetProblem) -> tuple[NDArray[np.float64], int]:
 
 
 @pytest.mark.parametrize("count", [10, 14])
+@pytest.mark.ratchet
 def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
     problem: DualProblem, count: int
 ) -> None:
@@ -92,6 +93,7 @@ def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualP
     assert abs(change @ product) < 1e-7 * np.linalg.norm(change) * np.linalg.norm(product)
 
 
+@pytest.mark.ratchet
 def test_near_incompressibility_takes_half_the_products(problem: DualProblem) -> None:
     """Sets differ in a few rows: directions of one set save operator applications on the next."""
 

@@ -60,6 +60,7 @@ def test_a_bound_that_was_wrong(cell: str, caplog: pytest.LogCaptureFixture) -> 
 
 @pytest.mark.parametrize("angle", [1e-3, 1e-6])
 @pytest.mark.parametrize("split", [1, 4])
+@pytest.mark.ratchet
 def test_an_obstacle_that_is_nearly_repeated(angle: float, split: int) -> None:
     """No more products than without the second plane, and the answer of both."""
     made = scenes.wall("quadrilateral", 12)

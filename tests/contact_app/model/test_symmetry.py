@@ -17,7 +17,6 @@ from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.studies.mirrored import saving
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
@@ -236,13 +235,3 @@ def test_check_tells(capsys: pytest.CaptureFixture[str]) -> None:
     assert "everything mirrors about x = 0.5" in text
     assert "none across y: conditions[3] has no mirror image" in text
     assert "symmetry across x: block.x+ displaced by x = 0" in text
-
-
-def test_what_it_saves() -> None:
-    """The table of docs/guide/scenes.md: both solves of a scene, none of one that mirrors not."""
-    found = saving(scenes.build(pressed("hexahedron", 2)))
-    assert found is not None
-    assert found.planes == "x = 0.5, y = 0.5"
-    assert found.unknowns == (81, 36)
-    assert found.energies[1] == pytest.approx(found.energies[0], rel=1e-9)
-    assert saving(scenes.build(scenes.tilted_plane("hexahedron", 2))) is None

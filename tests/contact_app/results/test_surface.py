@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import h5py
@@ -16,8 +15,6 @@ from contact_app.results.surface import SurfaceFields, surface_fields, write_lat
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.studies.cube import cube_scene
-from contact_app.studies.paper_run import Settings, paper_run
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -124,23 +121,3 @@ def test_tetrahedra_need_a_mesh(tmp_path: Path) -> None:
     )
     with pytest.raises(ValueError, match="boxes of hexahedra"):
         write_lattice(solved.model, solved.solution, tmp_path / "all.xdmf")
-
-
-def test_the_papers_run_in_small(tmp_path: Path) -> None:
-    """Both rules end at one energy, certified; the second run of a directory starts anew."""
-    scene = cube_scene(9, 3)
-    lines = list(paper_run(tmp_path, scene, (Settings.paper, Settings.ours), True, MPI.COMM_SELF))
-    assert [line.split(":")[0] for line in lines[::2]] == ["paper", "ours"]
-    summaries = [
-        json.loads((tmp_path / name / "summary.json").read_text()) for name in ("paper", "ours")
-    ]
-    for summary, name in zip(summaries, ("paper", "ours"), strict=True):
-        assert summary["certificate"]["passed"]
-        left = {p.name for p in (tmp_path / name).iterdir()}
-        assert {"surface.xdmf", "displacement.xdmf", "history.csv", "summary.json"} <= left
-        assert not any(file.startswith("checkpoint") for file in left)
-    paper, ours = (s["solution"] for s in summaries)
-    assert ours["energy"] == pytest.approx(paper["energy"], rel=1e-6)
-    assert ours["mean_displacement"] == pytest.approx(paper["mean_displacement"], rel=1e-4)
-    fewer, more = (s["solver"]["hessian_multiplications"] for s in reversed(summaries))
-    assert fewer < 0.6 * more

@@ -7,12 +7,12 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from contact_app.studies import failing_scenes
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.driver import solve
 from solver.tfeti.constraints.contact_edge import SLACK, mirror_image
 from solver.tfeti.dual import DualProblem
 from tests import scenes
+from tests.hard_scenes import wall
 from tests.ranks import python
 
 CASES = {"line": ("quadrilateral", 40, [3, 2]), "surface": ("hexahedron", 20, [2, 2, 2])}
@@ -79,9 +79,10 @@ def test_on_ranks() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.ratchet
 def test_contact_ends_in_fewer_active_sets() -> None:
     """Of the fine wall 33 operator applications become 28, of the same answer."""
-    scene = scenes.build(failing_scenes.wall(320))
+    scene = scenes.build(wall(320))
     problem = build_model(scene, MPI.COMM_SELF).problem
     few = solve(problem, scene.solver)
     many = solve(problem, scene.solver, active_sets=ActiveSetOptions(release_at_edge=False))

@@ -33,6 +33,7 @@ def test_it_is_symmetric_and_positive(problem: DualProblem) -> None:
     assert y @ My > 0
 
 
+@pytest.mark.ratchet
 def test_it_halves_the_iterations_of_the_glued_problem(problem: DualProblem) -> None:
     glued = problem.with_active(np.zeros(problem.size, bool))
     norm, _ = estimate_norm(glued.projected)

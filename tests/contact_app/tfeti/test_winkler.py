@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -11,7 +13,6 @@ from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.studies.verification import ROOT
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.winkler import SOFTNESS, gaps_are_zero, winkler_contact
 from tests import scenes
@@ -21,6 +22,8 @@ CASES = {
     "corner, graph": ("floating_in_corner", "triangle", 3),
     "hollow sphere": ("rolling_in_hollow_sphere", "tetrahedron", 2),
 }
+
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def problem_of(case: str) -> DualProblem:
@@ -79,9 +82,10 @@ def column(problem: DualProblem, i: int) -> np.ndarray:
     return out
 
 
+@pytest.mark.ratchet
 def test_a_ball_kept_by_a_plane_needs_few_products() -> None:
     """104 when faces begin at the multiplier of least norm, which touches all over the ball."""
-    solved = solve_scene(build_scene(load(ROOT / "configs" / "hertz_sphere.yaml")), MPI.COMM_SELF)
+    solved = solve_scene(build_scene(load(CONFIGS / "hertz_sphere.yaml")), MPI.COMM_SELF)
     assert solved.summary["certificate"]["passed"]
     assert solved.summary["solver"]["outer_iterations"] == 0
     assert solved.summary["solver"]["hessian_multiplications"] < 60
@@ -103,11 +107,12 @@ FINE = ["bodies.0.mesh.box.cells=[40, 40, 40]", "decomposition={subdomains: [10,
 @pytest.mark.parametrize(
     ("scene", "overrides", "products"), [("cube", FINE, 18), ("bracket", [], 58)]
 )
+@pytest.mark.ratchet
 def test_bodies_that_lie_flat_need_few_products(
     scene: str, overrides: list[str], products: int
 ) -> None:
     """The cube's wall takes 19 from the springs' guess on, the bracket 63 peeled row by row."""
-    built = build_scene(load(ROOT / "configs" / f"{scene}.yaml", overrides))
+    built = build_scene(load(CONFIGS / f"{scene}.yaml", overrides))
     solved = solve_scene(built, MPI.COMM_SELF)
     assert solved.summary["certificate"]["passed"]
     assert solved.summary["solver"]["hessian_multiplications"] <= products

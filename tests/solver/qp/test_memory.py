@@ -47,6 +47,7 @@ def test_enough_conjugate_pairs_make_the_inverse():
     np.testing.assert_allclose(matrix(memory, free), np.linalg.inv(A), atol=1e-10)
 
 
+@pytest.mark.ratchet
 def test_it_saves_products_and_finds_the_same_point():
     rng = np.random.default_rng(2)
     A = random_hessian(rng, np.geomspace(1.0, 1e3, 150))

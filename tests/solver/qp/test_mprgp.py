@@ -158,6 +158,7 @@ class _Jacobi:
 
 
 @pytest.mark.parametrize("expansion", ["fixed", "projcg", "projcg-safe", "gfgf-opt"])
+@pytest.mark.ratchet
 def test_preconditioning_in_the_face_pays_and_finds_the_same_point(expansion):
     rng = np.random.default_rng(3)
     scale = np.geomspace(1.0, 1e3, 60)
@@ -208,6 +209,7 @@ def test_a_rerun_from_the_solution_needs_one_product():
     assert MPRGP().solve(qp, first.x).counts.hessian == 1
 
 
+@pytest.mark.ratchet
 def test_a_look_without_bounds_saves_products_and_finds_the_same_point():
     plain_products = looked_products = 0
     for m, seed in ((30, 0), (30, 2), (40, 0), (40, 1)):

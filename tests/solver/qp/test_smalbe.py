@@ -127,6 +127,7 @@ def test_monitor_counts_outer_iterations_and_can_stop():
     assert stopped.counts.outer == 2
 
 
+@pytest.mark.ratchet
 def test_known_multiplier_shortens_the_solve():
     A, b, C, c = problem()
     qp = BoxQP(A, b, lower=0.0)
