@@ -40,10 +40,11 @@ class Judge:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._calibration = Calibration() if conforms(scene) else None
-        falling = self._calibration is not None
-        self._agreement = Agreement(FALLING if falling else EITHER_WAY)
+        self._falling = conforms(scene)
+        self._agreement = Agreement(FALLING if self._falling else EITHER_WAY)
         stiff = any(body.nearly_incompressible(scene.plane) for body in scene.bodies)
+        # the share of the error that is estimated varies from mesh to mesh there: nothing is lowered
+        self._calibration = Calibration() if self._falling and not stiff else None
         short = stiff and not scene.guaranteed
         self._shortfall = SHORTFALL[scene.dimension] ** 2 if short else 1.0
 
@@ -70,8 +71,7 @@ class Judge:
     def _stands_alone(self, estimate: float) -> bool:
         """Whether the first mesh needs no other; a round obstacle may pass between its nodes."""
         target = self._scene.accuracy or 0.0
-        falling = self._calibration is not None
-        return falling and alone(estimate, target, _fewest(self._scene))
+        return self._falling and alone(estimate, target, _fewest(self._scene))
 
     def forget(self) -> None:
         """Compare the next levels with those before the last one."""
