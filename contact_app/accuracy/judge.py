@@ -43,7 +43,7 @@ class Judge:
         self._falling = conforms(scene)
         self._agreement = Agreement(FALLING if self._falling else EITHER_WAY)
         stiff = any(body.nearly_incompressible(scene.plane) for body in scene.bodies)
-        # the share of the error that is estimated varies from mesh to mesh there: nothing is lowered
+        # the share of the error that is estimated varies there from mesh to mesh
         self._calibration = Calibration() if self._falling and not stiff else None
         short = stiff and not scene.guaranteed
         self._shortfall = SHORTFALL[scene.dimension] ** 2 if short else 1.0
