@@ -113,6 +113,14 @@ class Element:
         test = ufl.TestFunction(self.space)
         return self._load(ufl.inner(self._constant(traction), test) * self._ds(rows))
 
+    def linear_traction(
+        self, rows: NDArray[np.int32], values: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Load of a force per area given at the nodes, (nodes, dimension); (unknowns,)."""
+        traction = fem.Function(self.space)
+        traction.x.array[self.unknowns] = values.ravel()
+        return self._load(ufl.inner(traction, ufl.TestFunction(self.space)) * self._ds(rows))
+
     def pressure(self, rows: NDArray[np.int32], pressure: float) -> NDArray[np.float64]:
         """Load of a pressure against the outward normal of facets, (unknowns,)."""
         test, normal = ufl.TestFunction(self.space), ufl.FacetNormal(self.mesh)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +10,25 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import boundary_facets
+from contact_app.model.total_loads import LinearTraction, load_of
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
 from meshes import Partition
 
 
 def load_vectors(
-    scene: Scene, partition: Partition, elements: dict[int, Element]
+    scene: Scene,
+    partition: Partition,
+    elements: dict[int, Element],
+    linear: Sequence[LinearTraction] = (),
 ) -> list[NDArray[np.float64] | None]:
-    """Load vector of each subdomain of this rank, None where nothing acts."""
+    """Load vector of each subdomain of this rank, None where nothing acts.
+
+    Parameters
+    ----------
+    linear
+        The tractions of total forces and moments.
+    """
     facet_loads: tuple[Traction | Pressure, ...] = (*scene.tractions, *scene.pressures)
     found = np.zeros(len(facet_loads), bool)
     cache: dict[Hashable, NDArray[np.float64]] = {}
@@ -41,6 +51,11 @@ def load_vectors(
                     pressure = scene.pressures[i - len(scene.tractions)].value
                     cache[key] = element.pressure(rows, pressure)
             parts.append(cache[key])
+        for traction in linear:
+            if traction.body == s.body:
+                rows = boundary_facets(s, scene.bodies[s.body], traction.boundary)
+                if len(rows):
+                    parts.append(load_of(element, rows, s.points(), traction))
         for i, force in enumerate(scene.forces):
             if force.body == s.body:
                 key = (id(s.reference), "force", i)

@@ -23,6 +23,7 @@ from contact_app.model.equilibrium import directions_in_words, group_numbers, up
 from contact_app.model.outline import Outline, Tell, outline
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.model.total_loads import LinearTraction
 from contact_app.scene.material import Material
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -54,6 +55,8 @@ class Model:
         Rows that a tighter one of the same node in the same direction makes redundant.
     reach
         How far the nodes of each contact may come nearer, (contacts,).
+    linear
+        The tractions of total forces and moments.
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -68,6 +71,7 @@ class Model:
     left_out: ContactRows
     merged: ContactRows
     reach: NDArray[np.float64]
+    linear: tuple[LinearTraction, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -155,6 +159,7 @@ def _built(
         left_out=known.left_out,
         merged=known.merged,
         reach=known.reach,
+        linear=known.linear,
         notes=tuple(_notes(scene, known, problem)),
     )
 

@@ -27,6 +27,7 @@ from contact_app.model.decomposition import choose_split
 from contact_app.model.equilibrium import body_balances, groups_in_contact
 from contact_app.model.loads import load_vectors
 from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from solver.contact.equilibrium import BodyBalance
@@ -74,6 +75,8 @@ class Outline:
         How far the nodes of each contact may come nearer, (contacts,).
     elements
         Finite-element forms by the identity of their reference.
+    linear
+        The tractions of total forces and moments.
     loads
         Load vector of each subdomain of this rank, None where nothing acts.
     balances
@@ -90,6 +93,7 @@ class Outline:
     merged: ContactRows
     reach: NDArray[np.float64]
     elements: dict[int, Element]
+    linear: tuple[LinearTraction, ...]
     loads: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
 
@@ -165,7 +169,8 @@ def outline(
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
     with timings.measure("assembly"):
-        loads = load_vectors(scene, partition, elements)
+        linear = linear_tractions(scene, partition, elements)
+        loads = load_vectors(scene, partition, elements, linear)
     balances = body_balances(scene, partition, held, contact, loads)
     reach = np.full(len(scene.touching), np.inf)
     if not isinstance(needed, str) or needed == "estimated":
@@ -175,7 +180,7 @@ def outline(
         needed = all_rows if needed == "all" else estimated(contact, reach)
     return Outline(
         partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed),
-        merged, reach, elements, loads, balances,
+        merged, reach, elements, linear, loads, balances,
     )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ from contact_app.scene.conditions import (
     Contact,
     DisplacementCondition,
     Pressure,
+    TotalLoad,
     Traction,
 )
 from contact_app.scene.scene import Scene
@@ -180,6 +181,11 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         lines.append(
             f"{pressure.source}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
             f"({_count_facets(scene, known, pressure):,} facets)"
+        )
+    for load, linear in zip(scene.total_loads, known.linear, strict=True):
+        lines.append(
+            f"{load.source}: {_on(scene, load)} loaded by a total force {_vector(load.force)}"
+            f"{_moment(scene, load)} on an area of {linear.area:.4g}"
         )
     for force in scene.forces:
         lines.append(
@@ -383,9 +389,19 @@ def _resultant(known: Outline, body: int, dimension: int) -> tuple[float, ...]:
     return tuple(total)
 
 
-def _on(
-    scene: Scene, item: DisplacementCondition | Traction | Pressure | Contact | BodyContact
-) -> str:
+def _moment(scene: Scene, load: TotalLoad) -> str:
+    if not any(load.moment) and load.at is None:
+        return ""
+    moment = load.moment if scene.dimension == 3 else load.moment[2:]
+    where = "its centroid" if load.at is None else _vector(load.at[: scene.dimension])
+    return f" and a moment {_vector(moment)} at {where}"
+
+
+Named = DisplacementCondition | Traction | TotalLoad | Pressure | Contact | BodyContact
+"""What acts on a boundary of a body."""
+
+
+def _on(scene: Scene, item: Named) -> str:
     return f"{scene.bodies[item.body].name}.{item.boundary}"
 
 

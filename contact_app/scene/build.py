@@ -20,6 +20,7 @@ from contact_app.scene.conditions import (
     Contact,
     DisplacementCondition,
     Pressure,
+    TotalLoad,
     Traction,
 )
 from contact_app.scene.keys import Keys
@@ -64,6 +65,7 @@ def build_scene(
         tractions=tuple(x for x in conditions if isinstance(x, Traction)),
         pressures=tuple(x for x in conditions if isinstance(x, Pressure)),
         forces=tuple(x for x in conditions if isinstance(x, BodyForce)),
+        total_loads=tuple(x for x in conditions if isinstance(x, TotalLoad)),
         contacts=tuple(x for x in contacts if isinstance(x, Contact)),
         pairs=tuple(x for x in contacts if isinstance(x, BodyContact)),
         decomposition=decomposition,
@@ -78,7 +80,8 @@ def build_scene(
     if not _loaded(scene):
         keys.fail(
             ("conditions",),
-            "load nothing: give a traction, pressure, force or non-zero displacement, or an "
+            "load nothing: give a traction, pressure, force, total_force, total_moment or "
+            "non-zero displacement, or an "
             "obstacle or a body that overlaps another body",
         )
     return scene
@@ -176,6 +179,7 @@ def _check_memory(
 def _loaded(scene: Scene) -> bool:
     """Whether anything moves or presses a body."""
     vectors = [x.vector for x in scene.tractions] + [x.vector for x in scene.forces]
+    vectors += [(*x.force, *x.moment) for x in scene.total_loads]
     pressed = any(map(any, vectors)) or any(load.value for load in scene.pressures)
     moved = any(any(condition.values) for condition in scene.displacements)
     entered = any(_may_enter(scene.bodies, contact) for contact in scene.contacts)

@@ -38,6 +38,26 @@ class Pressure:
 
 
 @dataclass(frozen=True)
+class TotalLoad:
+    """Force and moment that the traction on a boundary adds up to.
+
+    Attributes
+    ----------
+    force : (dimension,)
+    moment : (3,)
+    at : (3,) or None
+        Where both act; the centroid of the boundary if None.
+    """
+
+    body: int
+    boundary: str
+    force: tuple[float, ...]
+    moment: tuple[float, float, float]
+    at: tuple[float, float, float] | None
+    source: str
+
+
+@dataclass(frozen=True)
 class BodyForce:
     """Force per volume in a body."""
 

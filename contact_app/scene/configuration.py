@@ -204,6 +204,21 @@ class Condition(Model):
     traction: Numbers | None = Field(None, description="Force per area.")
     pressure: Number | None = Field(None, description="Pressure against the outward normal.")
     force: Numbers | None = Field(None, description="Force per volume.")
+    total_force: Numbers | None = Field(
+        None,
+        description="Force on the whole boundary, as a uniform traction that adds up to it on "
+        "every mesh; with `at` it acts there.",
+    )
+    total_moment: Numbers | Number | None = Field(
+        None,
+        description="Moment on the whole boundary (a number in 2D), as a traction that is linear "
+        "in the place; beside a total_force or alone.",
+    )
+    at: Numbers | None = Field(
+        None,
+        description="Point at which total_force and total_moment act, on the body or away from it "
+        "(length); the centroid of the boundary unless given.",
+    )
 
 
 class Plane(Model):

@@ -12,12 +12,15 @@ from contact_app.scene.conditions import (
     Contact,
     DisplacementCondition,
     Pressure,
+    TotalLoad,
     Traction,
 )
-from contact_app.scene.keys import Keys, Place
+from contact_app.scene.keys import Keys, Place, Vector
 from contact_app.scene.obstacles import SHAPES, Obstacle
 
-Condition = DisplacementCondition | Traction | Pressure | BodyForce
+Condition = DisplacementCondition | Traction | Pressure | BodyForce | TotalLoad
+
+TOTALS = ("total_force", "total_moment")
 
 
 class ConditionReader:
@@ -56,11 +59,19 @@ class ConditionReader:
         source = f"conditions[{i}]"
         given = [k for k in ("displacement", "traction", "pressure", "force")
                  if getattr(condition, k) is not None]  # fmt: skip
+        total = [k for k in TOTALS if getattr(condition, k) is not None]
+        if total and not given:
+            return self._total_load(condition, path, source)
+        if total or condition.at is not None:
+            key = (*total, "at")[0]
+            self.keys.fail(
+                (*path, key), "belongs to a total_force or total_moment, which stand alone"
+            )
         if len(given) != 1:
             self.keys.fail(
                 path,
                 f"has {' and '.join(given) or 'no kind'}; exactly one of displacement, traction, "
-                "pressure, force is allowed",
+                "pressure, force, or total_force and total_moment, is allowed",
             )
         kind = given[0]
         if kind == "force":
@@ -87,6 +98,31 @@ class ConditionReader:
         if all(v is None for v in values):
             self.keys.fail((*path, kind), "leaves every component free; give a number for one")
         return DisplacementCondition(body, boundary, tuple(values), source)
+
+    def _total_load(self, condition: c.Condition, path: Place, source: str) -> TotalLoad:
+        """A total force and moment; `at` in the space of the scene."""
+        keys, d = self.keys, self.keys.dimension
+        if condition.on is None or condition.inside is not None:
+            keys.fail(path, "a total force or moment acts `on` a boundary, e.g. on: cube.z+")
+        body, boundary = self._boundary(condition.on, (*path, "on"))
+        force = condition.total_force or [0.0] * d
+        vector = keys.vector(force, (*path, "total_force"), "a force")
+        at = None
+        if condition.at is not None:
+            at = keys.space(condition.at, (*path, "at"), "a point")
+        moment = self._moment(condition.total_moment, (*path, "total_moment"))
+        return TotalLoad(body, boundary, vector, moment, at, source)
+
+    def _moment(self, given: list[float] | float | None, path: Place) -> Vector:
+        if given is None:
+            return (0.0, 0.0, 0.0)
+        if self.keys.dimension == 2:
+            if isinstance(given, list):
+                self.keys.fail(path, "is a list; in 2D a moment is one number, counter-clockwise")
+            return (0.0, 0.0, given)
+        if not isinstance(given, list):
+            self.keys.fail(path, "is one number; in 3D a moment has 3 components")
+        return self.keys.space(given, path, "a moment")
 
     def contact(self, i: int, contact: c.Contact) -> Contact | BodyContact:
         """A contact with an obstacle or with another body."""

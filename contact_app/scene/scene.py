@@ -21,6 +21,7 @@ from contact_app.scene.conditions import (
     ContactName,
     DisplacementCondition,
     Pressure,
+    TotalLoad,
     Traction,
 )
 from contact_app.scene.configuration import FIELDS
@@ -81,6 +82,8 @@ class Scene:
         Whether a guaranteed bound of the error is asked for.
     mirrors
         The planes at which it was cut: the bodies are what is left below them.
+    total_loads
+        Forces and moments on boundaries.
     """
 
     title: str
@@ -101,6 +104,7 @@ class Scene:
     symmetry: bool = False
     guaranteed: bool = False
     mirrors: tuple[Mirror, ...] = ()
+    total_loads: tuple[TotalLoad, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:

@@ -110,6 +110,8 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
     body, d = scene.bodies[0], scene.dimension
     if len(body.materials) > 1:
         raise UnsuitableError(f"it has {len(body.materials)} materials")
+    if scene.total_loads:
+        raise UnsuitableError("it has a total force or moment")
     if body.mean_dilatation:
         raise UnsuitableError("its change of volume is taken as a mean over cells")
     if scene.contacts and has_averaged_rows(body):

@@ -248,6 +248,11 @@ class StressRecovery:
             if pressure.body == subdomain.body:
                 rows = boundary_facets(subdomain, body, pressure.boundary)
                 load[rows] -= pressure.value * normal[rows]
+        for linear in self.model.linear:
+            if linear.body == subdomain.body:
+                rows = boundary_facets(subdomain, body, linear.boundary)
+                places = subdomain.points()[subdomain.reference.facets[rows]]
+                load[rows] += linear.at(places, d)
         pushed = touch[subdomain.reference.facets].any(axis=1)
         sides = [(t.body, t.boundary) for t in scene.touching]
         sides += [(pair.other, pair.other_boundary) for pair in scene.pairs]

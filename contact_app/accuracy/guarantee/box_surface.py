@@ -130,6 +130,11 @@ class BoxSurface:
                         face.displacement[facets, component] = value
 
     def _load(self) -> None:
+        for load in self.scene.total_loads:
+            if load.body == self.number:
+                raise NoAdmissibleStressError(
+                    f"{load.source} is a total force or moment; give a traction"
+                )
         for traction in self.scene.tractions:
             if traction.body == self.number:
                 inside = self._facets(traction.boundary, traction.source)

@@ -648,6 +648,7 @@ def needs_multiples(scene: Scene) -> bool:
     named = {(c.body, c.boundary) for c in scene.displacements}
     named |= {(c.body, c.boundary) for c in scene.tractions}
     named |= {(c.body, c.boundary) for c in scene.pressures}
+    named |= {(c.body, c.boundary) for c in scene.total_loads}
     named |= {(c.body, c.boundary) for c in scene.touching}
     named |= {(pair.other, pair.other_boundary) for pair in scene.pairs}
     return any(boundary in scene.bodies[body].boundaries for body, boundary in named)
