@@ -56,6 +56,10 @@ Key = tuple[Any, ...]
 Description = tuple[Key, NDArray[np.float64]]
 
 
+AT_CUT = "symmetry across"
+"""Source of the conditions that hold what is solved at a cut, before the name of the axis."""
+
+
 @dataclass(frozen=True)
 class Halving:
     """A scene cut at its planes of symmetry.
@@ -183,9 +187,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
 
     held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
     planes = [
-        DisplacementCondition(
-            int(number[k]), half.body.cuts[-1], held, f"symmetry across {'xyz'[axis]}"
-        )
+        DisplacementCondition(int(number[k]), half.body.cuts[-1], held, f"{AT_CUT} {'xyz'[axis]}")
         for k, half in enumerate(halves)
         if half.body is not None and all(half.surface.of)
     ]
@@ -205,6 +207,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
                 mirror,
                 partners=_partners(scene, mirror, described),
                 contacts=scene.contact_names,
+                conditions=scene.condition_names,
             ),
         ),
     )
@@ -432,13 +435,15 @@ def _boundaries(item: Item) -> list[tuple[int, str]]:
 
 
 def _partners(scene: Scene, mirror: Mirror, described: _Described) -> tuple[tuple[str, str], ...]:
-    """Contacts that are images of others, not of themselves."""
-    known = {contact.source: described(contact) for contact in scene.touching}
+    """Contacts and displacement conditions that are images of others, not of themselves."""
+    of_file = [c for c in scene.displacements if not c.source.startswith(AT_CUT)]
+    items: list[Item] = [*scene.touching, *of_file]
+    known = {item.source: described(item) for item in items}
     found = []
-    for contact in scene.touching:
-        image = described(contact, mirror)
-        if not _alike(image, known[contact.source]):
-            found.append((contact.source, next(s for s, d in known.items() if _alike(image, d))))
+    for item in items:
+        image = described(item, mirror)
+        if not _alike(image, known[item.source]):
+            found.append((item.source, next(s for s, d in known.items() if _alike(image, d))))
     return tuple(found)
 
 

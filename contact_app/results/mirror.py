@@ -165,11 +165,9 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
 def _pair_forces(forces: dict[str, list[float]], scene: Scene) -> dict[str, list[float]]:
     """Forces between the whole bodies from those of what was solved, by pair."""
     found = {pair: np.array(force) for pair, force in forces.items()}
-    obstacles = {
-        contact.source for contact in scene.mirrors[0].contacts if contact.against in SHAPES
-    }
+    pairs = {c.source for c in scene.mirrors[0].contacts if c.against not in SHAPES}
     for mirror in reversed(scene.mirrors):
-        partners = {a: b for a, b in mirror.partners if a not in obstacles}
+        partners = {a: b for a, b in mirror.partners if a in pairs}
         turn = np.ones(3)
         turn[mirror.axis] = -1.0
         none = np.zeros(3)

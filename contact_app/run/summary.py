@@ -14,6 +14,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.contacts import contact_records
 from contact_app.results.mirror import whole_summary
+from contact_app.results.reactions import reaction_records
 from solver.contact.driver import reason_text
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.rows import RowKind
@@ -54,6 +55,7 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
     summary["contacts"] = contact_records(solved.model, nodes)
+    summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
     summary["accuracy"] = solved.accuracy.as_dict()
     if solved.communication is not None:
         summary["solver"]["communication_per_multiplication"] = solved.communication

@@ -53,8 +53,9 @@ class Mirror:
     Attributes
     ----------
     partners
-        Sources of contacts that are images of each other, not of themselves.
-    contacts
+        Sources of contacts and displacement conditions that are images of each other, not of
+        themselves.
+    contacts, conditions
         Those of the scene before it was cut there.
     """
 
@@ -62,6 +63,7 @@ class Mirror:
     at: float
     partners: tuple[tuple[str, str], ...] = ()
     contacts: tuple[ContactName, ...] = ()
+    conditions: tuple[tuple[str, str], ...] = ()
 
     def image(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images of points (…, 3)."""
@@ -130,6 +132,13 @@ class Scene:
             on = self._where(contact.body, contact.boundary)
             found.append(ContactName(contact.source, on, against))
         return tuple(sorted(found, key=lambda name: (len(name.source), name.source)))
+
+    @property
+    def condition_names(self) -> tuple[tuple[str, str], ...]:
+        """Source and boundary of all displacement conditions, of the whole where it was cut."""
+        if self.mirrors:
+            return self.mirrors[0].conditions
+        return tuple((c.source, self._where(c.body, c.boundary)) for c in self.displacements)
 
     def _where(self, body: int, boundary: str) -> str:
         return f"{self.bodies[body].name}.{boundary}"

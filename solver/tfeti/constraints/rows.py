@@ -24,7 +24,7 @@ obstacles, gluing and held unknowns have full rank however the conditions overla
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -129,6 +129,12 @@ class ContactEntries:
     value: NDArray[np.float64]
 
     @classmethod
+    def none(cls) -> ContactEntries:
+        """No entries."""
+        number = np.zeros(0, np.int64)
+        return cls(number, number, np.zeros((0, 3)), number, np.zeros(0))
+
+    @classmethod
     def join(cls, parts: Sequence[ContactEntries], rows: Sequence[int]) -> ContactEntries:
         """The entries of parts that have so many rows, one after another."""
         starts = np.cumsum([0, *rows])[:-1]
@@ -140,6 +146,10 @@ class ContactEntries:
         mine = keep[self.row]
         kept = ContactEntries(**{name: values[mine] for name, values in self.__dict__.items()})
         return replace(kept, row=(np.cumsum(keep) - 1)[kept.row])
+
+
+ENTRIES = ("entries", "held")
+"""Fields of `ContactRows` that have entries instead of a value for each row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +173,8 @@ class ContactRows:
         the force, its residual over it the distance.
     entries
         The coefficients, without held components.
+    held
+        The coefficients of held components, where `cut_held` took them out.
     """
 
     nodes: NDArray[np.int64]
@@ -174,6 +186,7 @@ class ContactRows:
     areas: NDArray[np.float64]
     spread: NDArray[np.float64]
     entries: ContactEntries
+    held: ContactEntries = field(default_factory=ContactEntries.none)
 
     @property
     def wide(self) -> NDArray[np.bool_]:
@@ -184,21 +197,26 @@ class ContactRows:
     @classmethod
     def join(cls, parts: Sequence[ContactRows]) -> ContactRows:
         """Rows of several parts, sorted."""
-        fields = [f for f in cls.__dataclass_fields__ if f != "entries"]
+        fields = [f for f in cls.__dataclass_fields__ if f not in ENTRIES]
         joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
-        entries = ContactEntries.join([p.entries for p in parts], [len(p.nodes) for p in parts])
+        counts = [len(p.nodes) for p in parts]
+        entries = ContactEntries.join([p.entries for p in parts], counts)
+        held = ContactEntries.join([p.held for p in parts], counts)
         order = np.lexsort((joined["sources"], joined["nodes"]))
         place = np.empty(len(order), np.int64)
         place[order] = np.arange(len(order))
         return cls(
             **{name: values[order] for name, values in joined.items()},
             entries=replace(entries, row=place[entries.row]),
+            held=replace(held, row=place[held.row]),
         )
 
     def of(self, keep: NDArray[np.bool_]) -> ContactRows:
         """Some of the rows, (k,)."""
-        fields = {name: v[keep] for name, v in self.__dict__.items() if name != "entries"}
-        return ContactRows(**fields, entries=self.entries.of_rows(keep))
+        fields = {name: v[keep] for name, v in self.__dict__.items() if name not in ENTRIES}
+        return ContactRows(
+            **fields, entries=self.entries.of_rows(keep), held=self.held.of_rows(keep)
+        )
 
     def none(self) -> ContactRows:
         """No rows."""
@@ -499,8 +517,11 @@ def cut_held(
             float(-gaps[worst]),
         )  # fmt: skip
     _raise_together(exchange, problem)
-    free = ContactEntries(**{name: v[~fixed] for name, v in entries.__dict__.items()})
-    return replace(rows, gaps=gaps, entries=free).of(~decided)
+    free, cut = (
+        ContactEntries(**{name: v[some] for name, v in entries.__dict__.items()})
+        for some in (~fixed, fixed)
+    )
+    return replace(rows, gaps=gaps, entries=free, held=cut).of(~decided)
 
 
 def write_rows(

@@ -1,0 +1,182 @@
+"""Reactions: the force and moment of each displacement condition on its body.
+
+In equilibrium the residual K u - f of a node, summed over the subdomains that share it, is the
+force of supports and contacts on it. Gluing forces cancel. In the components that a condition holds
+the residual is the reaction and what a contact row of several nodes does there. Where two
+conditions hold the same component of a node, the first one in the file has the reaction. The moment
+is about the centroid of the boundary, the mean of its nodes where it has no facet.
+
+Where the scene was cut at planes of symmetry, a condition of the whole consists of images of
+conditions of what was solved, as a contact does (`results.contacts`). The conditions at the cuts
+are none of the file's and are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.boundaries import boundary_facets, boundary_nodes
+from contact_app.model.model import Model
+from contact_app.results.fields import NodeFields
+from contact_app.results.mirror import Image, whole
+from contact_app.scene.conditions import DisplacementCondition
+from solver.contact.solution import Solution
+from solver.tfeti.constraints.exchange import NodeExchange
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Reaction:
+    """Of one condition of what was solved: force and moment about a point, (3,) each.
+
+    Attributes
+    ----------
+    weight
+        Area of the boundary, or how many nodes it has: of the points of images.
+    """
+
+    force: Array
+    moment: Array
+    point: Array
+    weight: float
+
+    def image(self, image: Image) -> _Reaction:
+        turned, axial = (image.field("displacement", v[None])[0] for v in (self.force, self.moment))
+        sign = -1.0 if len(image.mirrors) % 2 else 1.0
+        return _Reaction(turned, sign * axial, image.points(self.point[None])[0], self.weight)
+
+
+def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> list[dict[str, Any]]:
+    """The list `reactions` of ``summary.json``, in the order of the file (collective)."""
+    scene = model.scene
+    found = dict(zip(
+        (c.source for c in scene.displacements), _reactions(model, solution, nodes), strict=True
+    ))  # fmt: skip
+    records = []
+    for source, on in scene.condition_names:
+        pieces = []
+        for image in whole(model, nodes).images:
+            origin = source
+            for mirror in scene.mirrors:
+                if mirror in image.mirrors:
+                    origin = dict(mirror.partners).get(origin, origin)
+            if origin in found:
+                pieces.append(found[origin].image(image))
+        records.append({"on": on, **_joined(pieces, scene.dimension)})
+    return records
+
+
+def _joined(pieces: list[_Reaction], dimension: int) -> dict[str, Any]:
+    weight = np.array([max(piece.weight, 1e-300) for piece in pieces])
+    point = weight @ np.array([piece.point for piece in pieces]) / weight.sum()
+    force = np.sum([piece.force for piece in pieces], axis=0)
+    moment = np.sum(
+        [piece.moment + np.cross(piece.point - point, piece.force) for piece in pieces], axis=0
+    )
+    return {
+        "force": [float(v) for v in force],
+        "moment": float(moment[2]) if dimension == 2 else [float(v) for v in moment],
+        "point": [float(v) for v in point],
+    }
+
+
+def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[_Reaction]:
+    """Of the conditions of what was solved (collective)."""
+    d, exchange = model.scene.dimension, model.node_exchange
+    conditions = model.scene.displacements
+    if not conditions:
+        return []
+    size, place = exchange.last - exchange.first, exchange.nodes - exchange.first
+    held = [_held_copies(model, condition) for condition in conditions]
+    of_supports = _residual(model, solution, held)
+    arrived = exchange.to_owners(of_supports)
+    force = np.zeros((size, 3))
+    for i in range(d):
+        force[:, i] = np.bincount(place, arrived[:, i], minlength=size)
+    _add_contact(model, solution, force)
+    taken = np.zeros((size, 3), bool)
+    found = []
+    for condition, copies in zip(conditions, held, strict=True):
+        holds = np.zeros((size, 3), bool)
+        on = np.zeros(size, bool)
+        on[place[exchange.to_owners(copies.on)]] = True
+        holds[:, :d] = on[:, None] & [value is not None for value in condition.values]
+        mine = np.where(holds & ~taken, force, 0.0)
+        taken |= holds
+        shares = exchange.to_owners(copies.weight)
+        weights = np.bincount(place, shares, minlength=size).astype(float)
+        found.append(_summed(model.comm, nodes.points, on, mine, weights))
+    return found
+
+
+def _add_contact(model: Model, solution: Solution, force: Array) -> None:
+    """What contact rows push against held components of their nodes, in place (collective)."""
+    problem, contact = model.problem, model.problem.contact
+    of_rows = solution.multiplier[problem.inequality] * contact.spread
+    held = contact.held
+    query = NodeExchange(model.comm, held.node, model.partition.nodes)
+    at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
+    np.add.at(force, (query.nodes - query.first, at[0]), at[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Copies:
+    """Copies of nodes that a condition holds, and their shares of its area, (copies,)."""
+
+    on: NDArray[np.bool_]
+    weight: Array
+
+
+def _held_copies(model: Model, condition: DisplacementCondition) -> _Copies:
+    """In the order of the exchange of all nodes."""
+    body = model.scene.bodies[condition.body]
+    on, weight = [], []
+    for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True):
+        mask, share = np.zeros(len(s.nodes), bool), np.zeros(len(s.nodes))
+        if s.body == condition.body:
+            mask[boundary_nodes(s, body, condition.boundary)] = True
+            rows = boundary_facets(s, body, condition.boundary)
+            if len(rows):
+                one = np.eye(model.scene.dimension)[0]
+                share = model.elements[cls].traction(rows, one)[:: model.scene.dimension]
+        on.append(mask)
+        weight.append(share)
+    return _Copies(np.concatenate(on), np.concatenate(weight))
+
+
+def _residual(model: Model, solution: Solution, held: list[_Copies]) -> Array:
+    """K u - f at copies of held nodes, (copies, dimension), zero at others."""
+    d = model.scene.dimension
+    some = np.any([copies.on for copies in held], axis=0)
+    result, start = np.zeros((len(some), d)), 0
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        local = np.flatnonzero(some[start : start + len(s.nodes)])
+        if len(local):
+            unknowns = (local[:, None] * d + np.arange(d)).ravel()
+            stiffness = model.problem.classes[cls].stiffness[unknowns]
+            u = solution.displacements[cls][:, column]
+            own = stiffness @ u - model.problem.forces[cls][unknowns, column]
+            result[start + local] = own.reshape(-1, d)
+        start += len(s.nodes)
+    return result
+
+
+def _summed(
+    comm: MPI.Intracomm, points: Array, on: NDArray[np.bool_], forces: Array, weights: Array
+) -> _Reaction:
+    """Sums over the nodes of all ranks (collective)."""
+    sums = np.concatenate([
+        [weights.sum(), on.sum()], weights @ points, points[on].sum(axis=0),
+        forces.sum(axis=0), np.cross(points, forces).sum(axis=0),
+    ])  # fmt: skip
+    area, count, *rest = comm.allreduce(sums)
+    weighted, plain, force, moment = np.array(rest).reshape(4, 3)
+    weight = area if area > 0.0 else count
+    point = (weighted if area > 0.0 else plain) / max(weight, 1e-300)
+    return _Reaction(force, moment - np.cross(point, force), point, float(weight))
