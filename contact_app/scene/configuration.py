@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -482,6 +482,32 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> Configuration:
     data, lines = yaml_reader.read(path)
     if not isinstance(data, dict):
         raise ConfigurationError(f"{path}:1: holds no mapping; a scene is a mapping of keys")
+    return _checked(data, lines, path, overrides)
+
+
+def from_mapping(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Configuration:
+    """Check a configuration given as a mapping of the keys of a file.
+
+    Errors are those of `load`, without file and line.
+    """
+    return _checked(_as_read(data), {}, Path("scene"), overrides)
+
+
+def _as_read(value: Any) -> Any:
+    """The same in the types that YAML has: tuples, arrays, numpy's numbers and paths are known."""
+    if isinstance(value, Mapping):
+        return {key: _as_read(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_read(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy's arrays and numbers, without importing numpy
+        return _as_read(value.tolist())
+    return str(value) if isinstance(value, Path) else value
+
+
+def _checked(
+    data: dict[str, Any], lines: dict[Key, int], path: Path, overrides: Sequence[str]
+) -> Configuration:
+    """The configuration of data, after changes; `lines` has the line of each key."""
     overridden: dict[Key, str] = {}
     for text in overrides:
         _override(data, text, overridden)

@@ -1,0 +1,141 @@
+"""The Python interface to scenes: `solve` takes a file or a mapping, the answer has arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
+from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_levels
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.model.outline import Outline
+from contact_app.model.symmetry import halved
+from contact_app.results.mirror import whole
+from contact_app.results.output import write_xdmf
+from contact_app.results.report import write_summary
+from contact_app.run.communication import on_first
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import from_mapping, load
+from contact_app.scene.scene import Scene
+from solver.contact.certificate import Certificate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The answer to a scene; arrays are of the nodes and cells of this rank.
+
+    On one rank these are all of them. A scene that was cut at planes of symmetry has the arrays of
+    the whole.
+
+    Attributes
+    ----------
+    summary
+        What `summary.json` holds.
+    points : (nodes, 3)
+    displacement : (nodes, dimension)
+    contact_pressure : (nodes,)
+        Zero away from contact; the largest where a node lies on several contacts.
+    gap : (nodes,)
+        Distance left; NaN where nothing is near.
+    stress : (cells, 6)
+        xx, yy, zz, xy, yz, xz, the mean of each cell.
+    von_mises : (cells,)
+    """
+
+    summary: dict[str, Any]
+    points: Array
+    displacement: Array
+    contact_pressure: Array
+    gap: Array
+    stress: Array
+    von_mises: Array
+    solved: SolvedScene
+
+    @property
+    def certificate(self) -> Certificate:
+        """How far the answer may be off; `certificate.passed` says whether it is certified."""
+        return self.solved.solution.certificate
+
+    @property
+    def converged(self) -> bool:
+        """Whether every number of the certificate is below the tolerance."""
+        return self.solved.solution.converged
+
+    def write(self, directory: Path | str) -> None:
+        """Write `solution.xdmf` and `summary.json` to a directory (collective)."""
+        directory, model = Path(directory), self.solved.model
+        on_first(model.comm, lambda: directory.mkdir(parents=True, exist_ok=True))
+        write_xdmf(model, self.solved.nodes, self.solved.cells, directory / "solution.xdmf")
+        on_first(model.comm, lambda: write_summary(directory / "summary.json", self.summary))
+
+
+def solve(
+    scene: str | Path | Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> Answer:
+    """Solve a scene and certify the answer (collective); writes nothing.
+
+    Parameters
+    ----------
+    scene
+        A YAML file, or a mapping of the same keys. Mesh files are found beside the YAML file, of a
+        mapping from the working directory on.
+    overrides
+        Changes as ``path.to.key=value``, as after ``--set`` on the command line.
+
+    Raises
+    ------
+    ConfigurationError
+        Bad input: file, line, key and what is allowed.
+    NoEquilibriumError
+        A body would move away under its loads.
+    CouldNotRunError
+        The program could not run; the message says what to do.
+    """
+    given = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
+    built = build_scene(given)
+    if built.symmetry:
+        built = halved(built).scene
+    if built.accuracy is None:
+        solved = solve_scene(built, comm, tell=_refuse)
+        return _answer(solved, solved.summary)
+    refined = solve_to_accuracy(built, partial(solve_scene, comm=comm, tell=_refuse))
+    return _answer(refined.solved, with_levels(refined.solved.summary, refined))
+
+
+def _refuse(scene: Scene, known: Outline) -> None:
+    refuse_unguaranteed(scene, known.partition)
+
+
+def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
+    """With the arrays of all images."""
+    nodes, cells = solved.nodes, solved.cells
+    points, displacement, pressure, gap, stress = [], [], [], [], []
+    images = whole(solved.model, nodes).images
+    for image in images:
+        points.append(image.points(nodes.points)[image.new])
+        displacement.append(image.field("displacement", nodes.displacement)[image.new])
+        pressure.append(nodes.contact_pressure[image.new])
+        gap.append(nodes.gap[image.new])
+        stress.append(image.field("stress", cells.stress))
+    return Answer(
+        summary=summary,
+        points=np.concatenate(points),
+        displacement=np.concatenate(displacement),
+        contact_pressure=np.concatenate(pressure),
+        gap=np.concatenate(gap),
+        stress=np.concatenate(stress),
+        von_mises=np.tile(cells.von_mises, len(images)),
+        solved=solved,
+    )
