@@ -21,6 +21,7 @@ from contact_app.model.assembly import Element
 from contact_app.model.candidates import Needed
 from contact_app.model.equilibrium import directions_in_words, group_numbers, upward
 from contact_app.model.outline import Outline, Tell, outline
+from contact_app.model.probes import Probe
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction
@@ -57,6 +58,8 @@ class Model:
         How far the nodes of each contact may come nearer, (contacts,).
     linear
         The tractions of total forces and moments.
+    probes
+        The cells of points whose displacement is asked for.
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -72,6 +75,7 @@ class Model:
     merged: ContactRows
     reach: NDArray[np.float64]
     linear: tuple[LinearTraction, ...] = ()
+    probes: tuple[Probe, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -160,6 +164,7 @@ def _built(
         merged=known.merged,
         reach=known.reach,
         linear=known.linear,
+        probes=known.probes,
         notes=tuple(_notes(scene, known, problem)),
     )
 

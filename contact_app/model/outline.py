@@ -26,6 +26,7 @@ from contact_app.model.conditions import (
 from contact_app.model.decomposition import choose_split
 from contact_app.model.equilibrium import body_balances, groups_in_contact
 from contact_app.model.loads import load_vectors
+from contact_app.model.probes import Probe, locate_probes
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
@@ -77,6 +78,8 @@ class Outline:
         Finite-element forms by the identity of their reference.
     linear
         The tractions of total forces and moments.
+    probes
+        The cells of points whose displacement is asked for.
     loads
         Load vector of each subdomain of this rank, None where nothing acts.
     balances
@@ -94,6 +97,7 @@ class Outline:
     reach: NDArray[np.float64]
     elements: dict[int, Element]
     linear: tuple[LinearTraction, ...]
+    probes: tuple[Probe, ...]
     loads: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
 
@@ -139,7 +143,7 @@ def outline(
     timings = timings or Timings()
     with timings.measure("setup"):
         partition = partition_scene(scene, comm)
-    surface = SurfaceCopies(partition)
+    surface, probes = SurfaceCopies(partition), locate_probes(scene, partition)
     with agreed(comm):
         conditions = node_conditions(scene, partition)
     refuse_empty_boundaries(scene, partition, conditions)
@@ -180,7 +184,7 @@ def outline(
         needed = all_rows if needed == "all" else estimated(contact, reach)
     return Outline(
         partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed),
-        merged, reach, elements, linear, loads, balances,
+        merged, reach, elements, linear, probes, loads, balances,
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.contacts import contact_records
 from contact_app.results.mirror import whole_summary
+from contact_app.results.probes import probe_records
 from contact_app.results.reactions import reaction_records
 from solver.contact.driver import reason_text
 from solver.contact.solution import Solution
@@ -56,6 +57,8 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     }
     summary["contacts"] = contact_records(solved.model, nodes)
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
+    if solved.model.probes:
+        summary["probes"] = probe_records(solved.model, solved.solution)
     summary["accuracy"] = solved.accuracy.as_dict()
     if solved.communication is not None:
         summary["solver"]["communication_per_multiplication"] = solved.communication

@@ -71,7 +71,7 @@ def build_scene(
         decomposition=decomposition,
         accuracy=configuration.accuracy,
         solver=_solver_options(configuration),
-        output=_output(configuration),
+        output=_output(keys),
         source=configuration.source,
         symmetry=configuration.symmetry == "allow",
         guaranteed=configuration.certificate.guaranteed,
@@ -100,9 +100,13 @@ def _solver_options(configuration: c.Configuration) -> SolverOptions:
     return replace(options, tightest=min(options.tightest, 0.1 * accuracy))
 
 
-def _output(configuration: c.Configuration) -> OutputOptions:
-    given = configuration.output
-    return OutputOptions(given.xdmf, tuple(dict.fromkeys(given.fields)))
+def _output(keys: Keys) -> OutputOptions:
+    given = keys.configuration.output
+    probes = tuple(
+        (name, keys.space(point, ("output", "probes", name), "a point"))
+        for name, point in given.probes.items()
+    )
+    return OutputOptions(given.xdmf, tuple(dict.fromkeys(given.fields)), probes)
 
 
 def _places(configuration: c.Configuration) -> dict[str, str]:
@@ -113,6 +117,7 @@ def _places(configuration: c.Configuration) -> dict[str, str]:
     places["accuracy"] = configuration.where(("accuracy",))
     places["certificate.guaranteed"] = configuration.where(("certificate", "guaranteed"))
     places["decomposition"] = configuration.where(("decomposition",))
+    places["output"] = configuration.where(("output",))
     return places
 
 

@@ -368,6 +368,11 @@ class Output(Model):
     fields: list[Literal[FIELDS]] = Field(  # type: ignore[valid-type]
         default_factory=lambda: list(FIELDS), description="Fields to write."
     )
+    probes: dict[str, Numbers] = Field(
+        default_factory=dict,
+        description="Points by name, {tip: [x, y, z]} (length): `probes` in summary.json has their "
+        "displacements.",
+    )
 
 
 class Configuration(Model):

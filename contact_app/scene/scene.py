@@ -40,10 +40,17 @@ class Decomposition:
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """What is written."""
+    """What is written.
+
+    Attributes
+    ----------
+    probes
+        Name and place (x, y, z) of points whose displacement is asked for.
+    """
 
     xdmf: bool = True
     fields: tuple[str, ...] = FIELDS
+    probes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
 
 
 @dataclass(frozen=True)

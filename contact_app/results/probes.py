@@ -1,0 +1,25 @@
+"""Displacements at the probes of a scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from contact_app.model.model import Model
+from solver.contact.solution import Solution
+
+
+def probe_records(model: Model, solution: Solution) -> dict[str, Any]:
+    """`probes` of ``summary.json``, by name (collective)."""
+    d, found = model.scene.dimension, {}
+    for probe in model.probes:
+        own = np.zeros(d)
+        if probe.subdomain is not None:
+            cls, column = model.place[probe.subdomain]
+            u = solution.displacements[cls][:, column].reshape(-1, d)
+            own = probe.shares @ u[probe.nodes]
+            for mirror in probe.mirrors:
+                own[mirror.axis] *= -1.0
+        found[probe.name] = {"displacement": [float(v) for v in model.comm.allreduce(own)]}
+    return found

@@ -1,0 +1,111 @@
+"""Displacements at points: linear fields are exact anywhere, nodes have theirs, errors are told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import contact_app
+from contact_app.errors import ConfigurationError
+from contact_app.run.solve import solve_scene
+from tests import meshfiles, scenes
+from tests.scenes import Config
+from tests.scenes_on_ranks import summary_of
+
+CELLS = ["quadrilateral", "triangle", "hexahedron", "tetrahedron"]
+
+
+def stretched(cell: str, degree: int = 1) -> Config:
+    """A block pulled by 0.01 along its last axis, without Poisson's ratio: u = 0.01 z."""
+    made = scenes.wall(cell, 3)
+    made["contacts"] = []
+    d = scenes.dimension(cell)
+    made["bodies"][0] |= {"degree": degree, "material": {"young": 1.0, "poisson": 0.0}}
+    last = [None] * (d - 1)
+    made["conditions"] = [
+        {"on": f"block.{scenes.down(cell)}", "displacement": [0.0] * d},
+        {"on": f"block.{scenes.up(cell)}", "displacement": [*last, 0.01]},
+    ]
+    return made
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_linear_field_is_exact_anywhere(cell: str, degree: int) -> None:
+    made, d = stretched(cell, degree), scenes.dimension(cell)
+    rng = np.random.default_rng(3)
+    points = {f"p{i}": [float(v) for v in rng.uniform(0, 1, d)] for i in range(5)}
+    points |= {"corner": [1.0] * d, "edge": [0.0, *[1 / 3] * (d - 1)]}
+    made["output"] = {"probes": points}
+    found = solve_scene(scenes.build(made, 2)).summary["probes"]
+    assert list(found) == list(points)
+    for name, point in points.items():
+        expected = np.zeros(d)
+        expected[-1] = 0.01 * point[-1]
+        np.testing.assert_allclose(found[name]["displacement"], expected, atol=1e-9)
+
+
+def test_a_probe_at_a_node_has_its_displacement() -> None:
+    made = scenes.wall("hexahedron", 4)
+    made["output"] = {"probes": {"top": [0.75, 0.5, 1.0]}}
+    answer = contact_app.solve(made)
+    node = np.abs(answer.points - [0.75, 0.5, 1.0]).sum(axis=1).argmin()
+    found = answer.summary["probes"]["top"]["displacement"]
+    np.testing.assert_allclose(found, answer.displacement[node], rtol=1e-9, atol=1e-12)
+
+
+def test_the_image_of_what_is_solved_has_probes_too() -> None:
+    made = scenes.wall("quadrilateral", 4)
+    made["contacts"] = []
+    made["output"] = {"probes": {"left": [0.1, 0.9], "right": [0.9, 0.9]}}
+    whole = contact_app.solve(made).summary["probes"]
+    half = contact_app.solve(made | {"symmetry": "allow"}).summary["probes"]
+    for name, record in whole.items():
+        np.testing.assert_allclose(half[name]["displacement"], record["displacement"], atol=1e-9)
+    assert whole["left"]["displacement"][0] == pytest.approx(-whole["right"]["displacement"][0])
+
+
+def test_curved_cells(tmp_path: Path) -> None:
+    def bent(x: np.ndarray) -> np.ndarray:
+        radius, angle = 1.0 + x[:, 0], 0.5 * np.pi * x[:, 1]
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
+
+    mesh = meshfiles.second_order(
+        meshfiles.block("quadrilateral", 2, 0.0), "quadrilateral", "quad8", bent
+    )
+    made = stretched("quadrilateral", 2)
+    made["bodies"][0]["mesh"] = {"file": str(meshfiles.write(mesh, tmp_path / "ring.msh"))}
+    made["conditions"] = [
+        {"on": "block.y-", "displacement": [0.0, 0.0]},
+        {"on": "block.x-", "pressure": 0.01},
+    ]
+    angle = 0.3
+    place = [1.999 * np.cos(angle), 1.999 * np.sin(angle)]  # beyond the chord of the outer edge
+    made["output"] = {"probes": {"rim": place}}
+    answer = contact_app.solve(made)
+    found = answer.summary["probes"]["rim"]["displacement"]
+    near = np.linalg.norm(answer.points[:, :2] - place, axis=1).argsort()[:3]
+    assert np.abs(found - answer.displacement[near].mean(axis=0)).max() < np.abs(found).max()
+
+
+@pytest.mark.mpi
+def test_two_ranks(tmp_path: Path) -> None:
+    made = scenes.wall("hexahedron", 4)
+    made["decomposition"] = {"subdomains": [2, 2, 2]}
+    made["output"] = {"probes": {"middle": [0.5, 0.5, 0.5], "off": [0.9, 0.2, 0.7]}}
+    one, two = (summary_of(made, tmp_path, ranks)["probes"] for ranks in (1, 2))
+    for name, record in one.items():
+        expected = pytest.approx(record["displacement"], rel=1e-6, abs=1e-9)
+        assert two[name]["displacement"] == expected
+
+
+def test_wrong_points_are_told() -> None:
+    made = scenes.wall("hexahedron", 2)
+    made["output"] = {"probes": {"tip": [2.0, 0.5, 0.5]}}
+    with pytest.raises(ConfigurationError, match=r"probes.tip: the point \(2, 0.5, 0.5\) lies in"):
+        contact_app.solve(made)
+    made["output"] = {"probes": {"tip": [0.5, 0.5]}}
+    with pytest.raises(ConfigurationError, match="probes.tip has 2 components"):
+        contact_app.solve(made)
