@@ -97,7 +97,7 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
         u = solution.displacements[cls][:, column].reshape(-1, d)
         shapes = shapes_on_lattice(d, facets.shape[1])
         points, moved = (
-            np.einsum("qk,fki->fqi", shapes, values[facets]).reshape(-1, values.shape[1])
+            np.tensordot(shapes, values[facets], (1, 1)).reshape(-1, values.shape[1])
             for values in (s.points(), u)
         )
         try:

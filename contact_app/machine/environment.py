@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import resource
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 from mpi4py import MPI
@@ -50,6 +51,7 @@ def blas_of(libraries: Iterable[str]) -> str:
     return UNKNOWN
 
 
+@cache
 def blas() -> str:
     """BLAS that PETSc uses in this process, such as ``OpenBLAS 0.3.21 (pthread)``."""
     from petsc4py import PETSc  # noqa: F401  (maps the libraries)
