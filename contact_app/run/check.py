@@ -24,6 +24,7 @@ from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.boundaries import boundary_facets, boundary_nodes
 from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.model.far_obstacles import distant
+from contact_app.model.loaded_area import loaded_area
 from contact_app.model.outline import Outline, left_out_notes, outline
 from contact_app.model.symmetry import halved
 from contact_app.run.repeated_sentences import said_once
@@ -175,12 +176,14 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
     for traction in scene.tractions:
         lines.append(
             f"{traction.source}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
-            f"area ({_count_facets(scene, known, traction):,} facets)"
+            f"area ({_count_facets(scene, known, traction):,} facets, "
+            f"area {loaded_area(scene, partition, traction):.4g})"
         )
     for pressure in scene.pressures:
         lines.append(
             f"{pressure.source}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
-            f"({_count_facets(scene, known, pressure):,} facets)"
+            f"({_count_facets(scene, known, pressure):,} facets, "
+            f"area {loaded_area(scene, partition, pressure):.4g})"
         )
     for load, linear in zip(scene.total_loads, known.linear, strict=True):
         lines.append(

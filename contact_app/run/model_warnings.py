@@ -30,10 +30,12 @@ from contact_app.accuracy.contact_limits import (
     slipped_through,
 )
 from contact_app.accuracy.trust import few_cells
+from contact_app.model.loaded_area import loaded_area, straddled_area
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.run.faceted_curves import sagittas
 from contact_app.run.repeated_sentences import said_once
+from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.contact.driver import reason_text
 from solver.contact.sizes import STRAINLESS
@@ -47,6 +49,7 @@ LARGE_SAGITTA = 0.05
 SIMPLICES = ("triangle", "tetrahedron")
 LARGE_ERROR = 0.4
 ROUNDED_STRAINS = 1e-3
+STRADDLED = 0.01
 """Rounding errors over strains from which on the user is told of them."""
 
 VARYING_ENERGY = 0.3
@@ -198,6 +201,21 @@ def _coarse_meshes(answer: Answer) -> Iterator[str]:
         )
 
 
+def _straddled_facets(answer: Answer) -> Iterator[str]:
+    """Loads on boundaries whose edge runs through facets."""
+    scene, partition = answer.model.scene, answer.model.partition
+    loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
+    for load in loads:
+        left = straddled_area(scene, partition, load)
+        area = loaded_area(scene, partition, load) if left > 0.0 else 0.0
+        if left > STRADDLED * area:
+            yield (
+                f"{load.source}: facets straddle the edge of {load.boundary} and carry no load: it "
+                f"acts on an area of {area:.4g}, the expression holds on about {area + left:.4g}; "
+                "the total force changes with the mesh (total_force keeps it)"
+            )
+
+
 def _without_facets(answer: Answer) -> Iterator[str]:
     """Contact forces at nodes without a facet, whose pressure is not shown."""
     lost = answer.model.comm.allreduce(answer.nodes.without_area)
@@ -322,6 +340,6 @@ def _sliding_on_each_other(
 CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _beside_obstacles, _between_nodes,
     _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending, _moved_far,
-    _coarse_meshes, _without_facets, _certificates, _free_motions,
+    _coarse_meshes, _straddled_facets, _without_facets, _certificates, _free_motions,
 )  # fmt: skip
 """What an answer is asked, in the order in which its warnings are told."""

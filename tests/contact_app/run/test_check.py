@@ -58,7 +58,7 @@ def test_says_what_is_modelled() -> None:
     assert "152 nodes, 456 degrees of freedom" in text
     assert "body soft: box (0, 0, 0) to (1, 1, 1) of 4 x 4 x 4 cells (hexahedron)" in text
     assert "conditions[0]: soft.z- displaced by x = 0, y = 0, z = 0 (25 nodes)" in text
-    assert "soft.z+ loaded by (0, 0, -50) per area (16 facets)" in text
+    assert "soft.z+ loaded by (0, 0, -50) per area (16 facets, area 1)" in text
     assert "plane through (1, 0, 0) with normal (-1, 0, 0) (20 candidate nodes" in text
     assert "smallest gap 0.01)" in text
     assert "load in all (0, 0, -50)" in text
@@ -93,7 +93,7 @@ def test_plane_scenes() -> None:
 def test_shared_nodes_are_counted_once() -> None:
     made = scenes.wall("hexahedron", 4)
     whole, split = lines_of(made, 1), lines_of(made, [2, 2, 2])
-    for counted in ("(25 nodes)", "(16 facets)", "(20 candidate nodes"):
+    for counted in ("(25 nodes)", "(16 facets, area 1)", "(20 candidate nodes"):
         assert counted in whole
         assert counted in split
 

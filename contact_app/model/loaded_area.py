@@ -1,0 +1,75 @@
+"""The area that a traction or pressure acts on, beside the area that its boundary describes.
+
+A load acts on facets all of whose nodes are on the boundary. Where an expression defines it, facets
+that straddle its edge carry nothing, so that the total force changes with the mesh.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.boundaries import boundary_facets, surface_facets
+from contact_app.model.facets import KINDS, moments
+from contact_app.scene.conditions import Pressure, Traction
+from contact_app.scene.scene import Scene
+from meshes import Partition
+from meshes import dolfinx_compat as versions
+
+SAMPLES = 8
+"""Points along an edge at which facets are asked whether the expression holds."""
+
+
+def loaded_area(scene: Scene, partition: Partition, load: Traction | Pressure) -> float:
+    """Area of the facets that carry a load (collective)."""
+    body, total = scene.bodies[load.body], 0.0
+    for s in partition.subdomains:
+        if s.body == load.body:
+            rows = boundary_facets(s, body, load.boundary)
+            total += float(_areas(s.points()[s.reference.facets[rows]], scene.dimension).sum())
+    return float(partition.comm.allreduce(total, op=MPI.SUM))
+
+
+def straddled_area(scene: Scene, partition: Partition, load: Traction | Pressure) -> float:
+    """Area in which the boundary's expression holds on facets without the load (collective).
+
+    Zero where the mesh itself knows the boundary. Sampled, so to some per cent of a facet.
+    """
+    body, total = scene.bodies[load.body], 0.0
+    expression = body.boundaries.get(load.boundary)
+    if expression is None:
+        return 0.0
+    for s in partition.subdomains:
+        if s.body != load.body:
+            continue
+        rows = np.setdiff1d(surface_facets(s, body), boundary_facets(s, body, load.boundary))
+        if len(rows):
+            x = s.points()[s.reference.facets[rows]]
+            shapes = _inner_points(scene.dimension, x.shape[1])
+            inside = expression(np.einsum("qk,fki->fqi", shapes, x).reshape(-1, 3))
+            shares = inside.reshape(len(rows), -1).mean(axis=1)
+            some = shares > 0.0
+            total += float(_areas(x[some], scene.dimension) @ shares[some])
+    return float(partition.comm.allreduce(total, op=MPI.SUM))
+
+
+def _areas(x: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+    """Areas of facets with nodes at x (facets, nodes, 3)."""
+    if len(x) == 0:
+        return np.zeros(0)
+    return np.asarray(moments(x, dimension).sum(axis=(1, 2)))
+
+
+@cache
+def _inner_points(dimension: int, nodes: int) -> NDArray[np.float64]:
+    """Shape functions at points inside a facet, none on its edges, (points, nodes)."""
+    name, _, order = KINDS[dimension, nodes]
+    axis = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    points = np.stack(np.meshgrid(*[axis] * (dimension - 1), indexing="ij"), axis=-1)
+    points = points.reshape(-1, dimension - 1)
+    if name == "triangle":
+        points = points[points.sum(axis=1) < 1.0 - 1e-9]
+    return versions.lagrange_values(name, order, points)
