@@ -29,6 +29,8 @@ def write_xdmf(model: Model, nodes: NodeFields, cells: CellFields, path: Path) -
     wanted = scene.output.fields
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     cell_fields = {name: getattr(cells, name) for name in CELL_FIELDS if name in wanted}
+    numbers = _numbers(model)
+    cell_fields |= {name: values for name, values in numbers.items() if name in wanted}
     contacts = ContactsOfWhole(model, nodes, found)
     alone = contacts.overlapping() if "contact_pressure" in wanted else []
     sizes = np.diff(partition.first_cell)
@@ -63,6 +65,15 @@ def write_xdmf(model: Model, nodes: NodeFields, cells: CellFields, path: Path) -
                 for group in groups:
                     writer.cells(start, group)
                     start += len(group)
+
+
+def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:
+    """Number of the body and of its material of each cell of this rank, as the file counts them."""
+    subdomains = model.partition.subdomains
+    tags = [s.reference.tags for s in subdomains]
+    bodies = [np.full(len(own), s.body) for own, s in zip(tags, subdomains, strict=True)]
+    none = [np.zeros(0)]
+    return {"body": np.concatenate(none + bodies), "material": np.concatenate(none + tags)}
 
 
 def _cells(model: Model, image: Image) -> list[NDArray[np.int64]]:

@@ -8,7 +8,7 @@ from contact_app.scene.scene import Scene
 COMPONENTS = {"displacement": 3, "contact_pressure": 1, "gap": 1}
 """Components that are written of each field at nodes."""
 
-CELL_COMPONENTS = {"stress": 9, "von_mises": 1}
+CELL_COMPONENTS = {"stress": 9, "von_mises": 1, "body": 1, "material": 1}
 """The same of fields in cells."""
 
 

@@ -32,7 +32,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
 from contact_app.scene.yaml_reader import Key, key_text
 
-FIELDS = ("displacement", "stress", "von_mises", "contact_pressure", "gap")
+FIELDS = ("displacement", "stress", "von_mises", "contact_pressure", "gap", "body", "material")
 EXPANSIONS = (
     "fixed",
     "grgr-optapprox",
