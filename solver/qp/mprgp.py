@@ -1,7 +1,7 @@
 """MPRGP: modified proportioning with reduced gradient projections (paper, Algorithm 1).
 
 Minimises f(x) = ½ xᵀAx - bᵀx over l ≤ x ≤ u. While the free gradient dominates, the iteration
-minimises in the face of free components by conjugate gradients; a CG step that would leave the
+minimises over the free components by conjugate gradients; a CG step that would leave the
 box is replaced by an expansion of the active set; when the chopped gradient dominates, a
 proportioning step releases active components.
 """
@@ -58,7 +58,7 @@ class MPRGP:
     norm : float or None
         ‖A‖ if known; else the power method finds it where the expansion needs it.
     preconditioner : Preconditioner or None
-        Applied to the free gradient in the face.
+        Applied to the free gradient; its result is cut to the free components.
     memory : int
         Pairs (p, Ap) kept over changes of the active set, as a preconditioner (``memory.py``).
         Each costs four vectors, and four passes an iteration; 5 to 10 halve the products on

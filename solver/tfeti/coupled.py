@@ -84,17 +84,17 @@ class CoupledRows:
         ----------
         x : (dual,)
         free : (dual,)
-            The face; None for all rows.
+            Rows that are free; None for all rows.
         """
         own = np.ones(len(self._rows), bool) if free is None else free[self._rows]
-        values, in_face = x[self._rows], own
+        values, in_set = x[self._rows], own
         if self.comm.size > 1:
             pairs = self.comm.allgather((values, own))
-            values, in_face = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        in_face = in_face & self._filled
-        if in_face.tobytes() != self._face:
-            self._face = in_face.tobytes()
-            self._chosen = np.flatnonzero(in_face)
+            values, in_set = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        in_set = in_set & self._filled
+        if in_set.tobytes() != self._face:
+            self._face = in_set.tobytes()
+            self._chosen = np.flatnonzero(in_set)
             if len(self._chosen):
                 block = self._matrix[self._chosen][:, self._chosen]
                 self._factor = splu(

@@ -1,17 +1,19 @@
-"""A first guess of what touches: all where bodies lie flat against obstacles, else by springs.
+"""The initial active set, from rigid subdomains on a Winkler foundation.
 
-Rigid subdomains on springs: the dual operator F is replaced by its diagonal, each row a spring
-between subdomains (gluing) or to an obstacle (contact, pushing only). What is left of
+The dual operator F is replaced by a diagonal D: each gluing row is a spring between two subdomains,
+each contact row a spring to the obstacle that can only push. The subdomains are rigid. What is left
+of
 
     min ½ λᵀ D λ - λᵀ d   subject to   λ_I ≥ 0 and G λ = e
 
-are the rigid motions α, λ = D⁻¹ (d - Gᵀ α), cut at zero on contact rows: the minimum of
+are the rigid motions α, with λ = D⁻¹ (d - Gᵀ α), cut at zero on contact rows: the minimum of
 
     φ(α) = ½ Σ D⁻¹ (d - Gᵀ α)²₊ + eᵀ α,
 
-convex and piecewise quadratic, found by Newton's method at the price of a coarse factor each step
-and of no product with F. This is the Winkler foundation of contact mechanics (K. L. Johnson,
-*Contact Mechanics*, 1985, section 4.3).
+convex and piecewise quadratic. Newton's method finds it at the price of a coarse factor in each
+step and without an application of F. This is the Winkler foundation of contact mechanics
+(K. L. Johnson, *Contact Mechanics*, 1985, section 4.3). If all gaps are zero, the solver starts
+with every contact row active instead, since rigid subdomains do not bulge.
 """
 
 from __future__ import annotations
@@ -23,24 +25,24 @@ from numpy.typing import NDArray
 from solver.tfeti.dual import DualProblem
 
 SOFTNESS = 0.1
-"""Stiffness of a contact spring over what its node has in K: under a pressure its neighbours give
-way, too."""
+"""Stiffness of a contact spring over that of its node in K: under a pressure the neighbours of the
+node give way, too."""
 
 RIGID_STEPS = 40
 """Steps of Newton's method, each with a coarse factor."""
 
 BALANCED = 1e-2
-"""Relative residual of equilibrium at which they end: the springs are no better than that."""
+"""Relative residual of equilibrium at which the steps end: the foundation is no better model."""
 
 FAINT = 1e-3
-"""Weight of springs that do not touch, which keeps the coarse factor from being singular."""
+"""Weight of open contact rows, without which the coarse factor could be singular."""
 
 SHORTEST = 1e-4
-"""Share of a step below which it is taken without looking whether φ falls."""
+"""Share of a step below which it is taken without a test whether φ falls."""
 
 
 FLAT = 1e-12
-"""Gaps over the largest coordinate that are none."""
+"""Gaps, over the largest coordinate, that count as zero."""
 
 
 def gaps_are_zero(problem: DualProblem) -> bool:

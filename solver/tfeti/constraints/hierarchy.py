@@ -1,13 +1,14 @@
-"""Contact rows from few to all: where contact peels off, a front moves a row a face.
+"""A hierarchy of contact rows: from few to all, where contact peels off from one end.
 
-Active sets see a front from about the thickness of a body away, and where it is slender they move
-it by so much a face. On every eighth row they find it within eight rows in a few faces, and each
-finer level has to move it by one or two: nested iteration (A. Brandt, C. W. Cryer, *Multigrid
-algorithms for the solution of linear complementarity problems arising from free boundary problems*,
-1983), on contact rows alone. What a level finds closed stays in question on the next.
+Active sets then move the edge of contact by about the thickness of the body with each set, and
+where it is slender by a row or two. Of every eighth row alone they find the edge to within eight
+rows in a few sets, and each finer level has to move it by one or two rows: nested iteration
+(A. Brandt, C. W. Cryer, *Multigrid algorithms for the solution of linear complementarity problems
+arising from free boundary problems*, 1983), on contact rows alone. The next level asks again about
+the rows that a level found closed.
 
-Rows closer than the thickness need no levels, so that only slender bodies have any: n nodes under m
-contact rows are about n/m rows thick.
+Rows that are closer to each other than the body is thick need no levels, so that only slender
+bodies have any: a body with n nodes and m contact rows is about n/m rows thick.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ FEWEST = 8
 """Rows of the coarsest level, for each contact."""
 
 MOST = 0.7
-"""Share of all rows above which a level is none."""
+"""Share of all rows above which a level is left out: it would hardly be coarser."""
 
 HALVINGS = 20
 """Levels tried: cells of a millionth of the contacts' extent."""

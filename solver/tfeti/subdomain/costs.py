@@ -49,10 +49,11 @@ SUBDOMAIN_SECONDS = 1.2e-4
 COARSE_ROW_SECONDS = 1.7e-6
 """B, G and G Gᵀ, for each row of B."""
 
-FACES = 5.0
-"""Faces of a solve, each with a coarse problem to factor; and for calls of each, by dimension:"""
+SETS = 5.0
+"""Active sets of a solve, each with a coarse problem to factor."""
 
-FACE_SECONDS = {2: 5e-4, 3: 5e-3}
+SET_SECONDS = {2: 5e-4, 3: 5e-3}
+"""Calls of an active set, by dimension."""
 
 
 class BlockKind(Enum):
@@ -119,7 +120,7 @@ def run_seconds(groups: Sequence[Group], rows: int, products: float, glued: bool
         once += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
     if glued:
         once += COARSE_ROW_SECONDS * rows
-        once += FACES * (FACE_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
+        once += SETS * (SET_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
         each += 2.0 * coarse_seconds(subdomains)
     return once + products * each
 
