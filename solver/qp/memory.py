@@ -1,4 +1,4 @@
-"""Curvature kept over changes of the active set: a limited-memory preconditioner on free components.
+"""Curvature stored over changes of the active set: a limited-memory preconditioner.
 
 Every product of a solve tells the curvature along one direction, the pair (p, Ap). Conjugate
 gradients forget them when the active set changes. Here the last few pairs, cut to the components
