@@ -85,6 +85,9 @@ def _in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray
     """How far the point is outside of the nearest cell, over its size; its nodes and shares."""
     reference, points = subdomain.reference, subdomain.points()
     none = np.inf, np.zeros(0, np.int64), np.zeros(0)
+    room = 0.1 * np.ptp(points, axis=0).max()
+    if ((point < points.min(axis=0) - room) | (point > points.max(axis=0) + room)).any():
+        return none
     corners = points[reference.cells][..., :d]
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     slack = (
