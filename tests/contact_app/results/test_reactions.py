@@ -12,6 +12,8 @@ from mpi4py import MPI
 from contact_app.model.outline import outline
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
 from tests import scenes
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
@@ -134,3 +136,15 @@ def test_two_ranks(tmp_path: Path) -> None:
     one, two = (summary_of(made, tmp_path, ranks)["reactions"] for ranks in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_allclose(a["force"], b["force"], rtol=1e-6, atol=1e-5)
+
+
+def test_the_shipped_scene_with_a_remote_load_is_in_balance() -> None:
+    """The floor carries the force and its moment: the edge of contact is where a beam's would be."""
+    configs = Path(__file__).parents[3] / "configs"
+    summary = solve_scene(build_scene(load(configs / "remote_load.yaml"))).summary
+    (floor,) = summary["contacts"]
+    assert floor["force"][2] == pytest.approx(5000.0, rel=1e-6)
+    assert floor["moment"][1] == pytest.approx(-5000.0 * 12.0, rel=1e-6)  # 12 beside the middle
+    width = floor["area"] / 40.0
+    assert width == pytest.approx(3.0 * (40.0 - 32.0), abs=2.5)  # triangle of pressure
+    assert summary["probes"]["top"]["displacement"][0] > 0.0
