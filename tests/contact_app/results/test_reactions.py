@@ -35,10 +35,10 @@ def about_origin(records: list[dict[str, Any]], dimension: int) -> tuple[np.ndar
 def loads(scene: Any) -> tuple[np.ndarray, np.ndarray]:
     known, d = outline(scene, MPI.COMM_SELF), scene.dimension
     force, moment = np.zeros(3), np.zeros(3)
-    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
-        if load is not None:
+    for s, vector in zip(known.partition.subdomains, known.loads, strict=True):
+        if vector is not None:
             nodal = np.zeros((len(s.points()), 3))
-            nodal[:, :d] = load.reshape(-1, d)
+            nodal[:, :d] = vector.reshape(-1, d)
             force += nodal.sum(axis=0)
             moment += np.cross(s.points(), nodal).sum(axis=0)
     return force, moment
@@ -139,7 +139,7 @@ def test_two_ranks(tmp_path: Path) -> None:
 
 
 def test_the_shipped_scene_with_a_remote_load_is_in_balance() -> None:
-    """The floor carries the force and its moment: the edge of contact is where a beam's would be."""
+    """The floor carries the force and its moment: its edge is where a beam's would be."""
     configs = Path(__file__).parents[3] / "configs"
     summary = solve_scene(build_scene(load(configs / "remote_load.yaml"))).summary
     (floor,) = summary["contacts"]
