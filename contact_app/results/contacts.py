@@ -28,40 +28,24 @@ from contact_app.model.planes import on_planes
 from contact_app.results.fields import NodeFields
 from contact_app.results.mirror import Image, Whole, whole
 from contact_app.results.pressure import NodesInContact
+from contact_app.results.resultants import Resultant, joined
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Resultant:
-    """One contact of what was solved, over all ranks.
+class _Contact:
+    """One contact of what was solved, over all ranks; `whole` is the force on the body of `on`.
 
     Attributes
     ----------
-    point : (3,)
-        Centroid of the boundary; the mean of its nodes where it has no facet.
-    boundary_area, area
-        Of the boundary, and of what belongs to nodes in contact.
-    force, moment : (3,)
-        On the body of `on`; the moment about `point`.
-    max_pressure
+    area
+        Of the boundary that belongs to nodes in contact.
     """
 
-    point: Array
-    boundary_area: float
+    whole: Resultant
     area: float
-    force: Array
-    moment: Array
     max_pressure: float
-
-    def image(self, image: Image) -> Resultant:
-        """The same of an image."""
-        turned, axial = (image.field("displacement", v[None])[0] for v in (self.force, self.moment))
-        sign = -1.0 if len(image.mirrors) % 2 else 1.0
-        point = image.points(self.point[None])[0]
-        return Resultant(
-            point, self.boundary_area, self.area, turned, sign * axial, self.max_pressure
-        )
 
 
 def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
@@ -73,32 +57,21 @@ def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
         zip(model.scene.contact_names, contacts.counts(), strict=True)
     ):
         pieces = [
-            found[origin].image(image)
+            (image, found[origin])
             for image in contacts.images
             if (origin := contacts.origin(image, number)) is not None
         ]
-        joined = _joined(pieces, model.scene.dimension)
-        records.append({"on": name.on, "with": name.against, **joined, "nodes": counts})
+        resultants = [piece.whole.image(image) for image, piece in pieces]
+        records.append({
+            "on": name.on, "with": name.against, **joined(resultants, model.scene.dimension),
+            "area": float(sum(piece.area for _, piece in pieces)),
+            "max_pressure": max(piece.max_pressure for _, piece in pieces),
+            "nodes": counts,
+        })  # fmt: skip
     return records
 
 
-def _joined(pieces: list[Resultant], dimension: int) -> dict[str, Any]:
-    """The numbers of a contact from those of its pieces."""
-    weight = np.array([r.boundary_area for r in pieces])
-    if not weight.any():
-        weight = np.ones(len(pieces))
-    point = weight @ np.array([r.point for r in pieces]) / weight.sum()
-    moment = np.sum([r.moment + np.cross(r.point - point, r.force) for r in pieces], axis=0)
-    return {
-        "force": [float(v) for v in np.sum([r.force for r in pieces], axis=0)],
-        "moment": float(moment[2]) if dimension == 2 else [float(v) for v in moment],
-        "point": [float(v) for v in point],
-        "area": float(sum(r.area for r in pieces)),
-        "max_pressure": max(r.max_pressure for r in pieces),
-    }
-
-
-def _resultants(model: Model, nodes: NodeFields) -> list[Resultant]:
+def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
     """Sums over the nodes of each contact of what was solved (collective)."""
     scene = model.scene
     if not scene.touching:
@@ -122,7 +95,8 @@ def _resultants(model: Model, nodes: NodeFields) -> list[Resultant]:
         weighted, plain, force, moment = np.array(rest).reshape(4, 3)
         away = weighted / share if share > 0.0 else plain / max(count, 1.0)
         moment = moment - np.cross(away, force)
-        found.append(Resultant(centre + away, share, area, force, moment, float(peak)))
+        whole_force = Resultant(force, moment, centre + away, float(share))
+        found.append(_Contact(whole_force, float(area), float(peak)))
     return found
 
 
@@ -154,11 +128,7 @@ class ContactsOfWhole:
 
     def origin(self, image: Image, number: int) -> int | None:
         """The contact of what was solved that is this one's in an image; None if there is none."""
-        source = self._scene.contact_names[number].source
-        for mirror in self._scene.mirrors:
-            if mirror in image.mirrors:
-                source = dict(mirror.partners).get(source, source)
-        return self._place.get(source)
+        return self._place.get(image.origin(self._scene.contact_names[number].source))
 
     def counts(self) -> list[dict[str, int]]:
         """Nodes of each contact by their status, nodes of several images once (collective)."""

@@ -56,6 +56,12 @@ class Image:
     new: NDArray[np.bool_]
     first: int
 
+    def origin(self, source: str) -> str:
+        """What of the solved scene is this contact or condition of the whole in the image."""
+        for mirror in self.mirrors:
+            source = dict(mirror.partners).get(source, source)
+        return source
+
     def points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coordinates (n, 3) of the images of points."""
         for mirror in self.mirrors:

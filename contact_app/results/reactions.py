@@ -23,33 +23,13 @@ from numpy.typing import NDArray
 from contact_app.model.boundaries import boundary_facets, boundary_nodes
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
-from contact_app.results.mirror import Image, whole
+from contact_app.results.mirror import whole
+from contact_app.results.resultants import Resultant, joined
 from contact_app.scene.conditions import DisplacementCondition
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.exchange import NodeExchange
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class _Reaction:
-    """Of one condition of what was solved: force and moment about a point, (3,) each.
-
-    Attributes
-    ----------
-    weight
-        Area of the boundary, or how many nodes it has: of the points of images.
-    """
-
-    force: Array
-    moment: Array
-    point: Array
-    weight: float
-
-    def image(self, image: Image) -> _Reaction:
-        turned, axial = (image.field("displacement", v[None])[0] for v in (self.force, self.moment))
-        sign = -1.0 if len(image.mirrors) % 2 else 1.0
-        return _Reaction(turned, sign * axial, image.points(self.point[None])[0], self.weight)
 
 
 def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> list[dict[str, Any]]:
@@ -58,35 +38,18 @@ def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> lis
     found = dict(zip(
         (c.source for c in scene.displacements), _reactions(model, solution, nodes), strict=True
     ))  # fmt: skip
-    records = []
+    images, records = whole(model, nodes).images, []
     for source, on in scene.condition_names:
-        pieces = []
-        for image in whole(model, nodes).images:
-            origin = source
-            for mirror in scene.mirrors:
-                if mirror in image.mirrors:
-                    origin = dict(mirror.partners).get(origin, origin)
-            if origin in found:
-                pieces.append(found[origin].image(image))
-        records.append({"on": on, **_joined(pieces, scene.dimension)})
+        pieces = [
+            found[origin].image(image)
+            for image in images
+            if (origin := image.origin(source)) in found
+        ]
+        records.append({"on": on, **joined(pieces, scene.dimension)})
     return records
 
 
-def _joined(pieces: list[_Reaction], dimension: int) -> dict[str, Any]:
-    weight = np.array([max(piece.weight, 1e-300) for piece in pieces])
-    point = weight @ np.array([piece.point for piece in pieces]) / weight.sum()
-    force = np.sum([piece.force for piece in pieces], axis=0)
-    moment = np.sum(
-        [piece.moment + np.cross(piece.point - point, piece.force) for piece in pieces], axis=0
-    )
-    return {
-        "force": [float(v) for v in force],
-        "moment": float(moment[2]) if dimension == 2 else [float(v) for v in moment],
-        "point": [float(v) for v in point],
-    }
-
-
-def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[_Reaction]:
+def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resultant]:
     """Of the conditions of what was solved (collective)."""
     d, exchange = model.scene.dimension, model.node_exchange
     conditions = model.scene.displacements
@@ -169,7 +132,7 @@ def _residual(model: Model, solution: Solution, held: list[_Copies]) -> Array:
 
 def _summed(
     comm: MPI.Intracomm, points: Array, on: NDArray[np.bool_], forces: Array, weights: Array
-) -> _Reaction:
+) -> Resultant:
     """Sums over the nodes of all ranks (collective)."""
     sums = np.concatenate([
         [weights.sum(), on.sum()], weights @ points, points[on].sum(axis=0),
@@ -179,4 +142,4 @@ def _summed(
     weighted, plain, force, moment = np.array(rest).reshape(4, 3)
     weight = area if area > 0.0 else count
     point = (weighted if area > 0.0 else plain) / max(weight, 1e-300)
-    return _Reaction(force, moment - np.cross(point, force), point, float(weight))
+    return Resultant(force, moment - np.cross(point, force), point, float(weight))
