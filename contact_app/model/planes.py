@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,3 +22,9 @@ def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     for k, mirror in enumerate(scene.mirrors):
         on[k] = np.abs(points[..., mirror.axis] - mirror.at) <= tolerance
     return on
+
+
+def subsets(count: int) -> Iterator[tuple[int, ...]]:
+    """All subsets of so many planes, smaller ones first."""
+    for size in range(count + 1):
+        yield from combinations(range(count), size)

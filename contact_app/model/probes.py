@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.model.planes import subsets
 from contact_app.scene.scene import Mirror, Scene
-from meshes import Partition, Subdomain
-from meshes.quadratic import VERTICES
-from meshes.subdomains import vtk_places, vtk_shapes
+from meshes import Partition, Reference, Subdomain
+from meshes.point_location import Located, locate, locate_in
 
 Array = NDArray[np.float64]
 
 OUTSIDE = 1e-6
-"""Distance from the reference cell up to which a point belongs to it, over the cell's size."""
+"""Distance from a cell up to which a point belongs to it, over the cell's size."""
+
+ROOM = 0.1
+"""Room around nodes in which a point is looked for, over the size of cell or subdomain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,8 @@ def locate_probes(scene: Scene, partition: Partition) -> tuple[Probe, ...]:
 def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Probe:
     comm = partition.comm
     best, found = np.inf, Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
-    for mirrors in _subsets(scene.mirrors):
+    for subset in subsets(len(scene.mirrors)):
+        mirrors = tuple(scene.mirrors[k] for k in subset)
         here = point[None]
         for mirror in mirrors:
             here = mirror.image(here)
@@ -77,38 +80,35 @@ def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Pro
     return found
 
 
-def _subsets(mirrors: tuple[Mirror, ...]) -> list[tuple[Mirror, ...]]:
-    return [some for size in range(len(mirrors) + 1) for some in combinations(mirrors, size)]
-
-
 def _in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[np.int64], Array]:
-    """How far the point is outside of the nearest cell, over its size; its nodes and shares."""
-    reference, points = subdomain.reference, subdomain.points()
-    none = np.inf, np.zeros(0, np.int64), np.zeros(0)
-    room = 0.1 * np.ptp(points, axis=0).max()
-    if ((point < points.min(axis=0) - room) | (point > points.max(axis=0) + room)).any():
-        return none
-    corners = points[reference.cells][..., :d]
+    """How far the point is from the nearest cell, over its size; its nodes and shares."""
+    reference = subdomain.reference
+    here = (point - subdomain.translation)[None]
+    room = ROOM * np.ptp(reference.points, axis=0).max()
+    lower, upper = reference.points.min(axis=0) - room, reference.points.max(axis=0) + room
+    best = np.inf, np.zeros(0, np.int64), np.zeros(0)
+    if not ((here >= lower) & (here <= upper)).all():
+        return best
+    if not reference.curved:
+        return _measured(reference, locate(reference, here, d))
+    for cell in _near(reference, here[0]):
+        try:
+            found = locate_in(reference, np.array([cell]), here, d)
+        except np.linalg.LinAlgError:  # Newton's method left a cell that does not hold the point
+            continue
+        best = min(best, _measured(reference, found), key=lambda each: each[0])
+    return best
+
+
+def _measured(reference: Reference, found: Located) -> tuple[float, NDArray[np.int64], Array]:
+    nodes = found.nodes[0].astype(np.int64)
+    size = np.ptp(reference.points[nodes], axis=0).max()
+    return float(found.distance[0] / size), nodes, found.shares[0]
+
+
+def _near(reference: Reference, point: Array) -> NDArray[np.int64]:
+    """Curved cells whose nodes lie around the point; their edges may bulge beyond the nodes."""
+    corners = reference.points[reference.cells]
     lower, upper = corners.min(axis=1), corners.max(axis=1)
-    slack = (
-        0.1 * (upper - lower)
-        if reference.curved
-        else OUTSIDE * (upper - lower).max(axis=1)[:, None]
-    )
-    near = np.flatnonzero(((point[:d] >= lower - slack) & (point[:d] <= upper + slack)).all(axis=1))
-    if not len(near):
-        return none
-    cell = reference.cell
-    count = reference.cells.shape[1] if reference.curved else VERTICES[cell]
-    degree = 2 if reference.curved else 1
-    nodes = corners[near][:, :count]
-    places = vtk_places(cell, degree, nodes, np.broadcast_to(point[:d], (len(near), d)))
-    if cell in ("triangle", "tetrahedron"):
-        outside = np.maximum(-places.min(axis=1), places.sum(axis=1) - 1.0)
-    else:
-        outside = np.abs(places - 0.5).max(axis=1) - 0.5
-    outside = np.maximum(np.where(np.isfinite(outside), outside, np.inf), 0.0)
-    nearest = int(np.argmin(outside))
-    own = reference.cells[near[nearest]].astype(np.int64)
-    shares = vtk_shapes(cell, reference.degree, places[nearest][None])[0][0]
-    return float(outside[nearest]), own, shares
+    room = ROOM * (upper - lower)
+    return np.flatnonzero(((point >= lower - room) & (point <= upper + room)).all(axis=1))

@@ -6,10 +6,8 @@ about it, and get no second number: the whole is one mesh, as if it had not been
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import Model
-from contact_app.model.planes import on_planes
+from contact_app.model.planes import on_planes, subsets
 from contact_app.results.fields import NodeFields
 from contact_app.scene.obstacles import SHAPES
 from contact_app.scene.scene import Mirror, Scene
@@ -108,7 +106,7 @@ def whole(model: Model, nodes: NodeFields) -> Whole:
     on = on_planes(model.scene, nodes.points)
     images: dict[tuple[int, ...], Image] = {}
     total = 0
-    for subset in _subsets(len(mirrors)):
+    for subset in subsets(len(mirrors)):
         new = ~on[list(subset)].any(axis=0)
         count = int(new.sum())
         first = total + (comm.exscan(count) or 0)
@@ -123,12 +121,6 @@ def whole(model: Model, nodes: NodeFields) -> Whole:
     weight = np.sum([image.new for image in images.values()], axis=0)
     cells = model.partition.cells * len(images)
     return Whole(tuple(images.values()), total, cells, weight)
-
-
-def _subsets(count: int) -> Iterator[tuple[int, ...]]:
-    """All subsets of so many planes, smaller ones first."""
-    for size in range(count + 1):
-        yield from combinations(range(count), size)
 
 
 @cache

@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from meshes import Reference
-from meshes import dolfinx_compat as versions
-from meshes.quadratic import VERTICES
-from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
+from meshes.point_location import locate
 
 Array = NDArray[np.float64]
 
@@ -141,17 +139,6 @@ def _interpolated(
     piece: _Piece, points: Array, member: NDArray[np.int64], dimension: int
 ) -> tuple[Array, Array]:
     """Values at points of the reference's frame, and their distance from its mesh."""
-    reference = piece.reference
-    order = 2 if reference.curved else 1
-    cells = reference.cells[versions.cells_at(reference.mesh, points)]
-    simplex = VERTICES[reference.cell] == dimension + 1
-    corners = reference.points[cells[:, : len(vtk_order(reference.cell, order))], :dimension]
-    wanted = points[:, :dimension]
-    place = vtk_places(reference.cell, order, corners, wanted)
-    place = np.clip(place, 0.0, 1.0)
-    if simplex:
-        place /= np.maximum(place.sum(axis=1, keepdims=True), 1.0)
-    at = np.einsum("pn,pni->pi", vtk_shapes(reference.cell, order, place)[0], corners)
-    values = vtk_shapes(reference.cell, reference.degree, place)[0]
-    found = np.einsum("pn,pns->ps", values, piece.values[cells, member[:, None]])
-    return found, np.linalg.norm(wanted - at, axis=1)
+    found = locate(piece.reference, points, dimension)
+    values = np.einsum("pn,pns->ps", found.shares, piece.values[found.nodes, member[:, None]])
+    return values, found.distance

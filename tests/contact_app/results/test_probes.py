@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import contact_app
 from contact_app.errors import ConfigurationError
+from contact_app.model.outline import partition_scene
+from contact_app.model.probes import locate_probes
 from contact_app.run.solve import solve_scene
 from tests import meshfiles, scenes
 from tests.scenes import Config
@@ -88,6 +91,34 @@ def test_curved_cells(tmp_path: Path) -> None:
     found = answer.summary["probes"]["rim"]["displacement"]
     near = np.linalg.norm(answer.points[:, :2] - place, axis=1).argsort()[:3]
     assert np.abs(found - answer.displacement[near].mean(axis=0)).max() < np.abs(found).max()
+
+
+def test_every_place_of_a_curved_body_is_found(tmp_path: Path) -> None:
+    """Curved cells lie in the convex hulls of their neighbours, too: the right one is taken."""
+
+    def bent(x: np.ndarray) -> np.ndarray:
+        radius, angle = 1.0 + x[:, 0], 0.5 * np.pi * x[:, 1]
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
+
+    mesh = meshfiles.second_order(
+        meshfiles.block("triangle", 2, 0.0), "triangle", "triangle6", bent
+    )
+    made = stretched("triangle", 2)
+    made["bodies"][0]["mesh"] = {"file": str(meshfiles.write(mesh, tmp_path / "ring.msh"))}
+    rng = np.random.default_rng(5)
+    radius, angle = rng.uniform(1.02, 1.98, 200), rng.uniform(0.02, 1.55, 200)
+    places = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    made["output"] = {"probes": {f"p{i}": list(map(float, x)) for i, x in enumerate(places)}}
+    made["conditions"] = [
+        {"on": "block.y-", "displacement": [0.0, 0.0]},
+        {"on": "block.x-", "pressure": 0.01},
+    ]
+    scene = scenes.build(made)
+    partition = partition_scene(scene, MPI.COMM_SELF)
+    for probe, place in zip(locate_probes(scene, partition), places, strict=True):
+        assert probe.subdomain is not None
+        points = partition.subdomains[probe.subdomain].points()[probe.nodes]
+        np.testing.assert_allclose(probe.shares @ points[:, :2], place, atol=1e-7)
 
 
 @pytest.mark.mpi

@@ -1,0 +1,54 @@
+"""Points in the cells of a mesh: nodes, shape functions, and how far a point is from the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes import dolfinx_compat as versions
+from meshes.quadratic import VERTICES
+from meshes.subdomains import Reference, vtk_order, vtk_places, vtk_shapes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Where points lie: in the cell that holds each, or at the nearest place of the nearest one.
+
+    Attributes
+    ----------
+    nodes, shares : (points, nodes a cell)
+        Nodes of the cell, and their shape functions there.
+    distance : (points,)
+        From the mesh; rounding errors where a cell holds the point.
+    """
+
+    nodes: NDArray[np.int32]
+    shares: Array
+    distance: Array
+
+
+def locate(reference: Reference, points: Array, dimension: int) -> Located:
+    """Find points (n, 3), in the frame of the reference; near curved edges to some per cent."""
+    cells = versions.cells_at(reference.mesh, points)
+    return locate_in(reference, cells, points, dimension)
+
+
+def locate_in(
+    reference: Reference, cells: NDArray[np.integer], points: Array, dimension: int
+) -> Located:
+    """The same in the cell that is given for each point, (points,)."""
+    order = 2 if reference.curved else 1
+    nodes, wanted = reference.cells[cells], points[:, :dimension]
+    simplex = VERTICES[reference.cell] == dimension + 1
+    corners = reference.points[nodes[:, : len(vtk_order(reference.cell, order))], :dimension]
+    place = vtk_places(reference.cell, order, corners, wanted)
+    place = np.clip(place, 0.0, 1.0)
+    if simplex:
+        place /= np.maximum(place.sum(axis=1, keepdims=True), 1.0)
+    at = np.einsum("pn,pni->pi", vtk_shapes(reference.cell, order, place)[0], corners)
+    shares = vtk_shapes(reference.cell, reference.degree, place)[0]
+    return Located(nodes, shares, np.linalg.norm(wanted - at, axis=1))
