@@ -6,8 +6,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from contact_app.model.outline import outline
 from tests import reference, scenes
 
 
@@ -77,3 +79,16 @@ def same_contacts(found: dict[str, Any], known: dict[str, Any], part: float = 1e
             np.testing.assert_allclose(
                 one[key], other[key], rtol=0, atol=part * size, err_msg=f"{one['on']} {key}"
             )
+
+
+def load_resultant(scene: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Force and moment about the origin of the nodal loads of a scene."""
+    known, d = outline(scene, MPI.COMM_SELF), scene.dimension
+    force, moment = np.zeros(3), np.zeros(3)
+    for s, vector in zip(known.partition.subdomains, known.loads, strict=True):
+        if vector is not None:
+            nodal = np.zeros((len(s.points()), 3))
+            nodal[:, :d] = vector.reshape(-1, d)
+            force += nodal.sum(axis=0)
+            moment += np.cross(s.points(), nodal).sum(axis=0)
+    return force, moment

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.errors import ConfigurationError
 from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import Pressure, TotalLoad, Traction
 from contact_app.scene.scene import Scene
 from meshes import Partition, Subdomain
 
@@ -19,6 +23,15 @@ def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[
         return surface
     inside = body.boundaries[boundary](subdomain.points())
     return surface[inside[subdomain.reference.facets[surface]].all(axis=1)]
+
+
+def refuse_without_facet(scene: Scene, load: Traction | Pressure | TotalLoad) -> NoReturn:
+    """Raise a ConfigurationError: a load on a boundary that has no facet."""
+    raise ConfigurationError(
+        f"{scene.at(load.source)}.on: no whole facet of the surface of "
+        f"{scene.bodies[load.body].name} lies on {load.boundary}; a load needs facets all of "
+        "whose nodes are on it"
+    )
 
 
 def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:

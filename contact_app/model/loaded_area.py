@@ -23,14 +23,17 @@ SAMPLES = 8
 """Points along an edge at which facets are asked whether the expression holds."""
 
 
-def loaded_area(scene: Scene, partition: Partition, load: Traction | Pressure) -> float:
-    """Area of the facets that carry a load (collective)."""
-    body, total = scene.bodies[load.body], 0.0
+def loaded_facets(
+    scene: Scene, partition: Partition, load: Traction | Pressure
+) -> tuple[int, float]:
+    """How many facets carry a load, and their area (collective)."""
+    body, count, area = scene.bodies[load.body], 0, 0.0
     for s in partition.subdomains:
         if s.body == load.body:
             rows = boundary_facets(s, body, load.boundary)
-            total += float(_areas(s.points()[s.reference.facets[rows]], scene.dimension).sum())
-    return float(partition.comm.allreduce(total, op=MPI.SUM))
+            count += len(rows)
+            area += float(_areas(s.points()[s.reference.facets[rows]], scene.dimension).sum())
+    return partition.comm.allreduce(count), partition.comm.allreduce(area)
 
 
 def straddled_area(scene: Scene, partition: Partition, load: Traction | Pressure) -> float:

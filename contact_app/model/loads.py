@@ -7,9 +7,8 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.errors import ConfigurationError
 from contact_app.model.assembly import Element
-from contact_app.model.boundaries import boundary_facets
+from contact_app.model.boundaries import boundary_facets, refuse_without_facet
 from contact_app.model.total_loads import LinearTraction, load_of
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
@@ -66,9 +65,5 @@ def load_vectors(
     found = partition.comm.allreduce(found.astype(int)) > 0
     for load, some in zip(facet_loads, found, strict=True):
         if not some:
-            raise ConfigurationError(
-                f"{scene.at(load.source)}.on: no whole facet of the surface of "
-                f"{scene.bodies[load.body].name} lies on {load.boundary}; a load needs facets all "
-                "of whose nodes are on it"
-            )
+            refuse_without_facet(scene, load)
     return loads

@@ -160,7 +160,9 @@ def halved(scene: Scene) -> Halving:
 def _cut(scene: Scene, axis: int) -> Scene:
     """The lower side of the middle of an axis; raises where the scene does not mirror about it."""
     if scene.total_loads:
-        raise AsymmetryError(f"{scene.total_loads[0].source} is of a whole boundary")
+        raise AsymmetryError(
+            f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
+        )
     mirror = _plane(scene, axis)
     halves = _halves(scene, mirror)
     left = [half.body for half in halves if half.body is not None]

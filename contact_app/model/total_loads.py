@@ -18,9 +18,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.errors import ConfigurationError
 from contact_app.model.assembly import Element
-from contact_app.model.boundaries import facets_of
+from contact_app.model.boundaries import facets_of, refuse_without_facet
 from contact_app.scene.conditions import TotalLoad
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -73,11 +72,7 @@ def _traction(
 ) -> LinearTraction:
     area, centre, second = moments_of_boundary(scene, partition, elements, load.body, load.boundary)
     if area == 0.0:
-        raise ConfigurationError(
-            f"{scene.at(load.source)}.on: no whole facet of the surface of "
-            f"{scene.bodies[load.body].name} lies on {load.boundary}; a load needs facets all of "
-            "whose nodes are on it"
-        )
+        refuse_without_facet(scene, load)
     force = np.array([*load.force, *(0.0,) * (3 - len(load.force))])
     arm = np.zeros(3) if load.at is None else np.array(load.at) - centre
     moment = np.array(load.moment) + np.cross(arm, force)

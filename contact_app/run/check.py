@@ -21,10 +21,10 @@ from rich.console import Console
 
 from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed, stress_bytes
 from contact_app.machine.memory import available_bytes, needed_bytes
-from contact_app.model.boundaries import boundary_facets, boundary_nodes
+from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.model.far_obstacles import distant
-from contact_app.model.loaded_area import loaded_area
+from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.outline import Outline, left_out_notes, outline
 from contact_app.model.symmetry import halved
 from contact_app.run.repeated_sentences import said_once
@@ -176,14 +176,12 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
     for traction in scene.tractions:
         lines.append(
             f"{traction.source}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
-            f"area ({_count_facets(scene, known, traction):,} facets, "
-            f"area {loaded_area(scene, partition, traction):.4g})"
+            f"area {_facets(scene, known, traction)}"
         )
     for pressure in scene.pressures:
         lines.append(
             f"{pressure.source}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
-            f"({_count_facets(scene, known, pressure):,} facets, "
-            f"area {loaded_area(scene, partition, pressure):.4g})"
+            f"{_facets(scene, known, pressure)}"
         )
     for load, linear in zip(scene.total_loads, known.linear, strict=True):
         lines.append(
@@ -356,14 +354,9 @@ def _count_nodes(scene: Scene, known: Outline, condition: DisplacementCondition 
     return int(known.partition.comm.allreduce(len(_unique(known, nodes))))
 
 
-def _count_facets(scene: Scene, known: Outline, load: Traction | Pressure) -> int:
-    body = scene.bodies[load.body]
-    here = sum(
-        len(boundary_facets(s, body, load.boundary))
-        for s in known.partition.subdomains
-        if s.body == load.body
-    )
-    return int(known.partition.comm.allreduce(here))
+def _facets(scene: Scene, known: Outline, load: Traction | Pressure) -> str:
+    count, area = loaded_facets(scene, known.partition, load)
+    return f"({count:,} facets, area {area:.4g})"
 
 
 def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:

@@ -30,7 +30,7 @@ from contact_app.accuracy.contact_limits import (
     slipped_through,
 )
 from contact_app.accuracy.trust import few_cells
-from contact_app.model.loaded_area import loaded_area, straddled_area
+from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.run.faceted_curves import sagittas
@@ -207,7 +207,7 @@ def _straddled_facets(answer: Answer) -> Iterator[str]:
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
     for load in loads:
         left = straddled_area(scene, partition, load)
-        area = loaded_area(scene, partition, load) if left > 0.0 else 0.0
+        area = loaded_facets(scene, partition, load)[1] if left > 0.0 else 0.0
         if left > STRADDLED * area:
             yield (
                 f"{load.source}: facets straddle the edge of {load.boundary} and carry no load: it "

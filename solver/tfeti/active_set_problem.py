@@ -126,7 +126,7 @@ class ActiveSetProblem:
         multiplier: NDArray[np.float64] | None = None,
         directions: Directions | None = None,
     ) -> None:
-        self.statuses, self.active = statuses, statuses.active
+        self.statuses = statuses
         self._tractions = _outside(statuses, problem)
         if self._tractions is not None:
             problem = problem.with_constraint_forces(self._tractions)
@@ -153,6 +153,11 @@ class ActiveSetProblem:
         self._weight = it.reduction.norm(self.reduced.offset)
         self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
         self._before = it.reduction.collectives
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """The active set, (dual,)."""
+        return self.statuses.active
 
     def _check_coarse_problem(self) -> None:
         """Q is a projection unless G Gᵀ of the set is singular, which a factor need not see."""

@@ -19,6 +19,7 @@ from scipy import sparse
 
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import runs
 
 Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
@@ -172,7 +173,7 @@ class KernelRows:
         self,
         B: ConstraintMatrix,
         kernels: Sequence[tuple[int, NDArray[np.float64]]],
-        chunk: int = 2**20,
+        chunk: int = TotalFetiOptions.chunk,
     ) -> None:
         self.comm, self._at_once = B.comm, chunk
         counts = np.array([(n, *R.shape) for n, R in kernels], np.int64).reshape(-1, 3)

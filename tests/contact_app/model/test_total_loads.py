@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError
-from contact_app.model.outline import outline
 from contact_app.run.solve import solve_scene
 from tests import meshfiles, scenes
+from tests.comparison import load_resultant
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
 
@@ -32,16 +31,7 @@ def beam(cell: str, load: Config, n: int = 4, length: float = 4.0, degree: int =
 
 def resultant(made: Config, subdomains: Any = None) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment about the origin of the nodal loads."""
-    known = outline(scenes.build(made, subdomains), MPI.COMM_SELF)
-    d = known.partition.subdomains[0].reference.mesh.geometry.dim
-    force, moment = np.zeros(3), np.zeros(3)
-    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
-        if load is not None:
-            nodal = np.zeros((len(s.points()), 3))
-            nodal[:, :d] = load.reshape(-1, d)
-            force += nodal.sum(axis=0)
-            moment += np.cross(s.points(), nodal).sum(axis=0)
-    return force, moment
+    return load_resultant(scenes.build(made, subdomains))
 
 
 @pytest.mark.parametrize("degree", [1, 2])

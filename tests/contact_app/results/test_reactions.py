@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from contact_app.model.outline import outline
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import scenes
+from tests.comparison import load_resultant
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
 
@@ -32,18 +31,6 @@ def about_origin(records: list[dict[str, Any]], dimension: int) -> tuple[np.ndar
     return force, moment
 
 
-def loads(scene: Any) -> tuple[np.ndarray, np.ndarray]:
-    known, d = outline(scene, MPI.COMM_SELF), scene.dimension
-    force, moment = np.zeros(3), np.zeros(3)
-    for s, vector in zip(known.partition.subdomains, known.loads, strict=True):
-        if vector is not None:
-            nodal = np.zeros((len(s.points()), 3))
-            nodal[:, :d] = vector.reshape(-1, d)
-            force += nodal.sum(axis=0)
-            moment += np.cross(s.points(), nodal).sum(axis=0)
-    return force, moment
-
-
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("name", CASES)
@@ -54,7 +41,7 @@ def test_reactions_contacts_and_loads_are_in_balance(name: str, cell: str, degre
     scene = scenes.build(made, 3)
     summary = solve_scene(scene).summary
     assert summary["certificate"]["passed"]
-    force, moment = loads(scene)
+    force, moment = load_resultant(scene)
     against_obstacles = [c for c, k in zip(summary["contacts"], made["contacts"], strict=True)
                          if "obstacle" in k]  # fmt: skip
     for records in (summary["reactions"], against_obstacles):
