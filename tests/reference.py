@@ -375,6 +375,7 @@ def assemble(scene: Any) -> System:
         if body.body.degree == 2 and body.body.mesh.cell == "tetrahedron":
             mean, local = body.mean_rows(item.boundary)
             gap, normal = item.obstacle.gap_and_normal(body.points)
+            gap = gap - item.interference
             blocks = sp.csr_matrix(  # -n at each node, as a block of one row
                 (
                     -normal[:, :dimension].ravel(),
@@ -391,6 +392,7 @@ def assemble(scene: Any) -> System:
             continue
         local = bodies[item.body].nodes_on(item.boundary)
         gap, normal = item.obstacle.gap_and_normal(bodies[item.body].points[local])
+        gap = gap - item.interference
         nodes = first_node[item.body] + local
         count = np.arange(nodes.size).repeat(dimension)
         columns = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
@@ -409,7 +411,7 @@ def assemble(scene: Any) -> System:
             for there, vector in found[node].items():
                 matrix[row, there * dimension + np.arange(dimension)] = vector
         rows.append(matrix.tocsr())
-        gaps.append(np.array([gap[node] for node in found]))
+        gaps.append(np.array([gap[node] for node in found]) - item.interference)
         contact_nodes.append(np.array(list(found)))
 
     return System(

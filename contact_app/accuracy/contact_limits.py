@@ -68,7 +68,7 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
         beside = np.setdiff1d(surface, boundary_nodes(s, body, contact.boundary))
         u = solution.displacements[cls][:, column].reshape(-1, d)[beside]
         try:
-            gap, normal = contact.obstacle.gap_and_normal(s.points()[beside])
+            gap, normal = contact.gap_and_normal(s.points()[beside])
         except ConfigurationError:  # a node in the middle of a round obstacle has no normal
             continue
         entered = -(gap + np.einsum("ij,ij->i", normal[:, :d], u))
@@ -101,7 +101,7 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
             for values in (s.points(), u)
         )
         try:
-            gap, normal = contact.obstacle.gap_and_normal(points)
+            gap, normal = contact.gap_and_normal(points)
         except ConfigurationError:  # a point in the middle of a round obstacle has no normal
             continue
         left = gap + np.einsum("ij,ij->i", normal[:, :d], moved)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.facets import moments
 from contact_app.scene.bodies import Body
-from contact_app.scene.obstacles import Obstacle
+from contact_app.scene.conditions import Contact
 from meshes import Partition
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactEntries, ContactRows
@@ -38,7 +38,7 @@ def averaged_rows(
     partition: Partition,
     exchange: NodeExchange,
     chosen: list[NDArray[np.int32]],
-    obstacle: Obstacle,
+    contact: Contact,
     source: int,
 ) -> ContactRows:
     """Rows of one contact at the vertices this rank owns (collective).
@@ -82,7 +82,7 @@ def averaged_rows(
     count = len(vertex)
     area = np.bincount(row, weight, minlength=count).astype(np.float64)
     mean = weight / area[row]
-    gap, normal = obstacle.gap_and_normal(point)
+    gap, normal = contact.gap_and_normal(point)
     means = [np.bincount(row, mean * part, minlength=count) for part in (gap, *normal.T)]
     entry, component = np.nonzero(np.abs(normal[:, :d]) > 1e-14)
     located = np.empty((count, 3))

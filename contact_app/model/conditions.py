@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -49,7 +50,7 @@ def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:
             if len(nodes) == 0:
                 continue
             try:
-                gap, normal = contact.obstacle.gap_and_normal(points[nodes])
+                gap, normal = contact.gap_and_normal(points[nodes])
             except ConfigurationError as error:
                 raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
             touching.append(
@@ -77,7 +78,7 @@ def rows_in_the_mean(
         )
     with agreed(partition.comm):
         try:
-            return averaged_rows(partition, exchange, chosen, contact.obstacle, number)
+            return averaged_rows(partition, exchange, chosen, contact, number)
         except ConfigurationError as error:
             raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
 
@@ -104,6 +105,7 @@ def mortar_rows(
         found = mean_gaps(*sides)
     except SurfacesApartError as error:
         raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
+    found = replace(found, gaps=found.gaps - pair.interference)
     if scene.mirrors:
         found = of_what_is_solved(scene, partition.nodes, found)
     return owned_rows(exchange, found, len(scene.contacts) + number)

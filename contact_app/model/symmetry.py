@@ -400,9 +400,9 @@ class _Described:
             return where, _scaled(np.array([item.value]))
         if isinstance(item, BodyContact):
             other = self._boundary(item.other, item.other_boundary, mirror)
-            return (*where, *other), np.zeros(0)
+            return (*where, *other), _scaled(np.array([item.interference]))
         words, numbers = _described_obstacle(item.obstacle, self.size, mirror)
-        return (*where, *words), numbers
+        return (*where, *words), np.append(numbers, _scaled(np.array([item.interference])))
 
     def _boundary(self, body: int, boundary: str, mirror: Mirror | None) -> Key:
         return (self.kept[body], self.part(body, boundary).key(image=mirror is not None))

@@ -198,6 +198,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         lines.append(
             f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
             f"({_candidates(known, i, _count_nodes(scene, known, contact))})"
+            f"{_interference(contact)}"
         )
     gaps, sources = known.candidates
     lines += [f"warning: {hint}" for hint in distant(scene, gaps, sources, partition.comm)]
@@ -205,9 +206,17 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
             f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
-            f"({_candidates(known, i)})"
+            f"({_candidates(known, i)}){_interference(pair)}"
         )
     return lines
+
+
+def _interference(contact: Contact | BodyContact) -> str:
+    """What a contact says beside its geometry."""
+    amount = contact.interference
+    if not amount:
+        return ""
+    return f", with {'an interference' if amount > 0.0 else 'a clearance'} of {abs(amount):g}"
 
 
 def _decomposed(scene: Scene, known: Outline) -> list[str]:

@@ -81,7 +81,7 @@ def build_scene(
         keys.fail(
             ("conditions",),
             "load nothing: give a traction, pressure, force, total_force, total_moment or "
-            "non-zero displacement, or an "
+            "non-zero displacement, an interference, or an "
             "obstacle or a body that overlaps another body",
         )
     return scene
@@ -187,6 +187,7 @@ def _loaded(scene: Scene) -> bool:
     vectors += [(*x.force, *x.moment) for x in scene.total_loads]
     pressed = any(map(any, vectors)) or any(load.value for load in scene.pressures)
     moved = any(any(condition.values) for condition in scene.displacements)
+    moved |= any(contact.interference > 0.0 for contact in scene.touching)
     entered = any(_may_enter(scene.bodies, contact) for contact in scene.contacts)
     overlapping = any(_may_overlap(scene.bodies, pair) for pair in scene.pairs)
     return pressed or moved or entered or overlapping

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from contact_app.scene.obstacles import Obstacle
 
 
@@ -68,23 +71,50 @@ class BodyForce:
 
 @dataclass(frozen=True)
 class Contact:
-    """A boundary that may touch an obstacle."""
+    """A boundary that may touch an obstacle.
+
+    Attributes
+    ----------
+    interference
+        Overlap along the normal beside that of the geometry.
+    """
 
     body: int
     boundary: str
     obstacle: Obstacle
     source: str
+    interference: float = 0.0
+
+    def gap_and_normal(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gap (n,), less the interference, and normal (n, 3) of the obstacle at points (n, 3).
+
+        Raises
+        ------
+        ConfigurationError
+            The obstacle has no normal at a point.
+        """
+        gap, normal = self.obstacle.gap_and_normal(points)
+        return gap - self.interference, normal
 
 
 @dataclass(frozen=True)
 class BodyContact:
-    """A boundary that may touch the boundary of another body."""
+    """A boundary that may touch the boundary of another body.
+
+    Attributes
+    ----------
+    interference
+        Overlap along the normal beside that of the geometry.
+    """
 
     body: int
     boundary: str
     other: int
     other_boundary: str
     source: str
+    interference: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -267,6 +267,11 @@ class Contact(Model):
         description="Another body's boundary, as body.boundary; the contact pressure lives on the "
         "nodes of `on`, which had better be the finer mesh.",
     )
+    interference: Number = Field(
+        0.0,
+        description="Overlap along the normal (length), added to what the geometry overlaps; a "
+        "negative one is a clearance.",
+    )
 
 
 class Split(Model):

@@ -136,7 +136,7 @@ class ConditionReader:
         body, boundary = self._boundary(contact.on, (*path, "on"))
         if contact.obstacle is not None:
             obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
-            return Contact(body, boundary, obstacle, f"contacts[{i}]")
+            return Contact(body, boundary, obstacle, f"contacts[{i}]", contact.interference)
         other, other_boundary = self._boundary(contact.against or "", (*path, "against"))
         if other == body:
             self.keys.fail(
@@ -149,7 +149,9 @@ class ConditionReader:
                 self.keys.fail(
                     path, f"repeats contacts[{k}]: each pair of boundaries is given once"
                 )
-        return BodyContact(body, boundary, other, other_boundary, f"contacts[{i}]")
+        return BodyContact(
+            body, boundary, other, other_boundary, f"contacts[{i}]", contact.interference
+        )
 
     def _obstacle(self, given: c.Obstacle, path: Place) -> Obstacle:
         known = given.known_keys()

@@ -269,7 +269,7 @@ def _bounds(
     areas: list[NDArray[np.float64]] = []
     for contact in scene.contacts:
         nodes = surface[_on(body, contact.boundary, points[surface])]
-        gap, normal = contact.obstacle.gap_and_normal(points[nodes])
+        gap, normal = contact.gap_and_normal(points[nodes])
         row = -normal[:, :d]
         gap = gap - np.einsum("ni,ni->n", row, np.where(held[nodes], prescribed[nodes], 0.0))
         row = np.where(held[nodes], 0.0, row)

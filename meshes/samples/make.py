@@ -201,12 +201,46 @@ def ring_quarter(size: float) -> None:
     gmsh.model.mesh.generate(2)
 
 
+def shaft_and_hub(size: float) -> None:
+    """Quarters of a shaft of radius 10 and of a hub of radii 10 and 20: quadrilaterals, 2D.
+
+    The hub's cells are in rows and do not match those of the shaft.
+    """
+    geo = gmsh.model.geo
+    middle, east, north = (geo.addPoint(*p, 0) for p in ((0, 0), (10, 0), (0, 10)))
+    shaft = [geo.addLine(middle, east), geo.addCircleArc(east, middle, north),
+             geo.addLine(north, middle)]  # fmt: skip
+    disc = geo.addPlaneSurface([geo.addCurveLoop(shaft)])
+    ends = [geo.addPoint(*p, 0) for p in ((10, 0), (20, 0), (0, 20), (0, 10))]
+    hub = [geo.addLine(ends[0], ends[1]), geo.addCircleArc(ends[1], middle, ends[2]),
+           geo.addLine(ends[2], ends[3]), geo.addCircleArc(ends[3], middle, ends[0])]  # fmt: skip
+    ring = geo.addPlaneSurface([geo.addCurveLoop(hub)])
+    across = max(1, round(3 / size))
+    for k, line in enumerate(hub):
+        geo.mesh.setTransfiniteCurve(line, (across if k % 2 == 0 else 3 * across) + 1)
+    geo.mesh.setTransfiniteCurve(shaft[1], 2 * across + 1)
+    geo.mesh.setTransfiniteSurface(ring)
+    geo.mesh.setRecombine(2, ring)
+    geo.synchronize()
+    gmsh.model.addPhysicalGroup(2, [disc], name="shaft")
+    gmsh.model.addPhysicalGroup(2, [ring], name="hub")
+    groups = {"skin": [shaft[1]], "bore": [hub[3]], "outside": [hub[1]], "x-": [shaft[2], hub[2]],
+              "y-": [shaft[0], hub[0]]}  # fmt: skip
+    for name, lines in groups.items():
+        gmsh.model.addPhysicalGroup(1, lines, name=name)
+    for option, value in {"MeshSizeMax": 10 / across * 1.5, "RecombineAll": 1, "Algorithm": 8,
+                          "RecombinationAlgorithm": 3}.items():  # fmt: skip
+        gmsh.option.setNumber(f"Mesh.{option}", value)
+    gmsh.model.mesh.generate(2)
+
+
 SAMPLES: dict[str, tuple[Callable[[float], None], float, int]] = {
     "bushing": (bushing, 1.0, 1),
     "bracket": (bracket, 1.0, 1),
     "disc_quarter": (disc_quarter, 1.0, 1),
     "ring_quarter": (ring_quarter, 0.5, 2),
     "roller_on_block": (roller_on_block, 1.0, 1),
+    "shaft_and_hub": (shaft_and_hub, 0.5, 2),
     "sphere_eighth": (sphere_eighth, 2.0, 1),
 }
 """What makes each sample, and size and order of the one beside this file."""

@@ -155,7 +155,7 @@ class BoxSurface:
             axis, sign, plane = self.side(number)
             point, outward = np.zeros((1, 3)), np.zeros(3)
             point[0, axis], outward[axis] = plane, sign
-            gap, normal = contact.obstacle.gap_and_normal(point)
+            gap, normal = contact.gap_and_normal(point)
             flat = isinstance(contact.obstacle, Plane)
             if not flat or np.abs(normal[0] + outward).max() > PARALLEL:
                 raise NoAdmissibleStressError(

@@ -1,0 +1,59 @@
+"""Two rings of one material, one in the other, and Lamé's answer for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tests import meshfiles, scenes
+
+YOUNG, POISSON = 2.0e5, 0.3
+INNER, MIDDLE, OUTER = 5.0, 10.0, 20.0
+
+
+def quarter(path: Path, inner: float, outer: float, counts: int = 6) -> str:
+    """A quarter of a ring about the origin, of round quadrilaterals: x- inside, x+ outside."""
+
+    def bent(x: np.ndarray) -> np.ndarray:
+        radius, angle = inner + (outer - inner) * x[:, 0], 0.5 * np.pi * x[:, 1]
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * x[:, 2]])
+
+    block = meshfiles.block("quadrilateral", counts, 0.0)
+    mesh = meshfiles.second_order(block, "quadrilateral", "quad9", bent)
+    return str(meshfiles.write(mesh, path))
+
+
+def fit(
+    directory: Path, plane: str, radius: float = MIDDLE, counts: tuple[int, int] = (8, 12)
+) -> scenes.Config:
+    """A ring of an outer radius in a ring; held at their two planes of symmetry alone."""
+    sizes = {"shaft": (INNER, radius), "hub": (MIDDLE, OUTER)}
+    bodies = [
+        {
+            "name": name,
+            "mesh": {"file": quarter(directory / f"{name}-{radius}.msh", *size, count)},
+            "degree": 2,
+            "material": {"young": YOUNG, "poisson": POISSON},
+        }
+        for (name, size), count in zip(sizes.items(), counts, strict=True)
+    ]
+    conditions = [
+        {"on": f"{name}.{side}", "displacement": held}
+        for name in sizes
+        for side, held in (("y-", [None, 0.0]), ("y+", [0.0, None]))
+    ]
+    return {
+        "dimension": plane,
+        "bodies": bodies,
+        "conditions": conditions,
+        "contacts": [{"on": "hub.x-", "against": "shaft.x+"}],
+        "solver": {"tolerance": 1e-9},
+    }
+
+
+def fit_pressure(plane: str, overlap: float) -> float:
+    """Pressure between rings of one material that overlap by a length along the radius."""
+    modulus = YOUNG / (1.0 - POISSON**2) if plane == "plane_strain" else YOUNG
+    a, b, c = INNER**2, MIDDLE**2, OUTER**2
+    return modulus * overlap / MIDDLE / ((c + b) / (c - b) + (b + a) / (b - a))
