@@ -37,7 +37,6 @@ def register(app: typer.Typer) -> None:
     reproduce.command("cube")(reproduce_cube)
     reproduce.command("figure1")(reproduce_figure1)
     reproduce.command("rules")(reproduce_rules)
-    reproduce.command("warm-starts")(reproduce_warm_starts)
     app.add_typer(reproduce, name="reproduce")
     app.command("bench")(bench)
     app.command("effectivity")(effectivity)
@@ -145,25 +144,6 @@ def reproduce_rules(
     from contact_app.studies.rules import compare_rules, table
 
     for line in table(compare_rules(subdomains)):
-        typer.echo(line)
-
-
-def reproduce_warm_starts(
-    data: Annotated[
-        Path | None,
-        typer.Option("--data", help="Directory with australian, diabetes, ionosphere .libsvm."),
-    ] = None,
-) -> None:
-    """Print what guesses of the active set are worth to MPRGP."""
-    from contact_app.studies.svm import find_data
-    from contact_app.studies.warm_starts import compare
-
-    try:
-        found = None if data is None else find_data(data)
-    except ValueError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(2) from error
-    for line in compare(found):
         typer.echo(line)
 
 

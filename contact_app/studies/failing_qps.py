@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from contact_app.studies.qp_solvers import Problem, random_box, support_vector_machine
 from solver.qp import examples
-from solver.qp.benchmark import Problem, random_box, support_vector_machine
 
 #: min ½ xᵀAx - bᵀx over lower ≤ x ≤ upper: A, b, lower, upper, x0.
 Data = tuple[Any, Any, Any, Any, Any]

@@ -36,9 +36,9 @@ from contact_app.scene.configuration import Configuration
 from contact_app.scene.scene import Scene
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case, Config
+from contact_app.studies.qp_solvers import RTOL, Problem, run_tao
 from solver import MPRGP, BoxQP
 from solver.errors import QPError
-from solver.qp.benchmark import RTOL, Problem, run_tao
 
 ENERGY, PENETRATION = 1e-6, 1e-6
 STRAINS = 1e-3

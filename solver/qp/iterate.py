@@ -17,7 +17,6 @@ from scipy.linalg.blas import daxpy
 from solver.errors import IndefiniteError, NotFiniteError, UnboundedError
 from solver.qp.block import Block
 from solver.qp.convex_set import Scratch
-from solver.qp.memory import CurvatureMemory
 from solver.qp.operators import Operator, estimate_norm
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Step
@@ -61,16 +60,12 @@ class Iterate:
         *,
         norm: float | None = None,
         preconditioner: Preconditioner | None = None,
-        memory: int = 0,
     ) -> None:
         self.qp = qp
         self.operator = qp.operator
         self.reduction = qp.reduction
         n = qp.size
-        self.memory = (
-            CurvatureMemory(n, memory, qp.reduction, preconditioner) if memory > 0 else None
-        )
-        self.preconditioner: Preconditioner | None = self.memory or preconditioner
+        self.preconditioner = preconditioner
         self.x = qp.start(x0)
         self.g, self.p, self.Ap = np.zeros(n), np.zeros(n), np.zeros(n)
         feasible = None if qp.feasible.is_everything else qp.feasible
@@ -105,7 +100,6 @@ class Iterate:
         self._image_beside: np.ndarray | None = None
         self.watch: Watch | None = None
         self._norm = norm
-        self._fresh = False  # p is the preconditioned free gradient itself
         self._beside = (0.0, 0.0, 0.0)
         self._marked: tuple[Vector, Vector] | None = None
         self._began = perf_counter()
@@ -205,8 +199,6 @@ class Iterate:
             )
         if relative <= ZERO_CURVATURE:
             return math.inf, longest
-        if self.memory is not None:
-            self.memory.observe(self.p, self.Ap)
         return slope / curvature, longest
 
     def advance(self, alpha: float, *, restart: bool = False, snap: bool = False) -> None:
@@ -237,7 +229,6 @@ class Iterate:
 
     def conjugate(self) -> None:
         """p = z - βp with β = zᵀAp / pᵀAp, A-orthogonal to the last p; z = g^f if plain."""
-        self._fresh = False
         beta = self.free_product / self.curvature
         for block in self.blocks:
             np.multiply(block.p, beta, out=block.p)
@@ -282,33 +273,6 @@ class Iterate:
             self._add_squares(sums, block)
         slope, standard = self._take(sums, slope, standard)
         return slope, standard
-
-    def anticipate(self) -> bool:
-        """Whether a step of length 1 along the remembered curvature would leave the box."""
-        if self.memory is None or not self.memory.ready or not self._fresh:
-            return False
-        steepest = 0.0
-        for block in self.blocks:
-            steepest = max(steepest, block.inverse_longest_step())
-        _, least = self.reduction.sums_and_minimum((), -steepest)
-        return -least > 1.0
-
-    def aim_projected(self) -> tuple[float, float, float]:
-        """p = x - P(x - p); returns gᵀp, ‖p‖² and g^rᵀg^f, g^r for the length 1/``largest``."""
-        slope = square = standard = 0.0
-        for block in self.blocks:
-            block.project_into(1.0, out=block.trial)
-            np.subtract(block.x, block.trial, out=block.p)
-            slope += float(np.dot(block.g, block.p))
-            square += float(np.dot(block.p, block.p))
-            block.reduced(1.0 / self.largest, out=block.s)
-            standard += float(np.dot(block.s, block.free))
-        slope, square, standard = self.reduction.sums(slope, square, standard)
-        return slope, square, standard
-
-    def aim_preconditioned(self) -> None:
-        """p = z, the preconditioned free gradient."""
-        np.copyto(self.p, self.z)
 
     def aim_reduced(self, alpha: float) -> None:
         """p = α g^r: the standard expansion as a direction that may be followed to its end."""
@@ -449,9 +413,6 @@ class Iterate:
     def _precondition(self, restart: bool) -> None:
         if self.preconditioner is None:
             return
-        if restart and self.memory is not None:
-            self.memory.restart(self.is_free)
-            self._fresh = True
         self.preconditioner.apply(self.free, self.is_free, self.z)
         product = 0.0
         for block in self.blocks:

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from solver.errors import UnboundedError
-from solver.qp.box_qp import BoxQP
 from solver.qp.expansion import Expansion, expansion_by_name
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.preconditioner import Preconditioner
-from solver.qp.result import Counts, Monitor, Reason, Result
+from solver.qp.result import Monitor, Reason, Result
 from solver.qp.separable_qp import SeparableQP
 from solver.vectors import Vector
 
@@ -27,9 +24,6 @@ Stop = Callable[[Iterate], "Reason | None"]
 
 #: The caller's own test of an iterate (local part); must answer the same on all ranks.
 AcceptIterate = Callable[[Vector], bool]
-
-LOOK = 0.1
-"""Share of the first gradient at which a look without the bounds ends."""
 
 TIGHTEN = 0.3
 """Factor on the tolerance where the caller's own test fails."""
@@ -59,14 +53,6 @@ class MPRGP:
         ‖A‖ if known; else the power method finds it where the expansion needs it.
     preconditioner : Preconditioner or None
         Applied to the free gradient; its result is cut to the free components.
-    memory : int
-        Pairs (p, Ap) kept over changes of the active set, as a preconditioner (``memory.py``).
-        Each costs four vectors, and four passes an iteration; 5 to 10 halve the products on
-        positive definite problems, and gain nothing on semidefinite ones.
-    look : int
-        Conjugate gradient steps without the bounds before the first, at most; the solve starts
-        from their end, clipped into the box: about the right active set for a few products. They
-        count, and no monitor sees them. Ten save products on most positive definite problems.
     """
 
     expansion: str | Expansion = "projcg-safe"
@@ -77,8 +63,6 @@ class MPRGP:
     max_iterations: int = 10_000
     norm: float | None = None
     preconditioner: Preconditioner | None = None
-    memory: int = 0
-    look: int = 0
 
     def solve(
         self,
@@ -103,12 +87,8 @@ class MPRGP:
         UnboundedError, IndefiniteError, NotFiniteError
             Naming the component.
         """
-        start, spent = self._look(qp, x0)
-        it = Iterate(
-            qp, start, norm=self.norm, preconditioner=self.preconditioner, memory=self.memory
-        )
+        it = Iterate(qp, x0, norm=self.norm, preconditioner=self.preconditioner)
         it.watch = watch
-        it.counts.hessian, it.counts.cg = spent.hessian, spent.cg
         it.measure_b()
         self.strategy.prepare(it)
         it.evaluate()
@@ -139,26 +119,6 @@ class MPRGP:
             history=it.history,
         )
 
-    def _look(self, qp: SeparableQP, x0: object) -> tuple[object, Counts]:
-        """Where a few CG steps without the bounds lead, and what they took.
-
-        Without bounds a semidefinite problem may have no minimum: then what was reached serves.
-        """
-        if self.look == 0 or qp.feasible.is_everything:
-            return x0, Counts()
-        free = BoxQP(qp.operator, qp.b)
-        it = Iterate(free, qp.start(x0), norm=self.norm, preconditioner=self.preconditioner)
-        it.measure_b()
-        it.evaluate()
-        tolerance = LOOK * it.projected_gradient_norm
-
-        def stop(it: Iterate) -> Reason | None:
-            return Reason.CONVERGED if it.projected_gradient_norm <= tolerance else None
-
-        with suppress(UnboundedError):
-            replace(self, max_iterations=self.look).minimise(it, stop)
-        return it.x, it.counts
-
     @property
     def strategy(self) -> Expansion:
         """The expansion as an object."""
@@ -181,8 +141,6 @@ class MPRGP:
                 return Reason.ROUND_OFF
             if it.chopped_square > self.gamma**2 * it.reduced_free:
                 step = proportioning_step(it)
-            elif anticipated_expansion(it):
-                step = "expansion"
             else:
                 alpha_cg, alpha_f = it.probe()
                 if math.isinf(alpha_cg) and math.isinf(alpha_f):
@@ -210,25 +168,6 @@ def expansion_step(it: Iterate, expansion: Expansion, alpha_cg: float, alpha_f: 
     expansion.expand(it, alpha_cg, alpha_f)
     it.counts.expansion += 1
     return "expansion"
-
-
-def anticipated_expansion(it: Iterate, kappa: float = 1e-3) -> bool:
-    """With a memory: the projected quasi-Newton step, one product instead of an expansion's two.
-
-    Where the step of length 1 along p = H g^f would leave the box, CG would spend a product to
-    learn that. The way to its projection is followed at once, to its minimum or its end, if it
-    descends enough (the tests of ``SafeguardedCG``, with the same guarantee).
-    """
-    if not it.anticipate():
-        return False
-    slope, square, decrease = it.aim_projected()
-    if slope <= kappa * decrease / it.largest or slope**2 <= kappa * decrease * square:
-        it.aim_preconditioned()
-        return False
-    length, _ = it.probe()
-    it.advance(min(length, 1.0), restart=True, snap=True)
-    it.counts.expansion += 1
-    return True
 
 
 def proportioning_step(it: Iterate) -> str:

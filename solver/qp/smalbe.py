@@ -306,7 +306,7 @@ class OuterIterations:
         )  # fmt: skip
         self._it = it = Iterate(
             self._augmented, x0, norm=self._inner_norm,
-            preconditioner=rules.inner.preconditioner, memory=rules.inner.memory,
+            preconditioner=rules.inner.preconditioner,
         )  # fmt: skip
         it.counts.norm_estimation += problem.products
         if restart is not None:

@@ -125,6 +125,15 @@ def test_where_the_dual_methods_fail_in_one_piece_displacements_are_solved_for(
     assert "unbounded" not in warning
 
 
+@pytest.mark.ratchet
+def test_contact_rows_that_rounding_holds_up_are_given_up_early() -> None:
+    """MPRGP would go on to the limit of steps, and the run would end without a certificate."""
+    summary = solve_scene(scenes.build(strip(500.0, [400, 2]), 1)).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "newton"
+    assert summary["solver"]["hessian_multiplications"] < 2000
+
+
 @pytest.mark.slow
 def test_a_long_strip_lifted_off_its_floor() -> None:
     """16,010 unknowns; an active set with 170 factors finds 1,408 rows and this energy."""

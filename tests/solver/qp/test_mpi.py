@@ -39,8 +39,6 @@ lines = []
 for expansion in ("projcg-safe", "projcg", "fixed", "gfgr-opt"):
     result = MPRGP(expansion, rtol=1e-11).solve(qp)
     lines.append((result.counts, np.concatenate(comm.allgather(result.x.getArray()))))
-result = MPRGP(rtol=1e-11, memory=4).solve(qp)
-lines.append((result.counts, np.concatenate(comm.allgather(result.x.getArray()))))
 result = SMALBE(MPRGP(rtol=1e-10)).solve(qp, C)
 assert result.converged, result.reason
 lines.append((result.counts, np.concatenate(comm.allgather(result.x.getArray()))))

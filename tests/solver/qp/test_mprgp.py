@@ -207,26 +207,3 @@ def test_a_rerun_from_the_solution_needs_one_product():
     qp = membrane(8)
     first = MPRGP().solve(qp)
     assert MPRGP().solve(qp, first.x).counts.hessian == 1
-
-
-@pytest.mark.ratchet
-def test_a_look_without_bounds_saves_products_and_finds_the_same_point():
-    plain_products = looked_products = 0
-    for m, seed in ((30, 0), (30, 2), (40, 0), (40, 1)):
-        qp = membrane(m, seed)
-        plain, looked = MPRGP(rtol=1e-8).solve(qp), MPRGP(rtol=1e-8, look=10).solve(qp)
-        np.testing.assert_allclose(looked.x, plain.x, atol=1e-6 * np.abs(plain.x).max())
-        found = looked.counts
-        steps = found.cg + 2 * found.expansion + found.proportioning
-        assert 2 <= found.hessian - steps <= 4  # a gradient for the look, and one after it
-        plain_products += plain.counts.hessian
-        looked_products += found.hessian
-    assert looked_products < 0.9 * plain_products
-
-
-def test_a_look_at_a_problem_without_minimum_off_the_bounds_does_no_harm():
-    A = np.diag([1.0, 0.0, 2.0])
-    qp = BoxQP(A, np.ones(3), lower=-1.0, upper=3.0)
-    result = MPRGP(rtol=1e-10, look=10).solve(qp)
-    assert result.converged
-    np.testing.assert_allclose(result.x, [1.0, 3.0, 0.5])

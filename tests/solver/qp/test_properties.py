@@ -74,11 +74,10 @@ def nearly_singular(A):
 @given(
     problem=problems(),
     alpha_u=st.sampled_from([0.5, 1.0, 1.9, 2.0]),
-    memory=st.sampled_from([0, 0, 5]),
 )
-def test_a_kkt_point_or_a_reason(expansion, problem, alpha_u, memory):
+def test_a_kkt_point_or_a_reason(expansion, problem, alpha_u):
     A, b, lower, upper = problem
-    solver = MPRGP(expansion, alpha_u, max_iterations=LIMIT, memory=memory)
+    solver = MPRGP(expansion, alpha_u, max_iterations=LIMIT)
     try:
         result = solver.solve(BoxQP(A, b, lower, upper))
     except UnboundedError:
@@ -99,13 +98,13 @@ def test_a_kkt_point_or_a_reason(expansion, problem, alpha_u, memory):
 
 
 @SETTINGS
-@given(problem=problems(), memory=st.sampled_from([0, 4]))
-def test_the_default_never_raises_the_cost(problem, memory):
+@given(problem=problems())
+def test_the_default_never_raises_the_cost(problem):
     A, b, lower, upper = problem
     costs: list[float] = []
     qp = BoxQP(A, b, lower, upper)
 
-    it = Iterate(qp, memory=memory)
+    it = Iterate(qp)
     it.measure_b()
     solver = MPRGP("projcg-safe", max_iterations=500)
     it.evaluate()

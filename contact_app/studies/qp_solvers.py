@@ -1,33 +1,28 @@
-"""MPRGP beside PETSc's TAO and OSQP on the same problems: ``python -m solver.qp.benchmark``.
+"""MPRGP beside PETSc's TAO on quadratic programs with bounds, and problems for other studies.
 
-Prints, and with ``--write`` puts into ``solver/README.md``, one table a problem: products with the
-Hessian (or with its free part, where a solver takes submatrices), seconds, and the norm of the
-projected gradient relative to ‖b‖, evaluated afterwards from the solution alone. All solvers
-start from zero and are asked for 1e-6 with products alone: the Newton solvers of TAO run without
+``python -m contact_app.studies.qp_solvers`` prints the table of ``solver/README.md``: products with
+the Hessian, or with its free part where a solver takes submatrices. All solvers start from zero and
+are asked for ‖g^P‖ ≤ 1e-6 ‖b‖ with products alone: the Newton solvers of TAO run without
 preconditioner, for their default one factors A. Products of TAO are the calls of MatMult that PETSc
-logs; OSQP factors a matrix once and multiplies in other ways, so it has iterations instead.
+logs.
 """
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
 from solver.qp.box_qp import BoxQP
-from solver.qp.expansion import expansion_names
 from solver.qp.mprgp import MPRGP
 from solver.vectors import Vector
 
 RTOL = 1e-6
 TAO = ("bnls", "bntr", "tron", "bncg", "bqnls")
-MARK = "<!-- table of python -m solver.qp.benchmark -->"
+MPRGP_EXPANSIONS = ("fixed", "gfgf-opt", "projcg", "projcg-safe")
 
 
 @dataclass(frozen=True)
@@ -57,11 +52,9 @@ class Problem:
 
 @dataclass(frozen=True)
 class Entry:
-    """One row of a table."""
+    """How a solver did: products with the Hessian, final ‖g^P‖/‖b‖, why it stopped early."""
 
-    solver: str
-    products: int | None
-    seconds: float
+    products: int
     residual: float
     note: str = ""
 
@@ -134,25 +127,13 @@ def support_vector_machine(loss: str, samples: int) -> Problem:
     return _problem(name, A, np.ones(samples), np.zeros(samples), upper)
 
 
-def run_mprgp(problem: Problem, expansion: str, memory: int = 0, look: int = 0) -> Entry:
-    """One expansion strategy."""
+def run_mprgp(problem: Problem, expansion: str) -> Entry:
+    """One expansion strategy; the products that estimate ‖A‖ count."""
     qp = BoxQP(problem.A, problem.b, problem.lower, problem.upper)
-    began = time.perf_counter()
-    solver = MPRGP(expansion, rtol=RTOL, max_iterations=20_000, memory=memory, look=look)
-    result = solver.solve(qp)
-    seconds = time.perf_counter() - began
+    result = MPRGP(expansion, rtol=RTOL, max_iterations=20_000).solve(qp)
     note = "" if result.converged else result.reason.name.lower().replace("_", " ")
-    if result.counts.norm_estimation:
-        note = f"{note} + {result.counts.norm_estimation} for ‖A‖".strip()
-    return Entry(
-        f"MPRGP {expansion}"
-        + (f", memory {memory}" if memory else "")
-        + (f", look {look}" if look else ""),
-        result.counts.hessian,
-        seconds,
-        problem.residual(result.x),
-        note,
-    )
+    products = result.counts.hessian + result.counts.norm_estimation
+    return Entry(products, problem.residual(result.x), note)
 
 
 def run_tao(problem: Problem, kind: str) -> Entry:
@@ -199,81 +180,27 @@ def run_tao(problem: Problem, kind: str) -> Entry:
     tao.setUp()
     event = PETSc.Log.Event("MatMult")
     before = event.getPerfInfo()["count"]
-    began = time.perf_counter()
     tao.solve()
-    seconds = time.perf_counter() - began
     products = event.getPerfInfo()["count"] - before
     note = "" if tao.getConvergedReason() > 0 else f"stopped: reason {tao.getConvergedReason()}"
-    entry = Entry(f"TAO {kind}", products, seconds, problem.residual(x.getArray().copy()), note)
+    entry = Entry(products, problem.residual(x.getArray().copy()), note)
     tao.destroy()
     return entry
 
 
-def run_osqp(problem: Problem) -> Entry | None:
-    """OSQP, if it is installed; polished, in double precision."""
-    try:
-        import osqp
-    except ImportError:
-        return None
-    solver = osqp.OSQP()
-    began = time.perf_counter()
-    solver.setup(
-        sparse.csc_matrix(sparse.triu(problem.A)),
-        -problem.b,
-        sparse.identity(problem.b.size, format="csc"),
-        problem.lower,
-        problem.upper,
-        eps_abs=1e-8,
-        eps_rel=1e-8,
-        max_iter=200_000,
-        verbose=False,
-        **{"polishing" if int(osqp.__version__.split(".")[0]) >= 1 else "polish": True},
-    )
-    found = solver.solve()
-    seconds = time.perf_counter() - began
-    note = f"{found.info.iter} iterations with one factorisation"
-    return Entry("OSQP", None, seconds, problem.residual(np.asarray(found.x)), note)
-
-
-def table(problem: Problem) -> str:
-    """Markdown table of all solvers on one problem."""
-    runs: list[Callable[[], Entry | None]] = [
-        *(lambda e=e: run_mprgp(problem, e) for e in expansion_names()),
-        *(lambda m=m: run_mprgp(problem, "projcg-safe", memory=m) for m in (5, 20)),
-        *(lambda m=m: run_mprgp(problem, "projcg-safe", memory=m, look=10) for m in (0, 5)),
-        *(lambda k=k: run_tao(problem, k) for k in TAO),
-        lambda: run_osqp(problem),
-    ]  # type: ignore[misc]
-    rows = [
-        f"**{problem.name}**\n",
-        "| solver | Hessian products | seconds | relative KKT residual | |",
-        "|---|---:|---:|---:|---|",
-    ]
-    for run in runs:
-        entry = run()
-        if entry is not None:
-            products = "" if entry.products is None else str(entry.products)
-            rows.append(
-                f"| {entry.solver} | {products} | {entry.seconds:.4f} | {entry.residual:.1e} "
-                f"| {entry.note} |"
-            )
-    return "\n".join(rows)
-
-
-def main() -> None:
-    """Make the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--write", action="store_true", help="put the tables into README.md")
-    arguments = parser.parse_args()
-    PETSc.Log.begin()
-    text = "\n\n".join(table(problem) for problem in problems())
-    print(text)
-    if arguments.write:
-        path = Path(__file__).parents[1] / "README.md"
-        before, _, rest = path.read_text(encoding="utf-8").partition(MARK)
-        _, _, after = rest.partition(MARK)
-        path.write_text(f"{before}{MARK}\n\n{text}\n\n{MARK}{after}", encoding="utf-8")
+def table() -> Iterator[str]:
+    """Lines of a Markdown table: products by problem and solver."""
+    solvers = (*MPRGP_EXPANSIONS, *(f"TAO `{kind}`" for kind in TAO))
+    yield f"| problem | {' | '.join(solvers)} |"
+    yield "|---|" + "---:|" * len(solvers)
+    for problem in problems():
+        entries = [run_mprgp(problem, expansion) for expansion in MPRGP_EXPANSIONS]
+        entries += [run_tao(problem, kind) for kind in TAO]
+        cells = (f"({e.products})" if e.note else str(e.products) for e in entries)
+        yield f"| {problem.name} | " + " | ".join(cells) + " |"
 
 
 if __name__ == "__main__":
-    main()
+    PETSc.Log.begin()
+    for line in table():
+        print(line)
