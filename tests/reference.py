@@ -268,6 +268,27 @@ class _AssembledBody:
             D, M = _assembled(ufl.div(v) * p * dx), _assembled(p * q / lame[0] * dx)
             self.stiffness = sp.csr_matrix(self.stiffness + D @ sp.diags(1.0 / M.diagonal()) @ D.T)
         self.load = np.zeros(self.points.shape[0] * dimension)
+        # (3 λ + 2 μ) α, with λ as it is in space: in plane stress times 2 μ / (λ + 2 μ)
+        self.thermal = []
+        for material in body.materials:
+            beta = material.young * material.expansion / (1 - 2 * material.poisson)
+            if plane == "stress":
+                beta *= (1 - 2 * material.poisson) / (1 - material.poisson)
+            self.thermal.append(beta)
+        self.tags = tags
+
+    def add_heat(self, rise: Any) -> None:
+        """Add the load of a temperature, interpolated finely; not with mean dilatation."""
+        make = fem.functionspace if NEW_DOLFINX else fem.FunctionSpace
+        space = make(self.domain, ("Lagrange", self.body.degree + 2))
+        constants = make(self.domain, ("DG", 0))
+        temperature, beta = fem.Function(space), fem.Function(constants)
+        temperature.interpolate(lambda x: rise(x.T))
+        beta.x.array[:] = np.array(self.thermal)[self.tags]
+        form = beta * temperature * ufl.div(ufl.TestFunction(self.space))
+        vector = assemble_vector(fem.form(form * ufl.dx(metadata={"quadrature_degree": 8})))
+        self.load += vector.array
+        vector.destroy()
 
     def add_load(
         self, boundary: str | None, force: Any = None, traction: Any = None, pressure: float = 0.0
@@ -355,6 +376,8 @@ def assemble(scene: Any) -> System:
         bodies[item.body].add_load(item.boundary, pressure=item.value)
     for item in scene.forces:
         bodies[item.body].add_load(None, force=item.vector)
+    for item in scene.temperatures:
+        bodies[item.body].add_heat(item.rise)
 
     first_node = np.concatenate(([0], np.cumsum([b.points.shape[0] for b in bodies])))
     dofs = first_node[-1] * dimension

@@ -13,6 +13,7 @@ the rule there is exact for what loads and constant stresses need, so that a pat
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -91,12 +92,42 @@ class Element:
         K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
         if materials[0].mean_dilatation:
             lam = self.of_cells(materials, plane).lame[0]
-            means = self.gradient_operator()
-            d = self.dimension
-            dilatation = sum(means[i * d + i :: d * d] for i in range(d))
+            dilatation = self._dilatation()
             K = (K + dilatation.T @ sparse.diags(lam * self.cell_volumes()) @ dilatation).tocsr()
         K.sort_indices()
         return K
+
+    def thermal_load(
+        self,
+        materials: tuple[Material, ...],
+        plane: str | None,
+        temperature: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    ) -> NDArray[np.float64]:
+        """Load ∫ β T div v, (unknowns,), of a temperature at points (n, 3) of the reference.
+
+        T is interpolated two degrees above the displacement, so that energies of different meshes
+        differ by their errors and not by that of T. With mean dilatation the part of the volume is
+        3 λ α |T| times the means of temperature and div v.
+        """
+        scalars = versions.scalar_space(self.mesh, self.reference.degree + 2)
+        rise, v = fem.Function(scalars), ufl.TestFunction(self.space)
+        rise.x.array[:] = temperature(scalars.tabulate_dof_coordinates())
+        shape, volume = self.of_cells(materials, plane).thermal_stress
+        averaged = materials[0].mean_dilatation
+        beta = self._cellwise(shape if averaged else shape + volume)
+        rule = {"quadrature_degree": 2 * self.reference.degree + 2 + 2 * self.reference.curved}
+        dx = ufl.dx(domain=self.mesh, metadata=rule)
+        load = self._load(beta * rise * ufl.div(v) * dx)
+        if averaged:
+            cells = versions.cellwise_scalars(self.mesh)
+            integral = self._assembled(rise * ufl.TestFunction(cells) * dx)
+            load += self._dilatation().T @ (volume * integral[versions.dof_nodes(cells).ravel()])
+        return load
+
+    def _dilatation(self) -> sparse.csr_matrix:
+        """Cell means of div u from unknowns, (cells, unknowns)."""
+        means, d = self.gradient_operator(), self.dimension
+        return sum(means[i * d + i :: d * d] for i in range(d))
 
     def of_cells(self, materials: tuple[Material, ...], plane: str | None) -> CellMaterials:
         """The materials of the cells, by their tags."""
@@ -136,6 +167,18 @@ class Element:
         """Cell means of the slopes of shape functions, (cells, nodes, dimension)."""
         return self._means[0]
 
+    @property
+    def mean_values(self) -> NDArray[np.float64]:
+        """Cell means of shape functions, (cells, nodes)."""
+        return self._means[2]
+
+    def mean_operator(self) -> sparse.csr_matrix:
+        """Cell means from values at nodes, (cells, nodes)."""
+        values, nodes = self.mean_values, self.reference.cells
+        starts = np.arange(len(nodes) + 1) * nodes.shape[1]
+        shape = (len(nodes), len(self.reference.points))
+        return sparse.csr_matrix((values.ravel(), nodes.ravel(), starts), shape=shape)
+
     def gradient_operator(self) -> sparse.csr_matrix:
         """Cell means of ∂u_i/∂x_j from unknowns, (cells · dimension², unknowns), j fastest."""
         d, slopes = self.dimension, self.mean_slopes
@@ -150,8 +193,8 @@ class Element:
         )
 
     @cached_property
-    def _means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """`mean_slopes` and volumes.
+    def _means(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """`mean_slopes`, volumes and `mean_values`.
 
         By the rule of the stiffness: exact for ∫ ∇φ dx.
         """
@@ -159,15 +202,16 @@ class Element:
         cell, curved = reference.cell, reference.curved
         rule = quadrature_degree(cell, reference.degree, curved)
         points, weights = versions.quadrature(cell, rule)
-        own, mapping = (
-            vtk_shapes(cell, degree, points)[1] for degree in (reference.degree, 2 if curved else 1)
+        (values, own), (_, mapping) = (
+            vtk_shapes(cell, degree, points) for degree in (reference.degree, 2 if curved else 1)
         )
         corners = reference.points[reference.cells[:, : mapping.shape[2]], :d]
         jacobian = np.einsum("cni,qkn->cqik", corners, mapping)
         volume = weights * np.abs(np.linalg.det(jacobian))
         volumes = volume.sum(axis=1)
         inverse = np.linalg.inv(jacobian) * (volume / volumes[:, None])[..., None, None]
-        return np.einsum("cqkj,qkn->cnj", inverse, own, optimize=True), volumes
+        slopes = np.einsum("cqkj,qkn->cnj", inverse, own, optimize=True)
+        return slopes, volumes, (volume / volumes[:, None]) @ values
 
     def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:
         """σ(u); without λ tr(ε) where that is taken from means over cells."""

@@ -7,7 +7,9 @@ material, length L, mean cross-section A, thickness t and cells of size h:
 
     F L / (E A) (1 + 4 (L/t)²) + F / (E h)    (in the plane 4 F / E),
 
-on top of the largest displacement that is prescribed and the deepest overlap; twice that is taken.
+on top of the largest displacement that is prescribed, the deepest overlap and what free thermal
+strains of up to ε add up to, ε L (1 + L/t), the bow of a plate that is hot on one side among them;
+twice that is taken.
 Of rows at a node whose directions are less than 1e-2 apart only the nearest is kept: the others
 say nearly the same, which makes F singular but for the square of that angle (an obstacle given
 twice, once a little turned, takes hundreds of times as many steps).
@@ -42,7 +44,7 @@ Needed = Literal["all", "estimated"] | NDArray[np.bool_]
 def reaches(
     scene: Scene,
     groups: list[NDArray[np.int64]],
-    forces: NDArray[np.float64],
+    pushing: tuple[NDArray[np.float64], NDArray[np.float64]],
     held: NDArray[np.bool_],
     overlaps: NDArray[np.float64],
 ) -> NDArray[np.float64]:
@@ -52,13 +54,14 @@ def reaches(
     ----------
     groups
         Bodies that may touch each other.
-    forces : (bodies,)
-        Sum of the magnitudes of the nodal loads on each body.
+    pushing : (bodies,), (bodies,)
+        Sum of the magnitudes of the nodal loads on each body, and its free thermal strain.
     held : (bodies,)
         Whether the conditions stop every rigid motion of a body.
     overlaps : (contacts,)
         Deepest initial overlap of each contact, zero or more.
     """
+    forces, strains = pushing
     bound = np.full(len(scene.bodies), np.inf)
     for group in groups:
         moved = [
@@ -68,6 +71,7 @@ def reaches(
         ]
         depth = [overlaps[i] for i, c in enumerate(scene.touching) if c.body in group]
         pushed = max(moved, default=0.0) + max(depth, default=0.0)
+        pushed += sum(strains[b] * _growth(scene, int(b)) for b in group if strains[b])
         force = float(forces[group].sum())
         for b in group:
             if held[group].all():
@@ -78,6 +82,14 @@ def reaches(
             for c in scene.touching
         ]
     )
+
+
+def _growth(scene: Scene, number: int) -> float:
+    """Displacement of a body by free thermal strains of up to one, estimated from its size."""
+    mesh = scene.bodies[number].mesh
+    sides = np.subtract(mesh.upper, mesh.lower)
+    length = float(np.linalg.norm(sides))
+    return length * (1.0 + length / float(sides.min()))
 
 
 def _softness(scene: Scene, number: int) -> float:

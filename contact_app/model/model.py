@@ -58,6 +58,8 @@ class Model:
         How far the nodes of each contact may come nearer, (contacts,).
     linear
         The tractions of total forces and moments.
+    temperatures
+        At the nodes of each class, (nodes, members); None where a class is without heat.
     probes
         The cells of points whose displacement is asked for.
     notes
@@ -76,6 +78,7 @@ class Model:
     reach: NDArray[np.float64]
     linear: tuple[LinearTraction, ...] = ()
     probes: tuple[Probe, ...] = ()
+    temperatures: tuple[NDArray[np.float64] | None, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -165,6 +168,7 @@ def _built(
         reach=known.reach,
         linear=known.linear,
         probes=known.probes,
+        temperatures=tuple(_temperatures(known, members) for members in classes.values()),
         notes=tuple(_notes(scene, known, problem)),
     )
 
@@ -223,9 +227,10 @@ def _assembled(
     forces = np.zeros((stiffness.shape[0], len(members)), order="F")
     lift = np.zeros_like(forces)
     for nth, local in enumerate(members):
-        load, own = known.loads[local], lifting[local]
-        if load is not None:
-            forces[:, nth] = load
+        own = lifting[local]
+        for load in (known.loads[local], known.thermal[local]):
+            if load is not None:
+                forces[:, nth] += load
         if own is not None:
             lift[own[0], nth] = own[1]
     lifted = lifting[members[0]]
@@ -241,6 +246,15 @@ def _assembled(
         eliminated=None if lifted is None else lifted[0],
         bodies=np.array([partition.subdomains[local].body for local in members], np.int64),
     )
+
+
+def _temperatures(known: Outline, members: list[int]) -> NDArray[np.float64] | None:
+    """Temperatures of a class, (nodes, members); None without heat."""
+    found = [known.temperatures[local] for local in members]
+    if all(t is None for t in found):
+        return None
+    count = len(known.partition.subdomains[members[0]].nodes)
+    return np.stack([np.zeros(count) if t is None else t for t in found], axis=1)
 
 
 Lifting = tuple[NDArray[np.int64], NDArray[np.float64]]

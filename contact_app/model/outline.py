@@ -25,6 +25,7 @@ from contact_app.model.conditions import (
 )
 from contact_app.model.decomposition import choose_split
 from contact_app.model.equilibrium import body_balances, groups_in_contact
+from contact_app.model.heat import free_strains, node_temperatures, thermal_loads
 from contact_app.model.loads import load_vectors
 from contact_app.model.probes import Probe, locate_probes
 from contact_app.model.surface_copies import SurfaceCopies
@@ -82,6 +83,9 @@ class Outline:
         The cells of points whose displacement is asked for.
     loads
         Load vector of each subdomain of this rank, None where nothing acts.
+    temperatures, thermal
+        Temperatures at the nodes of each subdomain of this rank and the loads by which they expand
+        it, None without heat.
     balances
         What holds each body.
     """
@@ -99,6 +103,8 @@ class Outline:
     linear: tuple[LinearTraction, ...]
     probes: tuple[Probe, ...]
     loads: list[NDArray[np.float64] | None]
+    temperatures: list[NDArray[np.float64] | None]
+    thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
 
     @property
@@ -146,6 +152,7 @@ def outline(
     surface, probes = SurfaceCopies(partition), locate_probes(scene, partition)
     with agreed(comm):
         conditions = node_conditions(scene, partition)
+        temperatures = node_temperatures(scene, partition)
     refuse_empty_boundaries(scene, partition, conditions)
     length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
     exchange = NodeExchange(comm, surface.nodes, partition.nodes)
@@ -175,16 +182,19 @@ def outline(
     with timings.measure("assembly"):
         linear = linear_tractions(scene, partition, elements)
         loads = load_vectors(scene, partition, elements, linear)
+        with agreed(comm):
+            thermal = thermal_loads(scene, partition, elements, temperatures)
     balances = body_balances(scene, partition, held, contact, loads)
     reach = np.full(len(scene.touching), np.inf)
     if not isinstance(needed, str) or needed == "estimated":
-        reach = _reach(scene, partition, contact, loads, balances)
+        strains = free_strains(scene, partition, temperatures)
+        reach = _reach(scene, partition, contact, (loads, strains), balances)
     if isinstance(needed, str):
         all_rows = np.ones(len(contact.nodes), bool)
         needed = all_rows if needed == "all" else estimated(contact, reach)
     return Outline(
         partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed),
-        merged, reach, elements, linear, probes, loads, balances,
+        merged, reach, elements, linear, probes, loads, temperatures, thermal, balances,
     )  # fmt: skip
 
 
@@ -192,10 +202,17 @@ def _reach(
     scene: Scene,
     partition: Partition,
     contact: ContactRows,
-    loads: Iterable[NDArray[np.float64] | None],
+    pushing: tuple[Iterable[NDArray[np.float64] | None], NDArray[np.float64]],
     balances: list[BodyBalance],
 ) -> NDArray[np.float64]:
-    """How far the nodes of each contact may come nearer, (contacts,) (collective)."""
+    """How far the nodes of each contact may come nearer, (contacts,) (collective).
+
+    Parameters
+    ----------
+    pushing
+        Loads of this rank's subdomains, and the free thermal strain of each body.
+    """
+    loads, strains = pushing
     forces, overlaps = np.zeros(len(scene.bodies)), np.zeros(len(scene.touching))
     for s, load in zip(partition.subdomains, loads, strict=True):
         if load is not None:
@@ -204,7 +221,7 @@ def _reach(
     forces = partition.comm.allreduce(forces)
     overlaps = np.max(partition.comm.allgather(overlaps), axis=0)
     held = np.array([b.held for b in balances])
-    return reaches(scene, groups_in_contact(scene), forces, held, overlaps)
+    return reaches(scene, groups_in_contact(scene), (forces, strains), held, overlaps)
 
 
 def left_out_notes(scene: Scene, known: Outline) -> list[str]:

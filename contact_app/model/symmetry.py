@@ -30,6 +30,7 @@ from contact_app.scene.conditions import (
     Contact,
     DisplacementCondition,
     Pressure,
+    Temperature,
     Traction,
 )
 from contact_app.scene.obstacles import Cylinder, Obstacle, Plane, Sphere
@@ -176,6 +177,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
             parts[body, boundary] = found
         return parts[body, boundary]
 
+    _refuse_uneven_heat(scene, mirror, [half.kept for half in halves])
     described = _Described(_size(scene), [half.kept for half in halves], part)
     _refuse_unpaired(scene, mirror, described)
 
@@ -202,6 +204,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
         forces=kept(scene.forces),
         contacts=kept(scene.contacts),
         pairs=kept(scene.pairs),
+        temperatures=kept(scene.temperatures),
         decomposition=_divided(scene.decomposition, left),
         mirrors=(
             *scene.mirrors,
@@ -428,6 +431,32 @@ def _refuse_unpaired(scene: Scene, mirror: Mirror, described: _Described) -> Non
             raise AsymmetryError(f"{item.source} has no mirror image")
 
 
+def _refuse_uneven_heat(scene: Scene, mirror: Mirror, kept: list[int]) -> None:
+    """Refuse temperatures that differ at nodes and middles of cells from those at their images."""
+    for item in scene.temperatures:
+        partners = [k for k, number in enumerate(kept) if number == kept[item.body]]
+        image = next((k for k in partners if k != item.body), item.body)
+        points = _nodes_and_middles(scene.bodies[item.body])
+        here, there = (
+            sum((t.rise(x) for t in scene.temperatures if t.body == body), np.zeros(len(x)))
+            for body, x in ((item.body, points), (image, mirror.image(points)))
+        )
+        if not np.allclose(here, there, rtol=0.0, atol=SAME * float(np.abs(here).max())):
+            raise AsymmetryError(f"the temperature of {item.source} is not its mirror image")
+
+
+def _nodes_and_middles(body: Body) -> NDArray[np.float64]:
+    """Points (n, 3) all over a body."""
+    mesh: Any = body.mesh
+    if isinstance(mesh, Box):
+        ends = zip(mesh.lower, mesh.upper, mesh.cells, strict=True)
+        axes = np.meshgrid(*[np.linspace(a, b, 2 * n + 1) for a, b, n in ends])
+        points = np.stack([axis.ravel() for axis in axes], axis=1)
+    else:
+        points = np.concatenate([mesh.points, mesh.points[mesh.cells].mean(axis=1)])
+    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+
+
 def _boundaries(item: Item) -> list[tuple[int, str]]:
     """Bodies and boundaries an item names."""
     if isinstance(item, BodyForce):
@@ -453,7 +482,7 @@ def _is_kept(
     item: Item, scene: Scene, halves: list[_Half], part: Callable[[int, str], _Part]
 ) -> bool:
     """Whether an item acts on what is kept."""
-    if isinstance(item, BodyForce):
+    if isinstance(item, BodyForce | Temperature):
         return halves[item.body].body is not None
     by_facets = isinstance(item, Traction | Pressure | BodyContact)
     by_facets |= isinstance(item, Contact) and has_averaged_rows(scene.bodies[item.body])

@@ -127,15 +127,16 @@ def cell_fields(model: Model, solution: Solution) -> CellFields:
     d, scene = model.scene.dimension, model.scene
     by_class, energies = [], []
     largest = np.zeros(2)
-    for element, materials, u in zip(
-        model.elements, model.materials, solution.displacements, strict=True
+    for element, materials, u, heat in zip(
+        model.elements, model.materials, solution.displacements, model.temperatures, strict=True
     ):
         gradient = (element.gradient_operator() @ u).T.reshape(u.shape[1], -1, d, d)
         transposed = np.swapaxes(gradient, -1, -2)
         strain, rotation = 0.5 * (gradient + transposed), 0.5 * (gradient - transposed)
         largest = np.maximum(largest, [np.abs(strain).max(), np.abs(rotation).max()])
         material = element.of_cells(materials, scene.plane)
-        by_class.append(material.stress(gradient))
+        warmth = None if heat is None else (element.mean_operator() @ heat).T
+        by_class.append(material.stress(gradient, warmth))
         energies.append(material.energy_density(strain) @ element.cell_volumes())
     stresses = [by_class[cls][column] for cls, column in model.place]
     joined = np.concatenate(stresses) if stresses else np.zeros((0, 6))

@@ -153,7 +153,9 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
     ]
     for i, body in enumerate(scene.bodies):
         materials = "; ".join(
-            f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}" for m in body.materials
+            f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}"
+            + (f", expansion {m.expansion:g} per degree" if m.expansion else "")
+            for m in body.materials
         )
         element = ", degree 2" if body.degree == 2 else ""
         if body.mean_dilatation:
@@ -192,6 +194,11 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         lines.append(
             f"{force.source}: {scene.bodies[force.body].name} loaded by {_vector(force.vector)} "
             "per volume"
+        )
+    for heat in scene.temperatures:
+        lines.append(
+            f"{heat.source}: {scene.bodies[heat.body].name} warmer by {heat.rise.text} than free "
+            "of stress"
         )
     for i, contact in enumerate(scene.contacts):
         obstacle = contact.obstacle.describe(scene.dimension)

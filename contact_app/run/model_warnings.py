@@ -50,6 +50,7 @@ SIMPLICES = ("triangle", "tetrahedron")
 LARGE_ERROR = 0.4
 ROUNDED_STRAINS = 1e-3
 STRADDLED = 0.01
+SMALL_PART = 0.05
 """Rounding errors over strains from which on the user is told of them."""
 
 VARYING_ENERGY = 0.3
@@ -201,6 +202,23 @@ def _coarse_meshes(answer: Answer) -> Iterator[str]:
         )
 
 
+def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
+    """Stresses that are small beside those which would stop the expansion by heat."""
+    accuracy = answer.solution.accuracy
+    if not answer.model.scene.temperatures or accuracy is None:
+        return
+    if np.isnan(accuracy.algebraic):
+        yield (
+            "the bodies expand by their temperature without stress beyond rounding errors: no "
+            "relative error can be told"
+        )
+    elif accuracy.algebraic > SMALL_PART:
+        yield (
+            f"stresses are small beside what the temperature expands, and the solver's share of "
+            f"their error may reach {100.0 * accuracy.algebraic:.2g} %: lower solver.tolerance"
+        )
+
+
 def _straddled_facets(answer: Answer) -> Iterator[str]:
     """Loads on boundaries whose edge runs through facets."""
     scene, partition = answer.model.scene, answer.model.partition
@@ -340,6 +358,7 @@ def _sliding_on_each_other(
 CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _beside_obstacles, _between_nodes,
     _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending, _moved_far,
-    _coarse_meshes, _straddled_facets, _without_facets, _certificates, _free_motions,
+    _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates,
+    _free_motions,
 )  # fmt: skip
 """What an answer is asked, in the order in which its warnings are told."""

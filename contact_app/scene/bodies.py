@@ -156,6 +156,11 @@ class Body:
         return self.mesh.nodes_of(self.degree)
 
     @property
+    def expansion(self) -> float:
+        """Largest coefficient of thermal expansion of its materials, in size."""
+        return max(abs(material.expansion) for material in self.materials)
+
+    @property
     def softest(self) -> float:
         """Smallest Young's modulus of its materials."""
         return min(material.young for material in self.materials)

@@ -20,6 +20,7 @@ from contact_app.scene.conditions import (
     Contact,
     DisplacementCondition,
     Pressure,
+    Temperature,
     TotalLoad,
     Traction,
 )
@@ -66,6 +67,7 @@ def build_scene(
         pressures=tuple(x for x in conditions if isinstance(x, Pressure)),
         forces=tuple(x for x in conditions if isinstance(x, BodyForce)),
         total_loads=tuple(x for x in conditions if isinstance(x, TotalLoad)),
+        temperatures=tuple(x for x in conditions if isinstance(x, Temperature)),
         contacts=tuple(x for x in contacts if isinstance(x, Contact)),
         pairs=tuple(x for x in contacts if isinstance(x, BodyContact)),
         decomposition=decomposition,
@@ -80,8 +82,8 @@ def build_scene(
     if not _loaded(scene):
         keys.fail(
             ("conditions",),
-            "load nothing: give a traction, pressure, force, total_force, total_moment or "
-            "non-zero displacement, an interference, or an "
+            "load nothing: give a traction, pressure, force, total_force, total_moment, "
+            "temperature or non-zero displacement, an interference, or an "
             "obstacle or a body that overlaps another body",
         )
     return scene
@@ -190,7 +192,8 @@ def _loaded(scene: Scene) -> bool:
     moved |= any(contact.interference > 0.0 for contact in scene.touching)
     entered = any(_may_enter(scene.bodies, contact) for contact in scene.contacts)
     overlapping = any(_may_overlap(scene.bodies, pair) for pair in scene.pairs)
-    return pressed or moved or entered or overlapping
+    heated = not all(item.rise.vanishes for item in scene.temperatures)
+    return pressed or heated or moved or entered or overlapping
 
 
 def _may_enter(bodies: tuple[Body, ...], contact: Contact) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.scene.expressions import FieldExpression
 from contact_app.scene.obstacles import Obstacle
 
 
@@ -66,6 +67,15 @@ class BodyForce:
 
     body: int
     vector: tuple[float, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Rise of the temperature of a body over that at which it is free of stress."""
+
+    body: int
+    rise: FieldExpression
     source: str
 
 

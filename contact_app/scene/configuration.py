@@ -148,6 +148,9 @@ class Material(Model):
 
     young: Positive = Field(description="Young's modulus (force per area), above 0.")
     poisson: Number = Field(description="Poisson's ratio, -1 < ν < 0.5.")
+    expansion: Number = Field(
+        0.0, description="Coefficient of thermal expansion (strain per degree)."
+    )
     yield_stress: Positive | None = Field(
         None,
         alias="yield",
@@ -197,13 +200,18 @@ class Condition(Model):
     """A displacement or a load."""
 
     on: str | None = Field(None, description="Boundary, as body.boundary.")
-    inside: str | None = Field(None, alias="in", description="Body, for a force.")
+    inside: str | None = Field(None, alias="in", description="Body, for a force or a temperature.")
     displacement: Annotated[list[Number | None], Field(min_length=1, max_length=3)] | None = Field(
         None, description="Displacement by component (length); null leaves a component free."
     )
     traction: Numbers | None = Field(None, description="Force per area.")
     pressure: Number | None = Field(None, description="Pressure against the outward normal.")
     force: Numbers | None = Field(None, description="Force per volume.")
+    temperature: Number | str | None = Field(
+        None,
+        description="Rise over the temperature at which the body is free of stress: a number of "
+        "degrees or an expression in x, y, z; several of one body add up.",
+    )
     total_force: Numbers | None = Field(
         None,
         description="Force on the whole boundary, as a uniform traction that adds up to it on "
@@ -219,6 +227,17 @@ class Condition(Model):
         description="Point at which total_force and total_moment act, on the body or away from it "
         "(length); the centroid of the boundary unless given.",
     )
+
+    @field_validator("temperature", mode="wrap")
+    @classmethod
+    def _temperature(cls, value: Any, check: Callable[[Any], Any]) -> Any:
+        try:
+            return check(value)
+        except ValidationError:
+            raise PydanticCustomError(
+                "told", "is {value}; allowed: a number, or an expression in x, y, z",
+                {"value": _shown(value)},
+            ) from None  # fmt: skip
 
 
 class Plane(Model):

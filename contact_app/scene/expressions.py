@@ -1,4 +1,4 @@
-"""Boundaries by expression: arithmetic and comparisons in x, y and z, parsed, never executed.
+"""Boundaries and fields by expression: arithmetic in x, y and z, parsed, never executed.
 
 The text is parsed by Python's own grammar into a tree, every node of which must be on a short
 list; the tree is then evaluated with numpy on all points at once. Names other than the variables,
@@ -102,17 +102,7 @@ class Expression:
         ExpressionError
             With what is wrong and what is allowed.
         """
-        if len(text) > LONGEST:
-            raise ExpressionError(f"is longer than {LONGEST} characters")
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of Python's own taste, as in `1or x`
-                tree = ast.parse(text.strip(), mode="eval").body
-        except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise ExpressionError(f"is no expression ({text!r}); allowed: {ALLOWED}") from None
-        if _depth(tree) > DEEPEST:
-            raise ExpressionError(f"is nested deeper than {DEEPEST} levels")
-        kind = _check(tree, variables)
+        tree, kind = _parsed(text, variables)
         if kind != "condition":
             raise ExpressionError("is a number, not a condition; compare it, as in `z < 0.1`")
         return cls(text, tree)
@@ -131,6 +121,66 @@ class Expression:
             message = f"`{_source(self.tree)}` has no value at some points, which are left out"
             warnings.warn(message, UndecidedWarning, stacklevel=2)
         return np.broadcast_to(true, len(points)).copy()
+
+
+@dataclass(frozen=True)
+class FieldExpression:
+    """A number at points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> FieldExpression.parse("20 + 5 * x")(np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])).tolist()
+    [20.0, 30.0]
+    """
+
+    text: str
+    tree: ast.expr
+
+    @classmethod
+    def parse(cls, text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> FieldExpression:
+        """Parse and check a text; nothing is evaluated.
+
+        Raises
+        ------
+        ExpressionError
+            With what is wrong and what is allowed.
+        """
+        tree, kind = _parsed(text, variables)
+        if kind != "number":
+            raise ExpressionError("is a condition, not a number, as in `20 + 5 * x`")
+        return cls(text, tree)
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is the same everywhere."""
+        return not any(isinstance(n, ast.Name) and n.id in "xyz" for n in ast.walk(self.tree))
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether it is zero everywhere."""
+        return self.constant and not self(np.zeros((1, 3))).any()
+
+    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The number at each of the points (n, 3), (n,); NaN or infinite where it has no value."""
+        with np.errstate(all="ignore"):
+            found = _number(self.tree, dict(zip("xyz", points.T, strict=True)))
+        return np.broadcast_to(np.asarray(found, float), len(points)).copy()
+
+
+def _parsed(text: str, variables: tuple[str, ...]) -> tuple[ast.expr, str]:
+    """The tree of a text, and whether it is a `number` or a `condition`."""
+    if len(text) > LONGEST:
+        raise ExpressionError(f"is longer than {LONGEST} characters")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of Python's own taste, as in `1or x`
+            tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ExpressionError(f"is no expression ({text!r}); allowed: {ALLOWED}") from None
+    if _depth(tree) > DEEPEST:
+        raise ExpressionError(f"is nested deeper than {DEEPEST} levels")
+    return tree, _check(tree, variables)
 
 
 def _depth(tree: ast.AST) -> int:

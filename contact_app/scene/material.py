@@ -1,6 +1,7 @@
 """What a body is made of: moduli, stress and energy of isotropic linear elasticity.
 
-Small strain: σ = λ tr(ε) I + 2 μ ε with Lamé's parameters. In plane stress λ is replaced by
+Small strain: σ = λ tr(ε - α T I) I + 2 μ (ε - α T I) with Lamé's parameters, the coefficient of
+thermal expansion α and the rise of temperature T. In plane stress λ is replaced by
 2λμ/(λ + 2μ), so that the same formula gives the stresses in the plane. Stresses are in the unit of
 Young's modulus. All else in the application asks these objects and computes no modulus of its own.
 """
@@ -31,12 +32,15 @@ class Material:
         Whether the change of volume is taken as its mean over each cell (B-bar).
     yield_stress
         Von Mises stress (force per area) above which the answer is warned of, if any.
+    expansion
+        α, strain per degree.
     """
 
     young: float
     poisson: float
     mean_dilatation: bool = False
     yield_stress: float | None = None
+    expansion: float = 0.0
 
     def lame(self, plane: str | None) -> tuple[float, float]:
         """Lamé's λ (reduced in plane stress) and μ."""
@@ -45,6 +49,16 @@ class Material:
         if plane == "stress":
             lam = 2.0 * lam * mu / (lam + 2.0 * mu)
         return lam, mu
+
+    def thermal_stress(self, plane: str | None) -> tuple[float, float]:
+        """What heat takes from σ, per degree: 2 μ α by the shape and m λ α by the volume.
+
+        It does so in each normal direction. m is 3, and 2 in plane stress, where λ is reduced: α T
+        strains in all three directions, and the one across the plane is free there.
+        """
+        lam, mu = self.lame(plane)
+        count = 2.0 if plane == "stress" else 3.0
+        return 2.0 * mu * self.expansion, count * lam * self.expansion
 
     def elasticity(self, plane: str | None, dimension: int) -> tuple[Array, Array]:
         """D of σ = D ε in two parts, of the shape and of the volume.
@@ -89,10 +103,20 @@ class CellMaterials:
         """Lamé's λ and μ of each cell, (2, cells)."""
         return np.array([m.lame(self.plane) for m in self.materials]).T[:, self.tags]
 
-    def stress(self, gradient: Array) -> Array:
+    @cached_property
+    def thermal_stress(self) -> Array:
+        """`Material.thermal_stress` of each cell, (2, cells)."""
+        return np.array([m.thermal_stress(self.plane) for m in self.materials]).T[:, self.tags]
+
+    def stress(self, gradient: Array, temperature: Array | None = None) -> Array:
         """Stress xx, yy, zz, xy, yz, xz (…, cells, 6) of displacement gradients (…, cells, d, d).
 
         In the plane yz and xz vanish; zz does too in plane stress.
+
+        Parameters
+        ----------
+        temperature : (…, cells)
+            Rise over the temperature without stress.
         """
         lam, mu = self.lame
         strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
@@ -107,6 +131,10 @@ class CellMaterials:
             result[..., 5] = 2.0 * mu * strain[..., 0, 2]
         elif self.plane == "strain":
             result[..., 2] = volumetric
+        if temperature is not None:
+            strained = 2 if self.plane == "stress" else 3
+            missing = self.thermal_stress.sum(axis=0) * temperature
+            result[..., :strained] -= missing[..., None]
         return result
 
     def energy_density(self, strain: Array) -> Array:

@@ -128,7 +128,12 @@ def _material(keys: Keys, material: c.Material, path: Place) -> Material:
             f"is within {NEAREST_HALF:g} of {0.5 if poisson > 0 else -1}, where round-off "
             "would decide the answer; at most 0.4999 is recommended",
         )
-    return Material(material.young, poisson, yield_stress=material.yield_stress)
+    return Material(
+        material.young,
+        poisson,
+        yield_stress=material.yield_stress,
+        expansion=material.expansion,
+    )
 
 
 def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:

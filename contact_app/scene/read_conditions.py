@@ -12,13 +12,15 @@ from contact_app.scene.conditions import (
     Contact,
     DisplacementCondition,
     Pressure,
+    Temperature,
     TotalLoad,
     Traction,
 )
+from contact_app.scene.expressions import ExpressionError, FieldExpression
 from contact_app.scene.keys import Keys, Place, Vector
 from contact_app.scene.obstacles import SHAPES, Obstacle
 
-Condition = DisplacementCondition | Traction | Pressure | BodyForce | TotalLoad
+Condition = DisplacementCondition | Traction | Pressure | BodyForce | TotalLoad | Temperature
 
 TOTALS = ("total_force", "total_moment")
 
@@ -57,7 +59,7 @@ class ConditionReader:
         """A support or load."""
         path: Place = ("conditions", i)
         source = f"conditions[{i}]"
-        given = [k for k in ("displacement", "traction", "pressure", "force")
+        given = [k for k in ("displacement", "traction", "pressure", "force", "temperature")
                  if getattr(condition, k) is not None]  # fmt: skip
         total = [k for k in TOTALS if getattr(condition, k) is not None]
         if total and not given:
@@ -71,13 +73,19 @@ class ConditionReader:
             self.keys.fail(
                 path,
                 f"has {' and '.join(given) or 'no kind'}; exactly one of displacement, traction, "
-                "pressure, force, or total_force and total_moment, is allowed",
+                "pressure, force, temperature, or total_force and total_moment, is allowed",
             )
         kind = given[0]
-        if kind == "force":
+        if kind in ("force", "temperature"):
             if condition.inside is None or condition.on is not None:
-                self.keys.fail(path, "a force acts `in` a body, e.g. {in: cube, force: [0, 0, -1]}")
+                example = {"force": "[0, 0, -1]", "temperature": "80"}[kind]
+                name = self.names[0]
+                self.keys.fail(
+                    path, f"a {kind} acts `in` a body, e.g. {{in: {name}, {kind}: {example}}}"
+                )
             body = self._name(condition.inside, (*path, "in"))
+            if kind == "temperature":
+                return self._temperature(body, condition.temperature, path)
             vector = self.keys.vector(condition.force or [], (*path, "force"), "a force")
             return BodyForce(body, vector, source)
         if condition.on is None or condition.inside is not None:
@@ -98,6 +106,22 @@ class ConditionReader:
         if all(v is None for v in values):
             self.keys.fail((*path, kind), "leaves every component free; give a number for one")
         return DisplacementCondition(body, boundary, tuple(values), source)
+
+    def _temperature(self, body: int, given: float | str | None, path: Place) -> Temperature:
+        """A rise of temperature, of a body that expands by it."""
+        keys, at = self.keys, (*path, "temperature")
+        if self.bodies[body].expansion == 0.0:
+            keys.fail(
+                at,
+                f"does nothing: no material of {self.names[body]} has an `expansion`, e.g. "
+                "{young: 2.1e5, poisson: 0.3, expansion: 1.2e-5}",
+            )
+        try:
+            text = given if isinstance(given, str) else repr(given)
+            rise = FieldExpression.parse(text, ("x", "y", "z")[: keys.dimension])
+        except ExpressionError as error:
+            keys.fail(at, str(error))
+        return Temperature(body, rise, f"conditions[{path[1]}]")
 
     def _total_load(self, condition: c.Condition, path: Place, source: str) -> TotalLoad:
         """A total force and moment; `at` in the space of the scene."""

@@ -21,6 +21,7 @@ from contact_app.scene.conditions import (
     ContactName,
     DisplacementCondition,
     Pressure,
+    Temperature,
     TotalLoad,
     Traction,
 )
@@ -93,6 +94,8 @@ class Scene:
         The planes at which it was cut: the bodies are what is left below them.
     total_loads
         Forces and moments on boundaries.
+    temperatures
+        Rises of temperature of bodies; those of one body add up.
     """
 
     title: str
@@ -114,6 +117,7 @@ class Scene:
     guaranteed: bool = False
     mirrors: tuple[Mirror, ...] = ()
     total_loads: tuple[TotalLoad, ...] = ()
+    temperatures: tuple[Temperature, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:

@@ -112,6 +112,8 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
         raise UnsuitableError(f"it has {len(body.materials)} materials")
     if scene.total_loads:
         raise UnsuitableError("it has a total force or moment")
+    if scene.temperatures:
+        raise UnsuitableError("it has a temperature")
     if body.mean_dilatation:
         raise UnsuitableError("its change of volume is taken as a mean over cells")
     if scene.contacts and has_averaged_rows(body):

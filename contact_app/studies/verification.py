@@ -10,6 +10,8 @@ the answer beside those of the theory. How each is measured:
   the punch, |x| ≤ a/2, as the root mean square of p √(a² - x²) π/P - 1. P is the force found. The
   block is 16 half-widths wide and high instead of infinite; what that costs is part of the error.
 * Press fit: mean pressure over the nodes of the rim that touch.
+* Interference fit and shrink fit: resultant on the quarter over its radius, and the largest nodal
+  pressure.
 * Thick ring: the errors in L2 of displacement and stress, relative to the exact fields, and the
   mean and largest pressure over the nodes of the outer side.
 * Hertz with degree 2: beside the fit the largest error of the pressure within 0.8 a of the middle,
@@ -154,6 +156,18 @@ def _press_fit(solved: SolvedScene) -> list[Quantity]:
     ]
 
 
+def _fit(solved: SolvedScene) -> list[Quantity]:
+    """p = E δ/(2 R) (1 - R²/Rₒ²), δ = 0.01, R = 10 and Rₒ = 20, by the force on the quarter."""
+    (material,) = solved.model.scene.bodies[0].materials
+    exact = material.young * 0.01 / 20.0 * (1.0 - 0.25)
+    (contact,) = solved.summary["contacts"]
+    pressure = solved.nodes.contact_pressure
+    return [
+        Quantity("mean pressure", contact["force"][0] / 10.0, exact),
+        Quantity("largest nodal pressure", float(pressure.max()), exact),
+    ]
+
+
 def _column(solved: SolvedScene) -> list[Quantity]:
     """Stress M ε with M = E (1 - ν)/((1 + ν)(1 - 2ν)), by a strain of 1 %."""
     (material,) = solved.model.scene.bodies[0].materials
@@ -211,17 +225,19 @@ COARSE = {
     "disc_quarter": {4.0: "coarse/disc_quarter.msh"},
     "ring_quarter": {1.0: "coarse/ring_quarter.msh"},
     "roller_on_block": {4.0: "coarse/roller_on_block.msh"},
+    "shaft_and_hub": {1.0: "coarse/shaft_and_hub.msh"},
     "sphere_eighth": {2.8: "coarse/sphere_eighth.msh", 2.0: "sphere_eighth.msh"},
 }
 """Coarse meshes of each sample in ``meshes/samples``, by the size ``make.py`` drew them with."""
 
 ROUND = {
-    "disc_quarter": ("rim",),
-    "ring_quarter": ("inner", "outer"),
-    "roller_on_block": ("face",),
-    "sphere_eighth": ("sphere",),
+    "disc_quarter": (("rim",),),
+    "ring_quarter": (("inner", "outer"),),
+    "roller_on_block": (("face",), ()),
+    "shaft_and_hub": (("skin",), ("bore", "outside")),
+    "sphere_eighth": (("sphere",),),
 }
-"""Parts of the surface of each sample that lie on a circle or ball."""
+"""Parts of the surface of each body of a sample that lie on a circle or ball."""
 
 CASES = (
     Case(
@@ -257,6 +273,17 @@ CASES = (
         "displacement is linear; in the error are the polygon that stands for the circle and the "
         "theory's own δ/b = 0.1 %.",
         _press_fit, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
+    ),
+    Case(
+        "interference_fit", "A shaft in a hub, by interference",
+        "Plane stress, E = 2.1e5, δ = 0.01, R = 10, Rₒ = 20, degree 2 with round edges, meshes that "
+        "do not match: p = E δ/(2 R) (1 - R²/Rₒ²) = 78.75.",
+        _fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
+    ),
+    Case(
+        "shrink_fit", "A hub shrunk onto a shaft",
+        "The same by cooling the hub by δ/(α R) = 83.33 degrees.",
+        _fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
     ),
     Case(
         "thick_ring", "A thick ring in a rigid bore: degree 2 with round edges",
@@ -356,11 +383,9 @@ def coarse_mesh(sample: str, size: float) -> tuple[Path, int]:
 def _refined(scene: Scene, case: Case, times: int, curved: bool) -> Scene:
     """The scene with the meshes of a case refined."""
     bodies = list(scene.bodies)
-    for number in case.bodies:
+    for number, sides in zip(case.bodies, ROUND[case.sample or ""], strict=True):
         body = bodies[number]
         assert isinstance(body.mesh, CellMesh)
-        # The names of a sample are those of its round body, the first.
-        sides = ROUND[case.sample or ""] if number == case.bodies[0] else ()
         mesh = refined_round(body.mesh, times, sides, curved)
         bodies[number] = replace(body, mesh=mesh)
     return replace(scene, bodies=tuple(bodies))

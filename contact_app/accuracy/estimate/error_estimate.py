@@ -73,7 +73,7 @@ class ErrorEstimator:
         return accuracy_of(self.squares(solution), solution)
 
     def squares(self, solution: Solution) -> Array:
-        """η² and a(u_h, u_h) of each body, (2, bodies)."""
+        """η² and ∫ σ_h : C⁻¹ : σ_h of each body, (2, bodies); without heat that is a(u_h, u_h)."""
         bodies = self.model.problem.bodies
         sums = np.zeros((2, bodies.count))
         displacements = solution.displacements
@@ -144,7 +144,11 @@ class ErrorEstimator:
             weight = np.repeat(np.sqrt(table.weights * volume), len(root), axis=1)
             operator = recovery.stress_at(number, shape, table, root.T @ D @ recovery.V)
             nodes = cells.nodes[rows]
-            stress = apply(operator, at_cells(field[:, part], nodes)) * weight
+            stress = apply(operator, at_cells(field[:, part], nodes))
+            missing = recovery.thermal_at(number, rows, part, table)
+            if missing is not None:
+                stress = stress - (missing @ root).reshape(stress.shape)
+            stress = stress * weight
             error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress
             yield rows, part, error, stress
 
@@ -155,7 +159,7 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
     Parameters
     ----------
     squares : (2, bodies)
-        η² and a(u_h, u_h) of each body.
+        η² and ∫ σ_h : C⁻¹ : σ_h of each body.
     """
     measures = solution.measures
     groups, count = measures.groups, len(measures.gaps)

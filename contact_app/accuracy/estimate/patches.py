@@ -339,6 +339,11 @@ class Cells:
         order = np.argsort(vtk_order(self.cell, self.degree))
         return np.swapaxes(self.element.mean_slopes[rows][:, order], 1, 2)[:, None]
 
+    def mean_values(self, rows: NDArray[np.int64]) -> Array:
+        """Means over cells of the shape functions, (cells, nodes)."""
+        order = np.argsort(vtk_order(self.cell, self.degree))
+        return self.element.mean_values[rows][:, order]
+
     def batches(
         self, members: int, points: int
     ) -> list[tuple[NDArray[np.int64], NDArray[np.int64], slice]]:

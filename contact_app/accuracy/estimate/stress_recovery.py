@@ -108,6 +108,10 @@ class StressRecovery:
             [material.elasticity(model.scene.plane, self.dimension) for material in materials]
             for materials in model.materials
         ]
+        self.thermal = [
+            [material.thermal_stress(model.scene.plane) for material in materials]
+            for materials in model.materials
+        ]
         self.averaged = [materials[0].mean_dilatation for materials in model.materials]
         self.V = strain_of_gradient(self.dimension)
         self._copies = Copies(model, [c.vertices for c in self.cells])
@@ -130,6 +134,29 @@ class StressRecovery:
         means = np.broadcast_to(cells.mean_gradients(rows), gradients.shape)
         return stress_operator(gradients, DV[0]) + stress_operator(means, DV[1])
 
+    def thermal_at(
+        self, number: int, rows: NDArray[np.int64], members: slice, table: Table
+    ) -> Array | None:
+        """What stress lacks by heat in cells of one material; None without heat.
+
+        Returns
+        -------
+        (members, cells, points, components)
+        """
+        heat = self.model.temperatures[number]
+        if heat is None:
+            return None
+        cells = self.cells[number]
+        shape, volume = self.thermal[number][cells.tags[rows[0]]]
+        nodal = at_cells(heat[:, members, None], cells.nodes[rows])
+        at = nodal @ table.values.T
+        mean = at
+        if self.averaged[number]:
+            mean = np.einsum("mcn,cn->mc", nodal, cells.mean_values(rows))[..., None]
+        missing = np.zeros((*at.shape, len(self.V)))
+        missing[..., : self.dimension] = (shape * at + volume * mean)[..., None]
+        return missing
+
     def samples(self, displacements: Sequence[Array]) -> list[Array]:
         """Stresses for the fit, (cells · points, members, components) of each class."""
         result = []
@@ -144,6 +171,9 @@ class StressRecovery:
                 operator = self.stress_at(number, shape, table, D @ self.V)
                 found = apply(operator, at_cells(field[:, part], cells.nodes[rows]))
                 found = found.reshape(*found.shape[:2], q, s)
+                missing = self.thermal_at(number, rows, part, table)
+                if missing is not None:
+                    found = found - missing
                 stress[rows, :, part] = np.moveaxis(found, 0, 2)
             result.append(stress.reshape(-1, u.shape[1], s))
         return result

@@ -253,6 +253,11 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
     if not scene.guaranteed:
         return
     try:
+        if scene.temperatures:
+            raise NoAdmissibleStressError(
+                f"{scene.temperatures[0].source} heats a body, and the error of the temperature on "
+                "the mesh is not bounded"
+            )
         if scene.pairs:
             raise NoAdmissibleStressError(
                 f"{scene.pairs[0].source} is of bodies against bodies, whose gap is kept in the "

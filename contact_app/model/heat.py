@@ -1,0 +1,108 @@
+"""Heat: temperatures at the nodes of subdomains, and the loads by which they expand bodies.
+
+A body of temperature T over that at which it is free of stress has σ = C (ε(u) - α T I), so that
+
+    a(u, v) = l(v) + ∫ β T div v dx,    β = (3 λ + 2 μ) α    (E α/(1 - ν) in plane stress).
+
+The load is in equilibrium with itself. Stresses take T at the nodes of the displacement, with its
+degree in between, and have a T that is a polynomial of that degree exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+from contact_app.model.assembly import Element
+from contact_app.scene.scene import Scene
+from meshes import Partition
+
+Array = NDArray[np.float64]
+
+
+def node_temperatures(scene: Scene, partition: Partition) -> list[Array | None]:
+    """Temperature at the nodes (nodes,) of each subdomain of this rank; None where none is given.
+
+    Raises
+    ------
+    ConfigurationError
+        An expression has no value at a node; on the rank where it has none.
+    """
+    return [
+        _temperature(scene, s.body, s.points()) if _heated(scene, s.body) else None
+        for s in partition.subdomains
+    ]
+
+
+def _heated(scene: Scene, body: int) -> bool:
+    return any(item.body == body for item in scene.temperatures)
+
+
+def _temperature(scene: Scene, body: int, points: Array) -> Array:
+    """Sum of the rises of a body at points (n, 3), (n,)."""
+    total = np.zeros(len(points))
+    for item in scene.temperatures:
+        if item.body != body:
+            continue
+        rise = item.rise(points)
+        wrong = ~np.isfinite(rise)
+        if wrong.any():
+            place = ", ".join(f"{x:g}" for x in points[np.argmax(wrong)][: scene.dimension])
+            raise ConfigurationError(
+                f"{scene.at(item.source)}.temperature: `{item.rise.text}` has no finite value "
+                f"at ({place}), a point of {scene.bodies[body].name}"
+            )
+        total += rise
+    return total
+
+
+def thermal_loads(
+    scene: Scene,
+    partition: Partition,
+    elements: dict[int, Element],
+    temperatures: Sequence[Array | None],
+) -> list[Array | None]:
+    """Load vector (unknowns,) of the heat of each subdomain of this rank, None without heat.
+
+    Raises
+    ------
+    ConfigurationError
+        As `node_temperatures`, between nodes.
+    """
+    uniform: dict[tuple[int, int], Array] = {}
+    loads: list[Array | None] = []
+    for s, temperature in zip(partition.subdomains, temperatures, strict=True):
+        if temperature is None:
+            loads.append(None)
+            continue
+        element, materials = elements[id(s.reference)], scene.bodies[s.body].materials
+        even = all(item.rise.constant for item in scene.temperatures if item.body == s.body)
+        key = (id(s.reference), s.body)
+        if not even or key not in uniform:
+            load = element.thermal_load(
+                materials, scene.plane, partial(_moved, scene, s.body, s.translation)
+            )
+            uniform[key] = load
+        loads.append(uniform[key])
+    return loads
+
+
+def _moved(scene: Scene, body: int, translation: Array, points: Array) -> Array:
+    return _temperature(scene, body, points + translation)
+
+
+def free_strains(
+    scene: Scene, partition: Partition, temperatures: Sequence[Array | None]
+) -> NDArray[np.float64]:
+    """Largest strain by which heat would expand each body freely, (bodies,) (collective)."""
+    largest = np.zeros(len(scene.bodies))
+    for s, temperature in zip(partition.subdomains, temperatures, strict=True):
+        if temperature is not None:
+            strain = scene.bodies[s.body].expansion * float(np.abs(temperature).max())
+            largest[s.body] = max(largest[s.body], strain)
+    return np.asarray(partition.comm.allreduce(largest, op=MPI.MAX))
