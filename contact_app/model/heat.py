@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
@@ -105,4 +104,4 @@ def free_strains(
         if temperature is not None:
             strain = scene.bodies[s.body].expansion * float(np.abs(temperature).max())
             largest[s.body] = max(largest[s.body], strain)
-    return np.asarray(partition.comm.allreduce(largest, op=MPI.MAX))
+    return np.asarray(np.max(partition.comm.allgather(largest), axis=0))

@@ -276,7 +276,7 @@ CASES = (
     ),
     Case(
         "interference_fit", "A shaft in a hub, by interference",
-        "Plane stress, E = 2.1e5, δ = 0.01, R = 10, Rₒ = 20, degree 2 with round edges, meshes that "
+        "Plane stress, E = 2.1e5, δ = 0.01, R = 10, Rₒ = 20, degree 2, round edges, meshes that "
         "do not match: p = E δ/(2 R) (1 - R²/Rₒ²) = 78.75.",
         _fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
     ),
