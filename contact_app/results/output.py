@@ -5,6 +5,7 @@ Ranks hand their share to rank 0 one after another, so no rank holds a field of 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -24,8 +25,7 @@ CELL_FIELDS = ("stress", "von_mises")
 
 def write_xdmf(model: Model, nodes: NodeFields, cells: CellFields, path: Path) -> None:
     """Write the fields the scene asks for (collective)."""
-    scene, partition, comm = model.scene, model.partition, model.comm
-    found = whole(model, nodes)
+    scene, found = model.scene, whole(model, nodes)
     wanted = scene.output.fields
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     cell_fields = {name: getattr(cells, name) for name in CELL_FIELDS if name in wanted}
@@ -33,31 +33,54 @@ def write_xdmf(model: Model, nodes: NodeFields, cells: CellFields, path: Path) -
     cell_fields |= {name: values for name, values in numbers.items() if name in wanted}
     contacts = ContactsOfWhole(model, nodes, found)
     alone = contacts.overlapping() if "contact_pressure" in wanted else []
-    sizes = np.diff(partition.first_cell)
+
+    def at_nodes(image: Image) -> dict[str, NDArray[np.float64]]:
+        own = {name: image.field(name, values) for name, values in point_fields.items()}
+        return own | {f"contact_pressure_{k + 1}": contacts.pressure(image, k) for k in alone}
+
+    size = result_bytes(scene, found.nodes, found.cells, len(alone))
+    write_grid(model, nodes, path, at_nodes, cell_fields, size)
+
+
+def write_grid(
+    model: Model,
+    nodes: NodeFields,
+    path: Path,
+    at_nodes: Callable[[Image], Mapping[str, NDArray[np.float64]]],
+    cell_fields: Mapping[str, NDArray[np.float64]],
+    size: int = 0,
+) -> None:
+    """Write the mesh of the whole with fields (collective).
+
+    Parameters
+    ----------
+    at_nodes
+        Fields of an image at its nodes, (nodes, components).
+    cell_fields
+        In this rank's cells of what was solved.
+    size
+        Bytes of the file, where they are known.
+    """
+    scene, partition, comm, found = model.scene, model.partition, model.comm, whole(model, nodes)
+    counts = np.diff(partition.first_cell)
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
-        for b, n in zip(scene.bodies, sizes, strict=True)
+        for b, n in zip(scene.bodies, counts, strict=True)
     ] * len(found.images)
-    writer = None
-    if comm.rank == 0:
-        size = result_bytes(scene, found.nodes, found.cells, len(alone))
-        writer = XDMFWriter(path, runs, found.nodes, found.cells, size)
+    starts = partition.cell_starts
+    first_cell = int(starts[0]) if len(starts) else 0
+    writer = XDMFWriter(path, runs, found.nodes, found.cells, size) if comm.rank == 0 else None
     with writer or nullcontext():
         for number, image in enumerate(found.images):
-            own = {name: image.field(name, v)[image.new] for name, v in point_fields.items()}
+            own = {name: values[image.new] for name, values in at_nodes(image).items()}
             points = image.points(nodes.points)[image.new]
             for start, (located, fields) in slabs(comm, image.first, points, own):
                 assert writer is not None
                 writer.points(start, located)
                 for name, values in fields.items():
                     writer.point_data(name, start, values)
-            for contact in alone:
-                pressure = contacts.pressure(image, contact)[image.new]
-                for start, (values,) in slabs(comm, image.first, pressure):
-                    assert writer is not None
-                    writer.point_data(f"contact_pressure_{contact + 1}", start, values)
-            first = number * partition.cells + cells.first
             own = {name: image.field(name, v) for name, v in cell_fields.items()}
+            first = number * partition.cells + first_cell
             for start, (groups, fields) in slabs(comm, first, _cells(model, image), own):
                 assert writer is not None
                 for name, values in fields.items():

@@ -25,6 +25,7 @@ from contact_app.scene.conditions import (
     Traction,
 )
 from contact_app.scene.keys import Keys
+from contact_app.scene.load_factors import read_cases
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
 from contact_app.scene.scene import Decomposition, OutputOptions, Scene
@@ -55,7 +56,10 @@ def build_scene(
     decomposition = _decomposition(keys, bodies)
     _check_memory(keys, bodies, decomposition, surface_only)
     reader = ConditionReader(keys, bodies)
-    conditions = [reader.condition(i, given) for i, given in enumerate(configuration.conditions)]
+    conditions = [
+        replace(reader.condition(i, given), name=given.name)
+        for i, given in enumerate(configuration.conditions)
+    ]
     contacts = [reader.contact(i, given) for i, given in enumerate(configuration.contacts)]
     scene = Scene(
         title=configuration.title,
@@ -77,8 +81,18 @@ def build_scene(
         source=configuration.source,
         symmetry=configuration.symmetry == "allow",
         guaranteed=configuration.certificate.guaranteed,
+        cases=read_cases(keys),
         places=_places(configuration),
     )
+    if scene.cases and scene.accuracy is not None:
+        keys.fail(
+            ("accuracy",),
+            "is not available with cases: each case asks for a mesh of its own, and they share "
+            "one; find the mesh by a scene without cases whose loads are those of the worst",
+        )
+    for case in scene.cases:
+        if not _loaded(scene.under(case)):
+            keys.fail(("cases", case.name), "loads nothing: give a condition that does a factor")
     if not _loaded(scene):
         keys.fail(
             ("conditions",),
@@ -116,6 +130,10 @@ def _places(configuration: c.Configuration) -> dict[str, str]:
     keys = [("conditions", i) for i in range(len(configuration.conditions))]
     keys += [("contacts", i) for i in range(len(configuration.contacts))]
     places = {f"{name}[{i}]": configuration.where((name, i)) for name, i in keys}
+    places |= {
+        f"cases.{name}": configuration.where(("cases", name)) for name in configuration.cases or ()
+    }
+    places["cases"] = configuration.where(("cases",))
     places["accuracy"] = configuration.where(("accuracy",))
     places["certificate.guaranteed"] = configuration.where(("certificate", "guaranteed"))
     places["decomposition"] = configuration.where(("decomposition",))

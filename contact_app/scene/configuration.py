@@ -199,6 +199,11 @@ class Body(Model):
 class Condition(Model):
     """A displacement or a load."""
 
+    name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
+        None,
+        description="Name by which `cases` give it a factor; without a name it always acts in "
+        "full.",
+    )
     on: str | None = Field(None, description="Boundary, as body.boundary.")
     inside: str | None = Field(None, alias="in", description="Body, for a force or a temperature.")
     displacement: Annotated[list[Number | None], Field(min_length=1, max_length=3)] | None = Field(
@@ -411,6 +416,12 @@ class Configuration(Model):
         default_factory=list, description="Displacements and loads."
     )
     contacts: list[Contact] = Field(default_factory=list, description="What may touch what.")
+    cases: Annotated[dict[str, dict[str, Number]], Field(min_length=1)] | None = Field(
+        None,
+        description="Load cases, {case: {condition name: factor}}, each from the unloaded state. A "
+        "named condition that a case leaves out has factor 0; conditions without a name act in "
+        "full. A displacement condition always holds, its factor scales its value.",
+    )
     decomposition: Literal["auto"] | Split = Field(
         "auto", description="auto, or {subdomains: N | [nx, ny, nz]}."
     )
@@ -431,6 +442,15 @@ class Configuration(Model):
         Certificate.model_validate({}), description="What to certify beyond the usual."
     )
     output: Output = Field(Output.model_validate({}), description="Files and fields to write.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_steps(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "steps" in data:
+            text = "is not available: a history of load steps is not modelled"
+            text += "; `cases` solves independent load cases" if "cases" not in data else ""
+            raise PydanticCustomError("unknown_key", text, {"key": "steps"})
+        return data
 
     _lines: dict[Key, int] = PrivateAttr(default_factory=dict)
     _overridden: dict[Key, str] = PrivateAttr(default_factory=dict)

@@ -6,9 +6,9 @@ All that comes later reads the scene and nothing else of the input.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,12 @@ if TYPE_CHECKING:
     from solver.contact.options import SolverOptions
 
 
+CONDITIONS = (
+    "displacements", "tractions", "pressures", "forces", "total_loads", "temperatures",
+)  # fmt: skip
+"""The fields of a scene that hold conditions, whose records have a `name` and are `scaled`."""
+
+
 @dataclass(frozen=True)
 class Decomposition:
     """None: chosen automatically; a number: graph partition; a tuple: sub-boxes along each axis."""
@@ -52,6 +58,26 @@ class OutputOptions:
     xdmf: bool = True
     fields: tuple[str, ...] = FIELDS
     probes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """The factors of named conditions in a load case; a name that is not in it has factor zero.
+
+    Attributes
+    ----------
+    name
+        Of the case.
+    factors
+        Pairs of a condition's name and its factor.
+    """
+
+    name: str
+    factors: tuple[tuple[str, float], ...]
+
+    def of(self, name: str | None) -> float:
+        """The factor of a condition; one where it has no name."""
+        return 1.0 if name is None else dict(self.factors).get(name, 0.0)
 
 
 @dataclass(frozen=True)
@@ -96,6 +122,10 @@ class Scene:
         Forces and moments on boundaries.
     temperatures
         Rises of temperature of bodies; those of one body add up.
+    cases
+        Load cases, in the order of the file; none where all conditions act in full.
+    case
+        Name of the load case that this is the scene of, empty if it is of none.
     """
 
     title: str
@@ -118,11 +148,22 @@ class Scene:
     mirrors: tuple[Mirror, ...] = ()
     total_loads: tuple[TotalLoad, ...] = ()
     temperatures: tuple[Temperature, ...] = ()
+    cases: tuple[LoadCase, ...] = ()
+    case: str = ""
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:
         """File, line and key of a condition or contact, to begin a message with."""
         return self.places.get(source, f"{self.source}: {source}")
+
+    def under(self, case: LoadCase) -> Scene:
+        """The scene of one load case: each condition times its factor there."""
+        scaled: dict[str, Any] = {
+            key: tuple(item.scaled(case.of(item.name)) for item in getattr(self, key))
+            for key in CONDITIONS
+        }
+        title = f"{self.title or self.source.name}, case {case.name}"
+        return replace(self, **scaled, title=title, cases=(), case=case.name)
 
     @property
     def touching(self) -> tuple[Contact | BodyContact, ...]:

@@ -132,7 +132,10 @@ def build_system(
     wide[in_contact] = contact.wide
     widths = [len(cls.interface) for cls in classes]
     bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths)
-    matrix = Constraints(ordered.B, ordered.kinds, wide, coarse, constraints.held_without_contact)
+    matrix = Constraints(
+        ordered.B, ordered.kinds, wide, coarse, constraints.held_without_contact,
+        ordered.held_unknowns,
+    )  # fmt: skip
     return ContactSystem(comm, d, tuple(classes), matrix, contact, loads, bodies)
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from solver.tfeti.bodies import Bodies
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.constraints.rows import ContactRows
+from solver.tfeti.constraints.rows import ContactRows, RowKind
 from solver.tfeti.subdomain.classes import SubdomainClass
 
 
@@ -39,6 +39,8 @@ class Constraints:
         The coarse problem of rigid motions; None where no subdomain floats.
     held_without_contact
         Whether gluing and held rows alone stop every rigid motion.
+    held_unknowns : (dual,)
+        Unknown that a held row holds, node · dimension + component; -1 on other rows.
     """
 
     B: ConstraintMatrix
@@ -46,6 +48,7 @@ class Constraints:
     wide: NDArray[np.bool_]
     coarse: CoarseProblem | None
     held_without_contact: bool
+    held_unknowns: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +107,15 @@ class ContactSystem:
 
         Displacements and gaps stay as they are unless given.
         """
-        own = self.loads
+        own, contact = self.loads, self.contact
         lifting = own.lifting if lifting is None else lifting
-        c = own.c if c is None else c
-        return replace(self, loads=loads_on(self.classes, forces, lifting, c))
+        if c is None:
+            c = own.c
+        else:
+            of_contact = self.constraints.kinds == RowKind.CONTACT
+            contact = replace(contact, gaps=c[of_contact] / contact.spread)
+        loads = loads_on(self.classes, forces, lifting, c)
+        return replace(self, loads=loads, contact=contact)
 
 
 def loads_on(

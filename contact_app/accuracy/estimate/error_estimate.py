@@ -32,7 +32,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.accuracy.estimate.stress_recovery import StressRecovery, apply, at_cells
+from contact_app.accuracy.estimate.stress_recovery import (
+    Patches,
+    StressRecovery,
+    apply,
+    at_cells,
+)
 from contact_app.model.model import Model
 from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Accuracy, Solution
@@ -47,16 +52,23 @@ MISFIT = 0.5
 
 
 class ErrorEstimator:
-    """Estimates the errors of answers to one model; using it is collective."""
+    """Estimates the errors of answers to one model; using it is collective.
 
-    def __init__(self, model: Model) -> None:
+    Parameters
+    ----------
+    patches
+        Of the model's meshes, where they are known from another load case.
+    """
+
+    def __init__(self, model: Model, patches: Patches | None = None) -> None:
         self.model = model
+        self._patches = patches
         self._last: tuple[Solution, list[Array]] | None = None
 
     @cached_property
     def recovery(self) -> StressRecovery:
         """What recovers stresses on this model (collective)."""
-        return StressRecovery(self.model)
+        return StressRecovery(self.model, self._patches)
 
     def stresses(self, solution: Solution) -> list[Array]:
         """σ* of an answer at nodes, (nodes, members, components) of each class (collective).

@@ -258,6 +258,14 @@ class Rows:
         self.contact.mark(touched)
         return touched
 
+    def held_unknowns(self, dimension: int) -> NDArray[np.int64]:
+        """Unknown that each held row holds, node · dimension + component, (rows,); else -1."""
+        result = np.full(len(self.kind), -1, np.int64)
+        mine = self.kind[self.row] == RowKind.DIRICHLET  # each has one entry
+        row = self.row[mine]
+        result[row] = self.node[row] * dimension + self.component[mine]
+        return result
+
     def entries(
         self, columns: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
