@@ -25,6 +25,7 @@ from contact_app.model.candidates import Needed
 from contact_app.model.equilibrium import directions_in_words, group_numbers, upward
 from contact_app.model.outline import Outline, Tell, outline
 from contact_app.model.probes import Probe
+from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction
@@ -67,6 +68,8 @@ class Model:
         At the nodes of each class, (nodes, members); None where a class is without heat.
     probes
         The cells of points whose displacement is asked for.
+    sections
+        The cells on either side of planes at which section forces are asked for.
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -85,6 +88,7 @@ class Model:
     linear: tuple[LinearTraction, ...] = ()
     probes: tuple[Probe, ...] = ()
     temperatures: tuple[NDArray[np.float64] | None, ...] = ()
+    sections: tuple[SectionPiece, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -213,6 +217,7 @@ def model_of_outline(
         linear=known.linear,
         probes=known.probes,
         temperatures=tuple(_temperatures(known, members) for members in classes.values()),
+        sections=known.sections,
         notes=tuple(_notes(scene, known, problem)),
     )
 

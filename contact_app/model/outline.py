@@ -33,6 +33,7 @@ from contact_app.model.equilibrium import body_balances, groups_in_contact
 from contact_app.model.heat import free_strains, node_temperatures, thermal_loads
 from contact_app.model.loads import load_vectors
 from contact_app.model.probes import Probe, locate_probes
+from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
@@ -89,6 +90,8 @@ class Outline:
         The tractions of total forces and moments.
     probes
         The cells of points whose displacement is asked for.
+    sections
+        The cells on either side of planes at which section forces are asked for.
     loads
         Load vector of each subdomain of this rank, None where nothing acts.
     temperatures, thermal
@@ -111,6 +114,7 @@ class Outline:
     elements: dict[int, Element]
     linear: tuple[LinearTraction, ...]
     probes: tuple[Probe, ...]
+    sections: tuple[SectionPiece, ...]
     loads: list[NDArray[np.float64] | None]
     temperatures: list[NDArray[np.float64] | None]
     thermal: list[NDArray[np.float64] | None]
@@ -193,8 +197,8 @@ def outline(
         needed = all_rows if needed == "all" else estimated(contact, reach)
     return Outline(
         partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
-        merged, reach, elements, found.linear, probes, found.loads, found.temperatures,
-        found.thermal, balances,
+        merged, reach, elements, found.linear, probes, locate_sections(scene, partition),
+        found.loads, found.temperatures, found.thermal, balances,
     )  # fmt: skip
 
 

@@ -196,6 +196,14 @@ def _cut(scene: Scene, axis: int) -> Scene:
             if _is_kept(item, scene, halves, part)
         )  # fmt: skip
 
+    sections = tuple(
+        replace(
+            section,
+            body=int(number[halves[section.body].kept]),
+            across=section.across if halves[section.body].body else (*section.across, axis),
+        )
+        for section in scene.output.sections
+    )
     held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
     planes = [
         DisplacementCondition(int(number[k]), half.body.cuts[-1], held, f"{AT_CUT} {'xyz'[axis]}")
@@ -213,6 +221,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
         pairs=kept(scene.pairs),
         temperatures=kept(scene.temperatures),
         decomposition=_divided(scene.decomposition, left),
+        output=replace(scene.output, sections=sections),
         mirrors=(
             *scene.mirrors,
             replace(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.output import write_grid
+from contact_app.results.result_size import file_names
 
 Array = NDArray[np.float64]
 
@@ -74,8 +75,9 @@ class Envelope:
             found[key] = {"value": value, "case": names[number - 1] if number else None}
         return found
 
-    def write(self, path: Path) -> None:
-        """Write ``envelope.xdmf`` (collective)."""
+    def write(self, directory: Path) -> list[Path]:
+        """Write ``envelope.xdmf``, ``envelope.vtu`` or both; the files (collective)."""
+        files = [directory / name for name in file_names(self._model.scene, "envelope")]
         at_nodes = {
             "largest_contact_pressure": self._pressure.values,
             "contact_pressure_case": self._pressure.cases,
@@ -84,4 +86,6 @@ class Envelope:
             "largest_von_mises": self._stress.values,
             "von_mises_case": self._stress.cases,
         }
-        write_grid(self._model, self._nodes, path, lambda image: at_nodes, in_cells)
+        if files:
+            write_grid(self._model, self._nodes, files, lambda image: at_nodes, in_cells)
+        return files

@@ -17,8 +17,8 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_level
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.outline import Outline
 from contact_app.model.symmetry import halved
-from contact_app.results.mirror import whole
-from contact_app.results.output import write_xdmf
+from contact_app.results.mirror import Image, whole
+from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import write_summary
 from contact_app.run.cases import Overview, solved_cases
 from contact_app.run.communication import on_first
@@ -51,6 +51,9 @@ class Answer:
     stress : (cells, 6)
         xx, yy, zz, xy, yz, xz, the mean of each cell.
     von_mises : (cells,)
+    nodal_stress : (nodes, 6), nodal_von_mises : (nodes,)
+        The stress recovered at nodes, of the material with the largest where several meet. None
+        where `output.fields` leaves them out or no file of fields is asked for.
     """
 
     summary: dict[str, Any]
@@ -60,6 +63,8 @@ class Answer:
     gap: Array
     stress: Array
     von_mises: Array
+    nodal_stress: Array | None
+    nodal_von_mises: Array | None
     solved: SolvedScene
 
     @property
@@ -73,10 +78,11 @@ class Answer:
         return self.solved.solution.converged
 
     def write(self, directory: Path | str) -> None:
-        """Write `solution.xdmf` and `summary.json` to a directory (collective)."""
+        """Write the files of fields that `output` asks for and `summary.json` (collective)."""
         directory, model = Path(directory), self.solved.model
         on_first(model.comm, lambda: directory.mkdir(parents=True, exist_ok=True))
-        write_xdmf(model, self.solved.nodes, self.solved.cells, directory / "solution.xdmf")
+        fields = Fields(self.solved.nodes, self.solved.cells, self.solved.nodal)
+        write_fields(model, fields, directory)
         on_first(model.comm, lambda: write_summary(directory / "summary.json", self.summary))
 
 
@@ -184,5 +190,14 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
         gap=np.concatenate(gap),
         stress=np.concatenate(stress),
         von_mises=np.tile(cells.von_mises, len(images)),
+        nodal_stress=_nodal("nodal_stress", solved, images),
+        nodal_von_mises=_nodal("nodal_von_mises", solved, images),
         solved=solved,
     )
+
+
+def _nodal(name: str, solved: SolvedScene, images: Sequence[Image]) -> Array | None:
+    """A recovered field at the nodes of all images."""
+    if name not in solved.nodal:
+        return None
+    return np.concatenate([image.field(name, solved.nodal[name])[image.new] for image in images])

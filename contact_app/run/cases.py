@@ -135,10 +135,7 @@ class Overview:
     def write(self, directory: Path) -> tuple[dict[str, Any], list[Path]]:
         """Write ``envelope.xdmf`` and the summary; the summary and the files (collective)."""
         assert self._envelope is not None
-        files = [directory / "summary.json"]
-        if self._scene.output.xdmf:
-            self._envelope.write(directory / "envelope.xdmf")
-            files.insert(0, directory / "envelope.xdmf")
+        files = [*self._envelope.write(directory), directory / "summary.json"]
         summary, comm = self.summary, self._comm
         for warning in self.warnings if comm.rank == 0 else ():
             log.warning("%s", warning)

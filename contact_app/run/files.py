@@ -13,9 +13,9 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.disk import refuse_without_room
 from contact_app.model.outline import Outline
 from contact_app.model.symmetry import halved
-from contact_app.results.output import write_xdmf
+from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import log, write_summary
-from contact_app.results.result_size import result_bytes
+from contact_app.results.result_size import all_bytes, file_names
 from contact_app.run.check import modelled_lines
 from contact_app.run.communication import on_first
 from contact_app.run.progress import Progress
@@ -47,11 +47,11 @@ def write_run(
     for note in said_once(solved.model.notes, bodies):
         log.info("%s", note)
     files = [directory / name for name in ("summary.json", "history.csv", "run.log")]
-    if solved.model.scene.output.xdmf:
+    if file_names(solved.model.scene):
         progress.stage("writing")
         with solved.timings.measure("output"):
-            write_xdmf(solved.model, solved.nodes, solved.cells, directory / "solution.xdmf")
-        files.insert(0, directory / "solution.xdmf")
+            fields = Fields(solved.nodes, solved.cells, solved.nodal)
+            files = [*write_fields(solved.model, fields, directory), *files]
     summary = {**solved.summary, "timings": solved.timings.as_dict()}
     if refined is not None:
         summary = with_levels(summary, refined)
@@ -65,13 +65,14 @@ def write_run(
 def log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
     """As `log_model`; refuse a result that will not fit on the disk (collective)."""
     log_model(scene, known)
-    if scene.output.xdmf:
+    names = file_names(scene)
+    if names:
         images = 2 ** len(scene.mirrors)
         sizes = images * known.partition.nodes, images * known.partition.cells
-        needed = max(len(scene.cases), 1) * result_bytes(scene, *sizes)
+        needed = max(len(scene.cases), 1) * all_bytes(scene, *sizes)
         on_first(
             known.partition.comm,
-            lambda: refuse_without_room(directory, "solution.h5", needed),
+            lambda: refuse_without_room(directory, names[0].replace("xdmf", "h5"), needed),
         )
 
 

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
+from contact_app.accuracy.nodal_stress import nodal_stresses
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError, CouldNotRunError
 from contact_app.machine.environment import slow_blas_warning
@@ -250,7 +251,8 @@ def _solve_once(asked: _Request) -> SolvedScene:
         solution = replace(
             solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
         )
-    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, said)
+        nodal = nodal_stresses(model, solution, estimator)
+    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, said)
     return replace(solved, summary=summary_of(solved))
 
 

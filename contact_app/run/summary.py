@@ -16,6 +16,7 @@ from contact_app.results.contacts import contact_records
 from contact_app.results.mirror import whole_summary
 from contact_app.results.probes import probe_records
 from contact_app.results.reactions import reaction_records
+from contact_app.results.sections import section_records
 from solver.contact.driver import reason_text
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.rows import RowKind
@@ -59,6 +60,8 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
     if solved.model.probes:
         summary["probes"] = probe_records(solved.model, solved.solution)
+    if solved.model.sections:
+        summary["sections"] = section_records(solved.model, solved.solution, nodes)
     summary["accuracy"] = solved.accuracy.as_dict()
     if solved.communication is not None:
         summary["solver"]["communication_per_multiplication"] = solved.communication

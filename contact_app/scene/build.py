@@ -28,7 +28,7 @@ from contact_app.scene.keys import Keys
 from contact_app.scene.load_factors import read_cases
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
-from contact_app.scene.scene import Decomposition, OutputOptions, Scene
+from contact_app.scene.scene import Decomposition, OutputOptions, Scene, Section
 
 if TYPE_CHECKING:
     from solver.contact.options import SolverOptions
@@ -77,7 +77,7 @@ def build_scene(
         decomposition=decomposition,
         accuracy=configuration.accuracy,
         solver=_solver_options(configuration),
-        output=_output(keys),
+        output=_output(keys, bodies),
         source=configuration.source,
         symmetry=configuration.symmetry == "allow",
         guaranteed=configuration.certificate.guaranteed,
@@ -116,13 +116,26 @@ def _solver_options(configuration: c.Configuration) -> SolverOptions:
     return replace(options, tightest=min(options.tightest, 0.1 * accuracy))
 
 
-def _output(keys: Keys) -> OutputOptions:
+def _output(keys: Keys, bodies: tuple[Body, ...]) -> OutputOptions:
     given = keys.configuration.output
     probes = tuple(
         (name, keys.space(point, ("output", "probes", name), "a point"))
         for name, point in given.probes.items()
     )
-    return OutputOptions(given.xdmf, tuple(dict.fromkeys(given.fields)), probes)
+    sections = tuple(
+        _section(keys, bodies, name, section) for name, section in given.sections.items()
+    )
+    fields = tuple(dict.fromkeys(given.fields))
+    return OutputOptions(given.xdmf, given.vtu, fields, probes, sections)
+
+
+def _section(keys: Keys, bodies: tuple[Body, ...], name: str, given: c.Section) -> Section:
+    names, path = [body.name for body in bodies], ("output", "sections", name)
+    if given.inside not in names:
+        keys.fail((*path, "in"), f"is {given.inside}; the bodies are {', '.join(names)}")
+    point = keys.space(given.plane.point, (*path, "plane", "point"), "a point")
+    normal = keys.direction(given.plane.normal, (*path, "plane", "normal"))
+    return Section(name, names.index(given.inside), given.inside, point, normal)
 
 
 def _places(configuration: c.Configuration) -> dict[str, str]:

@@ -32,7 +32,10 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
 from contact_app.scene.yaml_reader import Key, key_text
 
-FIELDS = ("displacement", "stress", "von_mises", "contact_pressure", "gap", "body", "material")
+FIELDS = (
+    "displacement", "stress", "von_mises", "nodal_stress", "nodal_von_mises", "contact_pressure",
+    "gap", "body", "material",
+)  # fmt: skip
 EXPANSIONS = (
     "fixed",
     "grgr-optapprox",
@@ -390,10 +393,27 @@ class Certificate(Model):
     )
 
 
+class SectionPlane(Model):
+    """A plane through a body."""
+
+    point: Numbers = Field(description="Any point of the plane (length).")
+    normal: Numbers = Field(
+        description="Direction across it, out of the side whose force and moment are told."
+    )
+
+
+class Section(Model):
+    """Where a body is cut in thought, to tell the force between the two sides."""
+
+    plane: SectionPlane = Field(description="{point, normal}.")
+    inside: str = Field(alias="in", description="Name of the body.")
+
+
 class Output(Model):
     """What is written."""
 
     xdmf: bool = Field(True, description="Write solution.xdmf and solution.h5 for ParaView.")
+    vtu: bool = Field(False, description="Write solution.vtu, the same in one file.")
     fields: list[Literal[FIELDS]] = Field(  # type: ignore[valid-type]
         default_factory=lambda: list(FIELDS), description="Fields to write."
     )
@@ -401,6 +421,12 @@ class Output(Model):
         default_factory=dict,
         description="Points by name, {tip: [x, y, z]} (length): `probes` in summary.json has their "
         "displacements.",
+    )
+    sections: dict[str, Section] = Field(
+        default_factory=dict,
+        description="Sections by name, {neck: {plane: {point, normal}, in: body}}: `sections` in "
+        "summary.json has the force and moment that the side in front of the plane exerts on the "
+        "side behind it.",
     )
 
 

@@ -46,6 +46,30 @@ class Decomposition:
 
 
 @dataclass(frozen=True)
+class Section:
+    """A plane through a body at which the force between the two sides is asked for.
+
+    Attributes
+    ----------
+    body
+        Number of the body; of the one it is the image of where the scene was cut.
+    of
+        Name of the body in the file.
+    point, normal
+        Of the plane, in the whole.
+    across
+        Axes across whose planes of symmetry the body lies from that of which it is the image.
+    """
+
+    name: str
+    body: int
+    of: str
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    across: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class OutputOptions:
     """What is written.
 
@@ -53,11 +77,15 @@ class OutputOptions:
     ----------
     probes
         Name and place (x, y, z) of points whose displacement is asked for.
+    sections
+        Planes at which the force between the two sides of a body is asked for.
     """
 
     xdmf: bool = True
+    vtu: bool = False
     fields: tuple[str, ...] = FIELDS
     probes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    sections: tuple[Section, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and wi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -63,7 +63,7 @@ class ErrorEstimator:
     def __init__(self, model: Model, patches: Patches | None = None) -> None:
         self.model = model
         self._patches = patches
-        self._last: tuple[Solution, list[Array]] | None = None
+        self._last: tuple[Array, Sequence[Array], list[Array]] | None = None
 
     @cached_property
     def recovery(self) -> StressRecovery:
@@ -75,10 +75,12 @@ class ErrorEstimator:
 
         That of the last answer asked for is kept.
         """
-        if self._last is None or self._last[0] is not solution:
+        multiplier, displacements = solution.multiplier, solution.displacements
+        last = self._last
+        if last is None or last[0] is not multiplier or last[1] is not displacements:
             touching = touching_nodes(self.model, solution)
-            self._last = solution, self.recovery(solution.displacements, touching)
-        return self._last[1]
+            self._last = last = multiplier, displacements, self.recovery(displacements, touching)
+        return last[2]
 
     def accuracy(self, solution: Solution) -> Accuracy:
         """The errors of an answer."""
@@ -89,7 +91,7 @@ class ErrorEstimator:
         bodies = self.model.problem.bodies
         sums = np.zeros((2, bodies.count))
         displacements = solution.displacements
-        recovered = self.recovery(displacements, touching_nodes(self.model, solution))
+        recovered = self.stresses(solution)
         for number, (u, body) in enumerate(zip(displacements, bodies.members, strict=True)):
             for _, part, error, stress in self._distances(number, u, recovered[number]):
                 each = (

@@ -15,7 +15,8 @@ these (in the least squares where they contradict each other, as at the edge of 
 Sums over cells are made subdomain by subdomain and meet at the owner of each vertex, so that σ*
 depends neither on the decomposition nor on the number of ranks. Bodies share no nodes: stresses
 are not averaged across them. Inside a body they are, also where its material changes: there the
-true stress jumps, the recovered one does not, and the estimate that uses it is too large.
+true stress jumps, the recovered one does not, and the estimate that uses it is too large. A
+recovery of one material alone knows that material's side.
 
 With mean dilatation (B-bar) the answer's own stress, which the fit takes and the estimate compares
 with, has λ times the mean of div u over each cell.
@@ -96,6 +97,12 @@ def stress_operator(gradients: Array, DV: Array) -> Array:
 class Patches:
     """What a recovery needs of the meshes of a model, whatever loads it (collective).
 
+    Parameters
+    ----------
+    material
+        Number of a material within its body: σ* is fitted in the cells of that material alone and
+        holds at their nodes. All cells unless given.
+
     Attributes
     ----------
     cells
@@ -106,11 +113,11 @@ class Patches:
         Fits polynomials to samples around each vertex.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, material: int | None = None) -> None:
         made: dict[int, Cells] = {}
         for element in model.elements:
             if id(element) not in made:
-                made[id(element)] = Cells(element)
+                made[id(element)] = Cells(element, material)
         self.model = model
         self.cells = [made[id(element)] for element in model.elements]
         self.copies = Copies(model, [c.vertices for c in self.cells])

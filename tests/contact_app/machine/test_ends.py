@@ -103,7 +103,7 @@ def test_an_older_result_does_not_outlive_a_run_without_one(scene: Path, tmp_pat
         ("cell_fields", 1, "disk", "rank 1: the run ended: No space left on device; make room"),
         ("cell_fields", 0, "memory", "not enough memory"),
         ("build_model", 1, "bug", "rank 1: the run ended by a failure of the program itself"),
-        ("write_xdmf", 0, "disk", "No space left on device"),
+        ("write_fields", 0, "disk", "No space left on device"),
     ],
 )
 def test_a_fault_on_one_rank_ends_all(
