@@ -78,6 +78,25 @@ def test_the_stress_across_the_plane(plane: str) -> None:
     np.testing.assert_allclose(answer.nodal_stress, expected, atol=1e-8)
 
 
+def test_the_stress_of_heat_across_the_plane() -> None:
+    """A block of α = 1e-5 free in its plane, 50 degrees warmer: zz = -E α T alone."""
+    block = {
+        "name": "b", "material": {"young": 1000, "poisson": 0.3, "expansion": 1e-5},
+        "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [3, 3]}},
+    }  # fmt: skip
+    answer = contact_app.solve({
+        "dimension": "plane_strain",
+        "bodies": [block],
+        "conditions": [
+            {"on": "b.y-", "displacement": [None, 0]}, {"on": "b.x-", "displacement": [0, None]},
+            {"in": "b", "temperature": 50},
+        ],
+    })  # fmt: skip
+    assert answer.nodal_stress is not None
+    expected = np.broadcast_to([0, 0, -0.5, 0, 0, 0], answer.nodal_stress.shape)
+    np.testing.assert_allclose(answer.nodal_stress, expected, atol=1e-9)
+
+
 def test_the_whole_of_a_half_has_the_stress_of_the_whole() -> None:
     """Shears change their sign across the planes; near these the fit knows cells of one side only.
 

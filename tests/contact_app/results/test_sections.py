@@ -70,6 +70,16 @@ def test_a_cantilever(cell: str, degree: int, subdomains: int) -> None:
         np.testing.assert_allclose(found["point"], point, atol=1e-12)
 
 
+def test_heat_has_no_resultant() -> None:
+    """A warm cantilever, the plane through cells whose loads by heat are on both sides."""
+    made = cantilever("hexahedron", 1, {"cut": 1.3})
+    made["bodies"][0]["material"]["expansion"] = 1e-3
+    made["conditions"] = [*made["conditions"][:2], {"in": "b", "temperature": "20*x + y"}]
+    found = sections(made)["cut"]
+    np.testing.assert_allclose(found["force"], PULL, atol=1e-8)
+    np.testing.assert_allclose(found["moment"], np.cross([LENGTH - 1.3, 0, 0], PULL), atol=1e-8)
+
+
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_plane_through_cells_that_carry_no_load(cell: str) -> None:
     """Oblique through distorted cells from a file: force and moment are those of the end load."""
