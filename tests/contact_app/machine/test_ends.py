@@ -22,12 +22,12 @@ LOGS = {"history.csv", "run.log"}
 FAULT = """
 import os, sys
 where, rank, kind, *sys.argv[1:] = sys.argv[1:]
-import contact_app.run.run, contact_app.run.solve
+import contact_app.run.files, contact_app.run.run, contact_app.run.solve
 def fail(*_, **__):
     raise {"disk": OSError(28, "No space left on device"), "memory": MemoryError(),
            "bug": TypeError("a mistake")}[kind]
 if int(os.environ.get("OMPI_COMM_WORLD_RANK", 0)) == int(rank):
-    for module in (contact_app.run.run, contact_app.run.solve):
+    for module in (contact_app.run.files, contact_app.run.run, contact_app.run.solve):
         if hasattr(module, where):
             setattr(module, where, fail)
 from contact_app.cli import main
