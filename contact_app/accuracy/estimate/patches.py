@@ -107,11 +107,6 @@ class Table(NamedTuple):
 class Cells:
     """Cells of a reference: who surrounds whom, and shape functions.
 
-    Parameters
-    ----------
-    material
-        Only the cells of this material surround vertices; all unless given.
-
     Attributes
     ----------
     degree
@@ -131,8 +126,8 @@ class Cells:
 
     MOST_SHAPES = 32
 
-    def __init__(self, element: Element, material: int | None = None) -> None:
-        self.element, self._material = element, material
+    def __init__(self, element: Element) -> None:
+        self.element = element
         reference = element.reference
         self.dimension = d = element.dimension
         self.cell, self.degree = reference.cell, reference.degree
@@ -202,12 +197,9 @@ class Cells:
     def around(self) -> sparse.csr_matrix:
         """1 where a vertex is one of a cell, (vertices, cells)."""
         count, vertices = self.corners.shape
-        counted = np.arange(count)
-        if self._material is not None:
-            counted = np.flatnonzero(self.tags == self._material)
-        entries = (self.corners[counted].ravel(), np.repeat(counted, vertices))
+        entries = (self.corners.ravel(), np.repeat(np.arange(count), vertices))
         return sparse.csr_matrix(
-            (np.ones(len(entries[0])), entries), shape=(len(self.points), count)
+            (np.ones(count * vertices), entries), shape=(len(self.points), count)
         )
 
     @cached_property
@@ -249,11 +241,10 @@ class Cells:
         pattern, values = self._sample_moments
         rows, columns = np.triu_indices(size)
         sums = np.zeros((len(self.points), len(rows)))
-        some = np.flatnonzero(np.diff(pattern.indptr))
-        starts = pattern.indptr[some]
+        starts = pattern.indptr[:-1]
         for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
-            if j < len(values) and len(some):
-                sums[some, k] = np.add.reduceat(values[i] * values[j], starts)
+            if j < len(values):
+                sums[:, k] = np.add.reduceat(values[i] * values[j], starts)
         return sums
 
     @cached_property
