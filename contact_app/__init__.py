@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["Answer", "solve"]
+__all__ = ["Answer", "CaseAnswers", "solve"]
 
 
 def __getattr__(name: str) -> Any:

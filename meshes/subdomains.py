@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -119,6 +119,11 @@ class Reference:
     def curved(self) -> bool:
         """Whether cells have curved edges."""
         return versions.cell_nodes(self.mesh).shape[1] > VERTICES[self.cell]
+
+    @cached_property
+    def facet_cells(self) -> NDArray[np.int32]:
+        """The cell that each of the facets belongs to, (facets,)."""
+        return _sides_of_facets(self.mesh, self.facet_entities)[0]
 
     @classmethod
     def of(

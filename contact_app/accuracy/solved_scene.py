@@ -21,7 +21,8 @@ from solver.contact.solution import Accuracy, Solution
 class SolvedScene:
     """A solved scene: the model, the answer, its fields and its summary.
 
-    `guaranteed` is what was found where a guaranteed bound of the error was asked for.
+    `nodal` holds the recovered stresses at nodes by the names of their fields, `guaranteed` what
+    was found where a guaranteed bound of the error was asked for.
     """
 
     model: Model
@@ -30,6 +31,7 @@ class SolvedScene:
     cells: CellFields
     accuracy: Accuracy
     timings: Timings
+    nodal: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     guaranteed: Guarantee | None = None

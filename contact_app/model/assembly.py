@@ -53,15 +53,22 @@ class Element:
         Mesh of the congruence class.
     dimension
         2 or 3.
+    cells : (cells,)
+        Cells that carry forces per volume; all unless given.
     """
 
-    def __init__(self, reference: Reference, dimension: int) -> None:
+    def __init__(
+        self, reference: Reference, dimension: int, cells: NDArray[np.int32] | None = None
+    ) -> None:
         self.reference = reference
         self.dimension = dimension
         self.mesh = reference.mesh
         self.space = versions.vector_space(self.mesh, reference.degree, dimension)
         degree = quadrature_degree(reference.cell, reference.degree, reference.curved)
         self._dx = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": degree})
+        if cells is not None:
+            tags = versions.meshtags(self.mesh, dimension, cells, 1)
+            self._dx = self._dx(1, subdomain_data=tags)
 
     @cached_property
     def unknowns(self) -> NDArray[np.int64]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,9 @@ from contact_app.model.boundaries import boundary_facets, refuse_without_facet
 from contact_app.model.total_loads import LinearTraction, load_of
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
-from meshes import Partition
+from meshes import Partition, Subdomain
+
+FacetLoad = Traction | Pressure
 
 
 def load_vectors(
@@ -21,49 +24,80 @@ def load_vectors(
     elements: dict[int, Element],
     linear: Sequence[LinearTraction] = (),
 ) -> list[NDArray[np.float64] | None]:
-    """Load vector of each subdomain of this rank, None where nothing acts.
+    """Load vector of each subdomain of this rank, None where nothing acts (collective).
 
     Parameters
     ----------
     linear
         The tractions of total forces and moments.
+
+    Raises
+    ------
+    ConfigurationError
+        A load has no facet.
     """
-    facet_loads: tuple[Traction | Pressure, ...] = (*scene.tractions, *scene.pressures)
+    facet_loads: tuple[FacetLoad, ...] = (*scene.tractions, *scene.pressures)
     found = np.zeros(len(facet_loads), bool)
     cache: dict[Hashable, NDArray[np.float64]] = {}
-    loads: list[NDArray[np.float64] | None] = []
+    loads = []
     for s in partition.subdomains:
-        element = elements[id(s.reference)]
-        parts = []
         for i, load in enumerate(facet_loads):
-            if load.body != s.body:
-                continue
-            rows = boundary_facets(s, scene.bodies[s.body], load.boundary)
-            if len(rows) == 0:
-                continue
-            found[i] = True
-            key: Hashable = (id(s.reference), i, rows.tobytes())
-            if key not in cache:
-                if i < len(scene.tractions):
-                    cache[key] = element.traction(rows, np.array(scene.tractions[i].vector))
-                else:
-                    pressure = scene.pressures[i - len(scene.tractions)].value
-                    cache[key] = element.pressure(rows, pressure)
-            parts.append(cache[key])
-        for traction in linear:
-            if traction.body == s.body:
-                rows = boundary_facets(s, scene.bodies[s.body], traction.boundary)
-                if len(rows):
-                    parts.append(load_of(element, rows, s.points(), traction))
-        for i, force in enumerate(scene.forces):
-            if force.body == s.body:
-                key = (id(s.reference), "force", i)
-                if key not in cache:
-                    cache[key] = element.body_force(np.array(force.vector))
-                parts.append(cache[key])
-        loads.append(np.sum(parts, axis=0) if parts else None)
+            found[i] |= bool(len(_facets(scene, s, load)))
+        loads.append(subdomain_load(scene, s, elements[id(s.reference)], linear, cache))
     found = partition.comm.allreduce(found.astype(int)) > 0
     for load, some in zip(facet_loads, found, strict=True):
         if not some:
             refuse_without_facet(scene, load)
     return loads
+
+
+def subdomain_load(
+    scene: Scene,
+    s: Subdomain,
+    element: Element,
+    linear: Sequence[LinearTraction] = (),
+    cache: dict[Hashable, NDArray[np.float64]] | None = None,
+) -> NDArray[np.float64] | None:
+    """Load vector of a subdomain, None where nothing acts.
+
+    Parameters
+    ----------
+    cache
+        Loads of congruent subdomains that were computed before; new ones are added.
+    """
+    cache, parts = {} if cache is None else cache, []
+
+    def known(key: Hashable, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+        if key not in cache:
+            cache[key] = make()
+        return cache[key]
+
+    facet_loads: tuple[FacetLoad, ...] = (*scene.tractions, *scene.pressures)
+    for i, load in enumerate(facet_loads):
+        rows = _facets(scene, s, load)
+        if len(rows):
+            key: Hashable = (id(s.reference), i, rows.tobytes())
+            parts.append(known(key, partial(_on_facets, element, rows, load)))
+    for traction in linear:
+        if traction.body == s.body:
+            rows = boundary_facets(s, scene.bodies[s.body], traction.boundary)
+            if len(rows):
+                parts.append(load_of(element, rows, s.points(), traction))
+    for i, force in enumerate(scene.forces):
+        if force.body == s.body:
+            key = (id(s.reference), "force", i)
+            parts.append(known(key, partial(element.body_force, np.array(force.vector))))
+    return np.sum(parts, axis=0) if parts else None
+
+
+def _facets(scene: Scene, s: Subdomain, load: FacetLoad) -> NDArray[np.int32]:
+    """Facets of a subdomain on which a load acts."""
+    if load.body != s.body:
+        return np.zeros(0, np.int32)
+    return boundary_facets(s, scene.bodies[s.body], load.boundary)
+
+
+def _on_facets(element: Element, rows: NDArray[np.int32], load: FacetLoad) -> NDArray[np.float64]:
+    if isinstance(load, Traction):
+        return element.traction(rows, np.array(load.vector))
+    return element.pressure(rows, load.value)

@@ -3,12 +3,15 @@
 A body that is one subdomain and whose held nodes stop every rigid motion needs no gluing and no
 coarse problem: its held unknowns are eliminated. Every other subdomain floats, as in Total FETI,
 and its conditions are rows of B.
+
+Load cases of a scene share everything but load vectors, prescribed displacements and gaps
+(`model_of_case`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +25,7 @@ from contact_app.model.candidates import Needed
 from contact_app.model.equilibrium import directions_in_words, group_numbers, upward
 from contact_app.model.outline import Outline, Tell, outline
 from contact_app.model.probes import Probe
+from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction
@@ -56,12 +60,16 @@ class Model:
         Rows that a tighter one of the same node in the same direction makes redundant.
     reach
         How far the nodes of each contact may come nearer, (contacts,).
+    node_exchange
+        Exchange of all nodes (not only surface nodes) with their owners.
     linear
         The tractions of total forces and moments.
     temperatures
         At the nodes of each class, (nodes, members); None where a class is without heat.
     probes
         The cells of points whose displacement is asked for.
+    sections
+        The cells on either side of planes at which section forces are asked for.
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -76,9 +84,11 @@ class Model:
     left_out: ContactRows
     merged: ContactRows
     reach: NDArray[np.float64]
+    node_exchange: NodeExchange
     linear: tuple[LinearTraction, ...] = ()
     probes: tuple[Probe, ...] = ()
     temperatures: tuple[NDArray[np.float64] | None, ...] = ()
+    sections: tuple[SectionPiece, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -90,12 +100,6 @@ class Model:
     def dofs(self) -> int:
         """Undecomposed degrees of freedom, held ones included."""
         return self.partition.nodes * self.scene.dimension
-
-    @cached_property
-    def node_exchange(self) -> NodeExchange:
-        """Exchange of all nodes (not only surface nodes) with their owners."""
-        nodes = [s.nodes for s in self.partition.subdomains]
-        return NodeExchange(self.comm, np.concatenate(nodes), self.partition.nodes)
 
 
 def build_model(
@@ -120,24 +124,65 @@ def build_model(
         known = outline(scene, comm, timings, needed)
         if tell is not None:
             tell(scene, known)
-        return _built(scene, comm, timings, known, options)
+        return model_of_outline(scene, known, timings, options)
 
 
-def _built(
-    scene: Scene,
-    comm: MPI.Intracomm,
-    timings: Timings,
-    known: Outline,
-    options: TotalFetiOptions | None,
+def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
+    """The model of a scene that differs in the factors of its conditions alone (collective).
+
+    It has the meshes, constraints and factors of the model, and loads, prescribed displacements and
+    gaps of its own.
+
+    Parameters
+    ----------
+    known
+        The outline of the scene, with the contact rows of the model.
+    """
+    problem, d = model.problem, scene.dimension
+    forces = [np.zeros_like(own) for own in problem.forces]
+    for own_loads in (known.loads, known.thermal):
+        for (cls, column), load in zip(model.place, own_loads, strict=True):
+            if load is not None:
+                forces[cls][:, column] += load
+    lifting = [own.copy(order="F") for own in problem.lifting]
+    lifted = _lifting(known.partition, known.surface, known.exchange, known.held, known.eliminated)
+    for (cls, column), own in zip(model.place, lifted, strict=True):
+        if own is not None:
+            lifting[cls][own[0], column] = own[1]
+    c = np.zeros(problem.size)
+    unknowns = problem.system.constraints.held_unknowns
+    rows = np.flatnonzero(unknowns >= 0)
+    at = np.searchsorted(known.held.nodes, unknowns[rows] // d)
+    c[rows] = known.held.values[at, unknowns[rows] % d]
+    c[problem.inequality] = known.contact.gaps * problem.contact.spread
+    case = problem.with_loads(forces, lifting, c)
+    return replace(
+        model, scene=scene, problem=case, needed=known.needed, left_out=known.left_out,
+        merged=known.merged, reach=known.reach, linear=known.linear,
+        temperatures=tuple(_temperatures(known, members) for members in _members(model)),
+        notes=tuple(_notes(scene, known, case)),
+    )  # fmt: skip
+
+
+def _members(model: Model) -> list[list[int]]:
+    """Local numbers of the subdomains of each class, by column."""
+    found: list[list[int]] = [[-1] * cls.members for cls in model.problem.classes]
+    for local, (cls, column) in enumerate(model.place):
+        found[cls][column] = local
+    return found
+
+
+def model_of_outline(
+    scene: Scene, known: Outline, timings: Timings, options: TotalFetiOptions | None = None
 ) -> Model:
-    """The model; all but assembly and factorization is set-up."""
+    """Assemble, write the constraints, factor (collective)."""
+    comm = known.partition.comm
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, balances, eliminated = known.held, known.balances, known.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
-    rows, contact, tied = write_rows(
-        exchange, surface.subdomains, held, known.contact, eliminated[body_of_held], options,
-        known.tied.rows,
-    )  # fmt: skip
+    rows, contact = write_rows(
+        exchange, surface.subdomains, held, known.contact, eliminated[body_of_held], options
+    )
     supports = support_rows(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene, partition, lifting)
@@ -148,9 +193,7 @@ def _built(
         subdomains = [
             _assembled(scene, known, key, members, lifting) for key, members in classes.items()
         ]
-    constraints = ConstraintRows(
-        exchange, rows, contact, supports, all(b.steady for b in balances), tied
-    )
+    constraints = ConstraintRows(exchange, rows, contact, supports, all(b.held for b in balances))
     problem = DualProblem(
         build_system(
             subdomains, constraints, group_numbers(scene),
@@ -158,6 +201,7 @@ def _built(
         )
     )  # fmt: skip
     give_back()
+    nodes = [np.zeros(0, np.int64), *(s.nodes for s in partition.subdomains)]
     return Model(
         scene=scene,
         partition=partition,
@@ -169,9 +213,11 @@ def _built(
         left_out=known.left_out,
         merged=known.merged,
         reach=known.reach,
+        node_exchange=NodeExchange(comm, np.concatenate(nodes), partition.nodes),
         linear=known.linear,
         probes=known.probes,
         temperatures=tuple(_temperatures(known, members) for members in classes.values()),
+        sections=known.sections,
         notes=tuple(_notes(scene, known, problem)),
     )
 
@@ -195,7 +241,6 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
         )
     else:
         notes.append("every body is one held subdomain: no gluing, no coarse problem")
-    notes += known.tied.notes
     if not problem.one_sided:
         notes.append("no contact rows: plain conjugate gradients")
     return notes

@@ -1,9 +1,14 @@
-"""What is known of a model before anything is assembled into matrices or factored."""
+"""What is known of a model before anything is assembled into matrices or factored.
+
+Meshes, subdomains and the coefficients of all rows know no load. Load vectors, prescribed
+displacements, gaps and the balance of each body belong to a load case, and `outline_of_case` finds
+these alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -28,8 +33,8 @@ from contact_app.model.equilibrium import body_balances, groups_in_contact
 from contact_app.model.heat import free_strains, node_temperatures, thermal_loads
 from contact_app.model.loads import load_vectors
 from contact_app.model.probes import Probe, locate_probes
+from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.model.ties import TiedRows, tied_rows
 from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
@@ -39,12 +44,12 @@ from solver.tfeti.constraints.rows import (
     ContactRows,
     ContradictionError,
     HeldRows,
+    NodeConditions,
     cut_held,
     drop_parallel,
     merge_contact,
     merge_held,
 )
-from solver.tfeti.constraints.ties import undecided
 
 
 def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
@@ -69,6 +74,8 @@ class Outline:
 
     Attributes
     ----------
+    uncut
+        Rows of contacts in the mean, before what is held is taken out of them.
     held, contact
         Held nodes and contact rows this rank owns.
     needed, left_out
@@ -83,10 +90,10 @@ class Outline:
         The tractions of total forces and moments.
     probes
         The cells of points whose displacement is asked for.
+    sections
+        The cells on either side of planes at which section forces are asked for.
     loads
         Load vector of each subdomain of this rank, None where nothing acts.
-    tied
-        Rows of tied pairs.
     temperatures, thermal
         Temperatures at the nodes of each subdomain of this rank and the loads by which they expand
         it, None without heat.
@@ -97,6 +104,7 @@ class Outline:
     partition: Partition
     surface: SurfaceCopies
     exchange: NodeExchange
+    uncut: tuple[ContactRows, ...]
     held: HeldRows
     contact: ContactRows
     needed: NDArray[np.bool_]
@@ -106,11 +114,21 @@ class Outline:
     elements: dict[int, Element]
     linear: tuple[LinearTraction, ...]
     probes: tuple[Probe, ...]
+    sections: tuple[SectionPiece, ...]
     loads: list[NDArray[np.float64] | None]
-    tied: TiedRows
     temperatures: list[NDArray[np.float64] | None]
     thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
+
+    @property
+    def all_contact(self) -> ContactRows:
+        """All candidate rows of this rank, as `needed` counts them."""
+        return ContactRows.join([self.contact, self.left_out])
+
+    def with_needed(self, needed: NDArray[np.bool_]) -> Outline:
+        """The same with other candidate rows as contact rows, (candidate rows,)."""
+        rows = self.all_contact
+        return replace(self, needed=needed, contact=rows.of(needed), left_out=rows.of(~needed))
 
     @property
     def candidates(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -155,80 +173,141 @@ def outline(
     with timings.measure("setup"):
         partition = partition_scene(scene, comm)
     surface, probes = SurfaceCopies(partition), locate_probes(scene, partition)
-    with agreed(comm):
-        conditions = node_conditions(scene, partition)
-        temperatures = node_temperatures(scene, partition)
-    refuse_empty_boundaries(scene, partition, conditions)
-    length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
     exchange = NodeExchange(comm, surface.nodes, partition.nodes)
-    try:
-        held = merge_held(exchange, conditions)
-        contact, merged = merge_contact(exchange, conditions, held, length)
-        pairs = [mortar_rows(scene, partition, exchange, i) for i in range(len(scene.pairs))]
-        averaged = [
-            rows_in_the_mean(scene, partition, exchange, i)
-            for i, c in enumerate(scene.contacts)
-            if has_averaged_rows(scene.bodies[c.body])
-        ]
-        pairs = [cut_held(exchange, rows, held, length) for rows in pairs]
-        averaged = [cut_held(exchange, rows, held, length) for rows in averaged]
-        contact = ContactRows.join([contact, *averaged, *pairs])
-        if averaged or pairs:
-            contact, redundant = drop_parallel(exchange, contact, length)
-            merged = ContactRows.join([merged, redundant])
-        tied = tied_rows(scene, partition, exchange, held, length)
-        contact = contact.of(undecided(comm, contact, tied.rows))
-    except ContradictionError as error:
-        raise contradiction(scene, error) from error
-
+    conditions = _conditions(scene, partition)
+    uncut = tuple(mortar_rows(scene, partition, exchange, i) for i in range(len(scene.pairs)))
+    uncut += tuple(
+        rows_in_the_mean(scene, partition, exchange, i)
+        for i, c in enumerate(scene.contacts)
+        if has_averaged_rows(scene.bodies[c.body])
+    )
+    held, contact, merged = _merged_rows(scene, exchange, conditions, uncut)
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
-    with timings.measure("assembly"):
-        linear = linear_tractions(scene, partition, elements)
-        loads = load_vectors(scene, partition, elements, linear)
-        with agreed(comm):
-            thermal = thermal_loads(scene, partition, elements, temperatures)
-    balances = body_balances(scene, partition, (held, tied.rows), contact, loads)
+    found = _loads(scene, partition, elements, timings)
+    balances = body_balances(scene, partition, held, contact, found.loads)
     reach = np.full(len(scene.touching), np.inf)
     if not isinstance(needed, str) or needed == "estimated":
-        strains = free_strains(scene, partition, temperatures)
-        reach = _reach(scene, partition, contact, (loads, strains), balances)
+        reach = _reach(scene, partition, contact, found, balances)
     if isinstance(needed, str):
         all_rows = np.ones(len(contact.nodes), bool)
         needed = all_rows if needed == "all" else estimated(contact, reach)
     return Outline(
-        partition, surface, exchange, held, contact.of(needed), needed, contact.of(~needed),
-        merged, reach, elements, linear, probes, loads, tied, temperatures, thermal,
-        balances,
+        partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
+        merged, reach, elements, found.linear, probes, locate_sections(scene, partition),
+        found.loads, found.temperatures, found.thermal, balances,
     )  # fmt: skip
+
+
+def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None) -> Outline | None:
+    """The outline of a scene that differs from a known one in the factors of its conditions.
+
+    Its candidate rows become contact rows as an estimate for these loads finds them. Meshes,
+    subdomains and coefficients of rows are those that are known (collective).
+
+    Returns
+    -------
+    None where the displacements change which rows are redundant: then it is a model of its own.
+
+    Raises
+    ------
+    NoEquilibriumError
+        A body leaves, or conditions on a node exclude each other.
+    """
+    timings, partition = timings or Timings(), known.partition
+    rows = known.all_contact
+    held, contact, merged = known.held, rows, known.merged
+    if any(condition.name is not None for condition in scene.displacements):
+        conditions = _conditions(scene, partition)
+        held, contact, merged = _merged_rows(scene, known.exchange, conditions, known.uncut)
+        if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
+            return None
+    found = _loads(scene, partition, known.elements, timings)
+    balances = body_balances(scene, partition, held, contact, found.loads)
+    reach = _reach(scene, partition, contact, found, balances)
+    needed = estimated(contact, reach)
+    return replace(
+        known, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
+        merged=merged, reach=reach, linear=found.linear, loads=found.loads,
+        temperatures=found.temperatures, thermal=found.thermal, balances=balances,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Loads:
+    """What `Outline` has under the same names."""
+
+    linear: tuple[LinearTraction, ...]
+    loads: list[NDArray[np.float64] | None]
+    temperatures: list[NDArray[np.float64] | None]
+    thermal: list[NDArray[np.float64] | None]
+
+
+def _loads(
+    scene: Scene, partition: Partition, elements: dict[int, Element], timings: Timings
+) -> _Loads:
+    """The loads of a scene on its subdomains (collective)."""
+    with timings.measure("assembly"):
+        linear = linear_tractions(scene, partition, elements)
+        loads = load_vectors(scene, partition, elements, linear)
+        with agreed(partition.comm):
+            temperatures = node_temperatures(scene, partition)
+        with agreed(partition.comm):
+            thermal = thermal_loads(scene, partition, elements, temperatures)
+    return _Loads(linear, loads, temperatures, thermal)
+
+
+def _same_rows(one: ContactRows, other: ContactRows) -> bool:
+    """Whether rows are those of the same contacts at the same nodes."""
+    return np.array_equal(one.nodes, other.nodes) and np.array_equal(one.sources, other.sources)
+
+
+def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
+    """Held nodes and contact rows of nodes; boundaries without a node are refused (collective)."""
+    with agreed(partition.comm):
+        conditions = node_conditions(scene, partition)
+    refuse_empty_boundaries(scene, partition, conditions)
+    return conditions
+
+
+def _merged_rows(
+    scene: Scene, exchange: NodeExchange, conditions: NodeConditions, uncut: Sequence[ContactRows]
+) -> tuple[HeldRows, ContactRows, ContactRows]:
+    """Held nodes, contact rows without what is held, and rows that are redundant (collective)."""
+    length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+    try:
+        held = merge_held(exchange, conditions)
+        contact, merged = merge_contact(exchange, conditions, held, length)
+        if uncut:
+            cut = [cut_held(exchange, rows, held, length) for rows in uncut]
+            contact = ContactRows.join([contact, *cut])
+            contact, redundant = drop_parallel(exchange, contact, length)
+            merged = ContactRows.join([merged, redundant])
+    except ContradictionError as error:
+        raise contradiction(scene, error) from error
+    return held, contact, merged
 
 
 def _reach(
     scene: Scene,
     partition: Partition,
     contact: ContactRows,
-    pushing: tuple[Iterable[NDArray[np.float64] | None], NDArray[np.float64]],
+    found: _Loads,
     balances: list[BodyBalance],
 ) -> NDArray[np.float64]:
-    """How far the nodes of each contact may come nearer, (contacts,) (collective).
-
-    Parameters
-    ----------
-    pushing
-        Loads of this rank's subdomains, and the free thermal strain of each body.
-    """
-    loads, strains = pushing
+    """How far the nodes of each contact may come nearer, (contacts,) (collective)."""
+    strains = free_strains(scene, partition, found.temperatures)
     forces, overlaps = np.zeros(len(scene.bodies)), np.zeros(len(scene.touching))
-    for s, load in zip(partition.subdomains, loads, strict=True):
+    for s, load in zip(partition.subdomains, found.loads, strict=True):
         if load is not None:
             forces[s.body] += np.abs(load).sum()
     np.maximum.at(overlaps, contact.sources, -contact.gaps)
     forces = partition.comm.allreduce(forces)
     overlaps = np.max(partition.comm.allgather(overlaps), axis=0)
-    held = np.array([b.steady for b in balances])
+    held = np.array([b.held for b in balances])
     return reaches(scene, groups_in_contact(scene), (forces, strains), held, overlaps)
 
 

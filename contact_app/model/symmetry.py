@@ -164,8 +164,6 @@ def _cut(scene: Scene, axis: int) -> Scene:
         raise AsymmetryError(
             f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
         )
-    if scene.ties:
-        raise AsymmetryError(f"{scene.ties[0].source} is tied")
     mirror = _plane(scene, axis)
     halves = _halves(scene, mirror)
     left = [half.body for half in halves if half.body is not None]
@@ -179,8 +177,15 @@ def _cut(scene: Scene, axis: int) -> Scene:
             parts[body, boundary] = found
         return parts[body, boundary]
 
-    _refuse_uneven_heat(scene, mirror, [half.kept for half in halves])
-    described = _Described(_size(scene), [half.kept for half in halves], part)
+    for loaded in [scene.under(case) for case in scene.cases] or [scene]:
+        _refuse_uneven_heat(loaded, mirror, [half.kept for half in halves])
+
+    def factors(item: Item) -> tuple[float, ...]:
+        if isinstance(item, Contact | BodyContact):
+            return ()
+        return tuple(case.of(item.name) for case in scene.cases)
+
+    described = _Described(_size(scene), [half.kept for half in halves], part, factors)
     _refuse_unpaired(scene, mirror, described)
 
     def kept(items: Iterable[Any]) -> tuple[Any, ...]:
@@ -191,6 +196,14 @@ def _cut(scene: Scene, axis: int) -> Scene:
             if _is_kept(item, scene, halves, part)
         )  # fmt: skip
 
+    sections = tuple(
+        replace(
+            section,
+            body=int(number[halves[section.body].kept]),
+            across=section.across if halves[section.body].body else (*section.across, axis),
+        )
+        for section in scene.output.sections
+    )
     held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
     planes = [
         DisplacementCondition(int(number[k]), half.body.cuts[-1], held, f"{AT_CUT} {'xyz'[axis]}")
@@ -208,6 +221,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
         pairs=kept(scene.pairs),
         temperatures=kept(scene.temperatures),
         decomposition=_divided(scene.decomposition, left),
+        output=replace(scene.output, sections=sections),
         mirrors=(
             *scene.mirrors,
             replace(
@@ -383,14 +397,24 @@ class _Described:
         Number of the body that is kept for each, as a `_Half` has it.
     part
         Where a boundary of a body is.
+    factors
+        Those of an item in each load case; none for contacts.
     """
 
     size: float
     kept: list[int]
     part: Callable[[int, str], _Part]
+    factors: Callable[[Item], tuple[float, ...]]
 
     def __call__(self, item: Item, mirror: Mirror | None = None) -> Description:
-        """What an item is, or its mirror image: words, and numbers of order one to compare."""
+        """What an item is, or its mirror image: words, and numbers of order one to compare.
+
+        Among the words are its factors in the load cases: a scene mirrors where each case does.
+        """
+        words, numbers = self._described(item, mirror)
+        return (*words, self.factors(item)), numbers
+
+    def _described(self, item: Item, mirror: Mirror | None) -> Description:
         kind = type(item).__name__
         if isinstance(item, BodyForce):
             return (kind, self._body(item.body, mirror)), _scaled(_reflected(item.vector, mirror))

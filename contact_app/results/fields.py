@@ -20,6 +20,15 @@ from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.material import von_mises
 from solver.contact.solution import Solution
 
+POINT_FIELDS = ("displacement", "contact_pressure", "gap")
+"""Fields at nodes that can be asked for."""
+
+NODAL_FIELDS = ("nodal_stress", "nodal_von_mises")
+"""Those that are recovered from the stresses in cells; in files their names may have a suffix."""
+
+CELL_FIELDS = ("stress", "von_mises", "body", "material")
+"""Fields in cells that can be asked for."""
+
 
 @dataclass(frozen=True, eq=False)
 class NodeFields:

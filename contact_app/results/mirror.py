@@ -72,7 +72,7 @@ class Image:
         for mirror in self.mirrors:
             if name == "displacement":
                 values[:, mirror.axis] *= -1.0
-            elif name == "stress":
+            elif name == "stress" or name.startswith("nodal_stress"):
                 values[:, SHEARS[mirror.axis]] *= -1.0
         return values
 

@@ -1,63 +1,113 @@
-"""The files of a run: XDMF for ParaView.
+"""The fields of a run in files: XDMF for ParaView, VTU for all else that reads VTK's formats.
 
 Ranks hand their share to rank 0 one after another, so no rank holds a field of the whole mesh.
 """
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.results.contacts import ContactsOfWhole
-from contact_app.results.fields import CellFields, NodeFields, slabs
-from contact_app.results.mirror import Image, whole
-from contact_app.results.result_size import result_bytes
+from contact_app.results.fields import (
+    CELL_FIELDS,
+    POINT_FIELDS,
+    CellFields,
+    NodeFields,
+    slabs,
+)
+from contact_app.results.mirror import Image, Whole, whole
+from contact_app.results.result_size import components, file_names, result_bytes
+from contact_app.results.vtu import VTUWriter
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
 
-POINT_FIELDS = ("displacement", "contact_pressure", "gap")
-CELL_FIELDS = ("stress", "von_mises")
+Array = NDArray[np.float64]
 
 
-def write_xdmf(model: Model, nodes: NodeFields, cells: CellFields, path: Path) -> None:
-    """Write the fields the scene asks for (collective)."""
-    scene, partition, comm = model.scene, model.partition, model.comm
-    found = whole(model, nodes)
-    wanted = scene.output.fields
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """The fields of an answer, of this rank.
+
+    Attributes
+    ----------
+    nodal
+        Stresses at the nodes this rank owns, by name.
+    """
+
+    nodes: NodeFields
+    cells: CellFields
+    nodal: Mapping[str, Array]
+
+
+def write_fields(model: Model, fields: Fields, directory: Path) -> list[Path]:
+    """Write the fields and files the scene asks for; the files (collective)."""
+    files = [directory / name for name in file_names(model.scene)]
+    if not files:
+        return files
+    nodes, cells, found = fields.nodes, fields.cells, whole(model, fields.nodes)
+    wanted = model.scene.output.fields
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
-    cell_fields = {name: getattr(cells, name) for name in CELL_FIELDS if name in wanted}
-    numbers = _numbers(model)
-    cell_fields |= {name: values for name, values in numbers.items() if name in wanted}
+    point_fields |= fields.nodal
+    known = {"stress": cells.stress, "von_mises": cells.von_mises, **_numbers(model)}
+    cell_fields = {name: known[name] for name in CELL_FIELDS if name in wanted}
     contacts = ContactsOfWhole(model, nodes, found)
     alone = contacts.overlapping() if "contact_pressure" in wanted else []
-    sizes = np.diff(partition.first_cell)
-    runs = [
-        (cell_type_name(b.mesh.cell, b.degree), int(n))
-        for b, n in zip(scene.bodies, sizes, strict=True)
-    ] * len(found.images)
-    writer = None
-    if comm.rank == 0:
-        size = result_bytes(scene, found.nodes, found.cells, len(alone))
-        writer = XDMFWriter(path, runs, found.nodes, found.cells, size)
-    with writer or nullcontext():
+
+    def at_nodes(image: Image) -> dict[str, Array]:
+        own = {name: image.field(name, values) for name, values in point_fields.items()}
+        return own | {f"contact_pressure_{k + 1}": contacts.pressure(image, k) for k in alone}
+
+    size = result_bytes(model.scene, found.nodes, found.cells, len(alone))
+    write_grid(model, nodes, files, at_nodes, cell_fields, size)
+    return files
+
+
+def write_grid(
+    model: Model,
+    nodes: NodeFields,
+    files: Sequence[Path],
+    at_nodes: Callable[[Image], Mapping[str, Array]],
+    cell_fields: Mapping[str, Array],
+    size: int = 0,
+) -> None:
+    """Write the mesh of the whole with fields (collective).
+
+    Parameters
+    ----------
+    files
+        The same in each: ``….xdmf`` or ``….vtu``.
+    at_nodes
+        Fields of an image at its nodes, (nodes, components).
+    cell_fields
+        In this rank's cells of what was solved.
+    size
+        Bytes of the numbers of an XDMF file, where they are known.
+    """
+    partition, comm, found = model.partition, model.comm, whole(model, nodes)
+    starts = partition.cell_starts
+    first_cell = int(starts[0]) if len(starts) else 0
+    with ExitStack() as stack:
+        writer = None
         for number, image in enumerate(found.images):
-            own = {name: image.field(name, v)[image.new] for name, v in point_fields.items()}
+            own = {name: values[image.new] for name, values in at_nodes(image).items()}
+            if comm.rank == 0 and writer is None:
+                names = tuple(own), tuple(cell_fields)
+                writer = stack.enter_context(_files(model, files, found, names, size))
             points = image.points(nodes.points)[image.new]
             for start, (located, fields) in slabs(comm, image.first, points, own):
                 assert writer is not None
                 writer.points(start, located)
                 for name, values in fields.items():
                     writer.point_data(name, start, values)
-            for contact in alone:
-                pressure = contacts.pressure(image, contact)[image.new]
-                for start, (values,) in slabs(comm, image.first, pressure):
-                    assert writer is not None
-                    writer.point_data(f"contact_pressure_{contact + 1}", start, values)
-            first = number * partition.cells + cells.first
             own = {name: image.field(name, v) for name, v in cell_fields.items()}
+            first = number * partition.cells + first_cell
             for start, (groups, fields) in slabs(comm, first, _cells(model, image), own):
                 assert writer is not None
                 for name, values in fields.items():
@@ -65,6 +115,56 @@ def write_xdmf(model: Model, nodes: NodeFields, cells: CellFields, path: Path) -
                 for group in groups:
                     writer.cells(start, group)
                     start += len(group)
+
+
+class _Files:
+    """Hands slabs to each of several writers."""
+
+    def __init__(self, writers: list[XDMFWriter | VTUWriter]) -> None:
+        self._writers = writers
+
+    def points(self, start: int, values: Array) -> None:
+        for writer in self._writers:
+            writer.points(start, values)
+
+    def cells(self, start: int, values: NDArray[Any]) -> None:
+        for writer in self._writers:
+            writer.cells(start, values)
+
+    def point_data(self, name: str, start: int, values: Array) -> None:
+        for writer in self._writers:
+            writer.point_data(name, start, values)
+
+    def cell_data(self, name: str, start: int, values: Array) -> None:
+        for writer in self._writers:
+            writer.cell_data(name, start, values)
+
+
+@contextmanager
+def _files(
+    model: Model,
+    files: Sequence[Path],
+    found: Whole,
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+    size: int,
+) -> Iterator[_Files]:
+    """Open files; `names` are those of the fields at nodes and in cells."""
+    counts = np.diff(model.partition.first_cell)
+    runs = [
+        (cell_type_name(b.mesh.cell, b.degree), int(n))
+        for b, n in zip(model.scene.bodies, counts, strict=True)
+    ] * len(found.images)
+    at_nodes, at_cells = ({name: components(name) for name in part} for part in names)
+    writers: list[XDMFWriter | VTUWriter] = []
+    with ExitStack() as stack:
+        for path in files:
+            if path.suffix == ".xdmf":
+                xdmf = XDMFWriter(path, runs, found.nodes, found.cells, size)
+                writers.append(stack.enter_context(xdmf))
+            else:
+                vtu = VTUWriter(path, runs, found.nodes, at_nodes, at_cells)
+                writers.append(stack.enter_context(vtu))
+        yield _Files(writers)
 
 
 def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:

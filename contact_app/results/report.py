@@ -256,6 +256,60 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
     return table
 
 
+def print_cases(
+    summary: Mapping[str, Any],
+    warnings: Iterable[str] = (),
+    files: Iterable[Path | str] = (),
+    console: Console | None = None,
+) -> None:
+    """Print the overview of load cases as a table.
+
+    Parameters
+    ----------
+    summary
+        What the ``summary.json`` beside the directories of the cases holds.
+    warnings
+        What the certificates warn of, each with the cases it is about.
+    """
+    console = console or Console(highlight=False)
+    console.print(cases_table(summary))
+    for key, name in (("von_mises", "von Mises stress"), ("contact_pressure", "contact pressure")):
+        peak = summary["envelope"][key]
+        if peak["case"] is not None:
+            console.print(f"largest {name}: {_number(peak['value'])}, case {peak['case']}")
+    timings = summary["timings"]
+    console.print(f"time: {timings['total']:.1f} s, {timings['solve']:.1f} s of it solving")
+    for name, case in summary["cases"].items():
+        if not case["certificate"]["passed"]:
+            text = Text.assemble((f"case {name}: ", "bold red"), str(case["solver"]["reason"]))
+            console.print(text, soft_wrap=True)
+    for warning in warnings:
+        console.print(Text.assemble(("warning: ", "bold yellow"), warning), soft_wrap=True)
+    for path in files:
+        console.print(Text(f"wrote {path}"), soft_wrap=True)
+
+
+def cases_table(summary: Mapping[str, Any]) -> Table:
+    """Make the table of `print_cases`."""
+    table = Table(
+        title=Text(str(summary["scene"]["title"])), title_justify="left", box=None, pad_edge=False
+    )
+    heads = ("case", "displacement", "von Mises", "pressure", "contact force")
+    for head in (*heads, "certificate"):
+        table.add_column(head, no_wrap=True)
+    for name, case in summary["cases"].items():
+        solution = case["solution"]
+        table.add_row(
+            Text(name),
+            _number(solution["max_displacement"]),
+            _number(solution["max_von_mises"]),
+            _number(solution["max_contact_pressure"]),
+            f"({', '.join(_number(component) for component in solution['contact_force'])})",
+            _verdict(bool(case["certificate"]["passed"])),
+        )
+    return table
+
+
 def _contact_rows(contacts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
     """Force and largest pressure of each contact, where there are several."""
     if len(contacts) < 2:

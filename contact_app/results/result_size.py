@@ -1,15 +1,26 @@
-"""How much room ``solution.h5`` takes."""
+"""How much room the files of fields take."""
 
 from __future__ import annotations
 
+from contact_app.results.fields import CELL_FIELDS, NODAL_FIELDS, POINT_FIELDS
+from contact_app.results.vtu import vtu_bytes
 from contact_app.results.xdmf import CELL_TYPES, cell_type_name, grid_bytes
 from contact_app.scene.scene import Scene
 
-COMPONENTS = {"displacement": 3, "contact_pressure": 1, "gap": 1}
-"""Components that are written of each field at nodes."""
+COMPONENTS = {"displacement": 3, "stress": 9, "nodal_stress": 9}
+"""Components that are written of the fields that are no scalars."""
 
-CELL_COMPONENTS = {"stress": 9, "von_mises": 1, "body": 1, "material": 1}
-"""The same of fields in cells."""
+
+def components(name: str) -> int:
+    """Components that are written of a field."""
+    for base in NODAL_FIELDS:
+        name = base if name.startswith(base) else name
+    return COMPONENTS.get(name, 1)
+
+
+def file_names(scene: Scene, name: str = "solution") -> list[str]:
+    """The files of fields that a scene asks for."""
+    return [f"{name}.{suffix}" for suffix in ("xdmf", "vtu") if getattr(scene.output, suffix)]
 
 
 def result_bytes(scene: Scene, nodes: int, cells: int, alone: int | None = None) -> int:
@@ -22,11 +33,30 @@ def result_bytes(scene: Scene, nodes: int, cells: int, alone: int | None = None)
     alone
         Contacts with a pressure field of their own; all where there are several, unless given.
     """
+    return grid_bytes(nodes, cells, _vertices(scene), *_components(scene, alone))
+
+
+def all_bytes(scene: Scene, nodes: int, cells: int) -> int:
+    """Size of all files of fields."""
+    room = _vertices(scene), *_components(scene, None)
+    sizes = {"xdmf": grid_bytes, "vtu": vtu_bytes}
+    return sum(
+        size(nodes, cells, *room) for name, size in sizes.items() if getattr(scene.output, name)
+    )
+
+
+def _vertices(scene: Scene) -> int:
+    return max(CELL_TYPES[cell_type_name(b.mesh.cell, b.degree)].vertices for b in scene.bodies)
+
+
+def _components(scene: Scene, alone: int | None) -> tuple[int, int]:
+    """Components of all fields at nodes and in cells."""
     wanted = scene.output.fields
-    at_nodes = sum(count for name, count in COMPONENTS.items() if name in wanted)
+    at_nodes = sum(components(name) for name in wanted if name in POINT_FIELDS)
+    materials = max(len(body.materials) for body in scene.bodies)
+    sides = 1 if materials == 1 else 1 + materials
+    at_nodes += sides * sum(components(name) for name in wanted if name in NODAL_FIELDS)
     if alone is None:
         alone = len(scene.touching) if len(scene.touching) > 1 else 0
     at_nodes += alone if "contact_pressure" in wanted else 0
-    at_cells = sum(count for name, count in CELL_COMPONENTS.items() if name in wanted)
-    kinds = (CELL_TYPES[cell_type_name(b.mesh.cell, b.degree)] for b in scene.bodies)
-    return grid_bytes(nodes, cells, max(kind.vertices for kind in kinds), at_nodes, at_cells)
+    return at_nodes, sum(components(name) for name in wanted if name in CELL_FIELDS)

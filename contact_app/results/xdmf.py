@@ -41,24 +41,28 @@ class XDMFError(ContactError):
 
 @dataclass(frozen=True)
 class CellType:
-    """How XDMF names a cell: its topology, its number in mixed grids, how many nodes."""
+    """How XDMF names a cell: its topology, its number in mixed grids, how many nodes.
+
+    `vtk` is VTK's number for it.
+    """
 
     topology: str
     number: int
     vertices: int
+    vtk: int
 
 
 #: Names as dolfinx and the configuration use them, and of cells of second order with the number of
 #: their nodes; nodes in VTK's order.
 CELL_TYPES = {
-    "triangle": CellType("Triangle", 4, 3),
-    "quadrilateral": CellType("Quadrilateral", 5, 4),
-    "tetrahedron": CellType("Tetrahedron", 6, 4),
-    "hexahedron": CellType("Hexahedron", 9, 8),
-    "triangle6": CellType("Triangle_6", 36, 6),
-    "quadrilateral9": CellType("Quadrilateral_9", 35, 9),
-    "tetrahedron10": CellType("Tetrahedron_10", 38, 10),
-    "hexahedron27": CellType("Hexahedron_27", 50, 27),
+    "triangle": CellType("Triangle", 4, 3, 5),
+    "quadrilateral": CellType("Quadrilateral", 5, 4, 9),
+    "tetrahedron": CellType("Tetrahedron", 6, 4, 10),
+    "hexahedron": CellType("Hexahedron", 9, 8, 12),
+    "triangle6": CellType("Triangle_6", 36, 6, 22),
+    "quadrilateral9": CellType("Quadrilateral_9", 35, 9, 28),
+    "tetrahedron10": CellType("Tetrahedron_10", 38, 10, 24),
+    "hexahedron27": CellType("Hexahedron_27", 50, 27, 29),
 }
 
 #: XDMF's word for a value of so many components.
@@ -175,7 +179,7 @@ class XDMFWriter:
 
     def points(self, start: int, values: ArrayLike) -> None:
         """Write the coordinates (k, 2 or 3) of nodes `start` to `start` + k."""
-        array = _three_columns(np.asarray(values, dtype=np.float64))
+        array = three_columns(np.asarray(values, dtype=np.float64))
         if array.ndim != 2 or array.shape[1] != 3:
             raise XDMFError(f"points have shape {array.shape}, not (k, 2) or (k, 3)")
         self._write("points", start, array, self.n_nodes)
@@ -249,7 +253,7 @@ class XDMFWriter:
         return self._file
 
     def _field(self, centre: str, name: str, start: int, values: ArrayLike, size: int) -> None:
-        array = _components(name, np.asarray(values, dtype=np.float64))
+        array = as_components(name, np.asarray(values, dtype=np.float64))
         components = 1 if array.ndim == 1 else array.shape[1]
         key = f"{centre.lower()}/{name}"
         known = self._attributes.setdefault((centre, name), components)
@@ -350,19 +354,19 @@ def grid_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: i
     return DIRECTORY_BYTES + nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 4)
 
 
-def _three_columns(array: NDArray[np.float64]) -> NDArray[np.float64]:
+def three_columns(array: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vectors of the plane with a third component 0."""
     if array.ndim == 2 and array.shape[1] == 2:
         return np.pad(array, ((0, 0), (0, 1)))
     return array
 
 
-def _components(name: str, array: NDArray[np.float64]) -> NDArray[np.float64]:
+def as_components(name: str, array: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values as (k,), (k, 3) or (k, 9)."""
     if array.ndim == 3 and array.shape[1:] == (3, 3):
         return array.reshape(len(array), 9)
     if array.ndim == 2:
-        array = _three_columns(array)
+        array = three_columns(array)
         if array.shape[1] == 1:
             return array[:, 0]
         if array.shape[1] == 6:

@@ -17,9 +17,10 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_level
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.outline import Outline
 from contact_app.model.symmetry import halved
-from contact_app.results.mirror import whole
-from contact_app.results.output import write_xdmf
+from contact_app.results.mirror import Image, whole
+from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import write_summary
+from contact_app.run.cases import Overview, solved_cases
 from contact_app.run.communication import on_first
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
@@ -50,6 +51,9 @@ class Answer:
     stress : (cells, 6)
         xx, yy, zz, xy, yz, xz, the mean of each cell.
     von_mises : (cells,)
+    nodal_stress : (nodes, 6), nodal_von_mises : (nodes,)
+        The stress recovered at nodes, of the material with the largest where several meet. None
+        where `output.fields` leaves them out or no file of fields is asked for.
     """
 
     summary: dict[str, Any]
@@ -59,6 +63,8 @@ class Answer:
     gap: Array
     stress: Array
     von_mises: Array
+    nodal_stress: Array | None
+    nodal_von_mises: Array | None
     solved: SolvedScene
 
     @property
@@ -72,18 +78,50 @@ class Answer:
         return self.solved.solution.converged
 
     def write(self, directory: Path | str) -> None:
-        """Write `solution.xdmf` and `summary.json` to a directory (collective)."""
+        """Write the files of fields that `output` asks for and `summary.json` (collective)."""
         directory, model = Path(directory), self.solved.model
         on_first(model.comm, lambda: directory.mkdir(parents=True, exist_ok=True))
-        write_xdmf(model, self.solved.nodes, self.solved.cells, directory / "solution.xdmf")
+        fields = Fields(self.solved.nodes, self.solved.cells, self.solved.nodal)
+        write_fields(model, fields, directory)
         on_first(model.comm, lambda: write_summary(directory / "summary.json", self.summary))
+
+
+@dataclass(frozen=True, eq=False)
+class CaseAnswers:
+    """The answers to a scene with load cases.
+
+    Attributes
+    ----------
+    cases
+        The answer to each case, by its name, in the order of the scene.
+    """
+
+    cases: Mapping[str, Answer]
+    _overview: Overview
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The overview that ``summary.json`` holds beside the directories of the cases."""
+        return self._overview.summary
+
+    @property
+    def converged(self) -> bool:
+        """Whether every case is certified."""
+        return all(answer.converged for answer in self.cases.values())
+
+    def write(self, directory: Path | str) -> None:
+        """Write a directory for each case, `envelope.xdmf` and `summary.json` (collective)."""
+        directory = Path(directory)
+        for name, answer in self.cases.items():
+            answer.write(directory / name)
+        self._overview.write(directory)
 
 
 def solve(
     scene: str | Path | Mapping[str, Any],
     overrides: Sequence[str] = (),
     comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> Answer:
+) -> Answer | CaseAnswers:
     """Solve a scene and certify the answer (collective); writes nothing.
 
     Parameters
@@ -93,6 +131,10 @@ def solve(
         mapping from the working directory on.
     overrides
         Changes as ``path.to.key=value``, as after ``--set`` on the command line.
+
+    Returns
+    -------
+    The answer; for a scene with `cases` the answers to all of them.
 
     Raises
     ------
@@ -107,11 +149,22 @@ def solve(
     built = build_scene(given)
     if built.symmetry:
         built = halved(built).scene
+    if built.cases:
+        return _answers(built, comm)
     if built.accuracy is None:
         solved = solve_scene(built, comm, tell=_refuse)
         return _answer(solved, solved.summary)
     refined = solve_to_accuracy(built, partial(solve_scene, comm=comm, tell=_refuse))
     return _answer(refined.solved, with_levels(refined.solved.summary, refined))
+
+
+def _answers(scene: Scene, comm: MPI.Intracomm) -> CaseAnswers:
+    """The answers to all cases (collective)."""
+    overview, answers = Overview(scene, comm), {}
+    for solved in solved_cases(scene, comm, lambda name: None, _refuse):
+        overview.add(solved, solved.summary)
+        answers[solved.model.scene.case] = _answer(solved, solved.summary)
+    return CaseAnswers(answers, overview)
 
 
 def _refuse(scene: Scene, known: Outline) -> None:
@@ -137,5 +190,14 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
         gap=np.concatenate(gap),
         stress=np.concatenate(stress),
         von_mises=np.tile(cells.von_mises, len(images)),
+        nodal_stress=_nodal("nodal_stress", solved, images),
+        nodal_von_mises=_nodal("nodal_von_mises", solved, images),
         solved=solved,
     )
+
+
+def _nodal(name: str, solved: SolvedScene, images: Sequence[Image]) -> Array | None:
+    """A recovered field at the nodes of all images."""
+    if name not in solved.nodal:
+        return None
+    return np.concatenate([image.field(name, solved.nodal[name])[image.new] for image in images])

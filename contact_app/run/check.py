@@ -27,18 +27,23 @@ from contact_app.model.far_obstacles import distant
 from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.outline import Outline, left_out_notes, outline
 from contact_app.model.symmetry import halved
+from contact_app.run.case_models import outlines_of_cases
 from contact_app.run.repeated_sentences import said_once
 from contact_app.scene.conditions import (
     BodyContact,
+    BodyForce,
     Contact,
     DisplacementCondition,
     Pressure,
+    Temperature,
     TotalLoad,
     Traction,
 )
 from contact_app.scene.scene import Scene
 from meshes import Subdomain
 from solver.tfeti.subdomain.costs import Group, run_seconds
+
+Condition = DisplacementCondition | Traction | Pressure | TotalLoad | BodyForce | Temperature
 
 CELL_RATE = {2: 8e-7, 3: 2e-6}
 """Seconds for error estimate, fields and output of a cell, by dimension."""
@@ -81,9 +86,16 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     halving = halved(scene)
     if scene.symmetry:
         scene = halving.scene
-    known = outline(scene, comm, needed="estimated")
+    outlines: dict[str, Outline] = {}
+    if scene.cases:
+        outlines = {k: v for k, v in outlines_of_cases(scene, comm).items() if v is not None}
+        known = next(iter(outlines.values()))
+    else:
+        known = outline(scene, comm, needed="estimated")
     refuse_unguaranteed(scene, known.partition)
     lines = describe(scene, known)
+    for name, own in outlines.items():
+        lines += [f"case {name}: {line}" for line in _loads_on_bodies(scene, own)]
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]
     elif halving.scene.mirrors:
@@ -109,6 +121,7 @@ def modelled_lines(scene: Scene, known: Outline) -> list[str]:
     """What is modelled, how, and what is left out (collective)."""
     return [
         *_modelled(scene, known),
+        *_cases(scene),
         "",
         *_decomposed(scene, known),
         "",
@@ -164,7 +177,8 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         ends = (_vector(corner) for corner in (body.mesh.lower, body.mesh.upper))
         lines.append("  from {} to {}".format(*ends))
         lines += [f"  {note}" for note in body.mesh.notes]
-        lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
+        if not scene.cases:
+            lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
     for condition in scene.displacements:
         held = ", ".join(
             f"{axis} = {value:g}"
@@ -172,32 +186,32 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             if value is not None
         )
         lines.append(
-            f"{condition.source}: {_on(scene, condition)} displaced by {held} "
+            f"{_name(condition)}: {_on(scene, condition)} displaced by {held} "
             f"({_count_nodes(scene, known, condition):,} nodes)"
         )
     for traction in scene.tractions:
         lines.append(
-            f"{traction.source}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
+            f"{_name(traction)}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
             f"area {_facets(scene, known, traction)}"
         )
     for pressure in scene.pressures:
         lines.append(
-            f"{pressure.source}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
+            f"{_name(pressure)}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
             f"{_facets(scene, known, pressure)}"
         )
     for load, linear in zip(scene.total_loads, known.linear, strict=True):
         lines.append(
-            f"{load.source}: {_on(scene, load)} loaded by a total force {_vector(load.force)}"
+            f"{_name(load)}: {_on(scene, load)} loaded by a total force {_vector(load.force)}"
             f"{_moment(scene, load)} on an area of {linear.area:.4g}"
         )
     for force in scene.forces:
         lines.append(
-            f"{force.source}: {scene.bodies[force.body].name} loaded by {_vector(force.vector)} "
+            f"{_name(force)}: {scene.bodies[force.body].name} loaded by {_vector(force.vector)} "
             "per volume"
         )
     for heat in scene.temperatures:
         lines.append(
-            f"{heat.source}: {scene.bodies[heat.body].name} warmer by {heat.rise.text} than free "
+            f"{_name(heat)}: {scene.bodies[heat.body].name} warmer by {heat.rise.text} than free "
             "of stress"
         )
     for i, contact in enumerate(scene.contacts):
@@ -215,11 +229,6 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
             f"({_candidates(known, i)}){_interference(pair)}"
         )
-    for tie in scene.ties:
-        other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
-        on = f"{scene.bodies[tie.body].name}.{tie.boundary}"
-        lines.append(f"{tie.source}: {on} is tied to {other}, by a mortar method")
-    lines += [f"warning: {note}" for note in known.tied.notes]
     return lines
 
 
@@ -229,6 +238,29 @@ def _interference(contact: Contact | BodyContact) -> str:
     if not amount:
         return ""
     return f", with {'an interference' if amount > 0.0 else 'a clearance'} of {abs(amount):g}"
+
+
+def _name(condition: Condition) -> str:
+    """Where a condition stands in the file, and its name if it has one."""
+    return f"{condition.source} ({condition.name})" if condition.name else condition.source
+
+
+def _cases(scene: Scene) -> list[str]:
+    """The factors of each case."""
+    lines = []
+    for case in scene.cases:
+        factors = ", ".join(f"{factor:g} × {name}" for name, factor in case.factors if factor)
+        lines.append(f"case {case.name}: {factors or 'what has no name'}")
+    return lines
+
+
+def _loads_on_bodies(scene: Scene, known: Outline) -> list[str]:
+    """The load in all on each body of a case (collective)."""
+    d = scene.dimension
+    return [
+        f"load on {body.name} in all {_vector(_resultant(known, i, d))}"
+        for i, body in enumerate(scene.bodies)
+    ]
 
 
 def _decomposed(scene: Scene, known: Outline) -> list[str]:
@@ -260,7 +292,8 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
 
 
 def _left_out(scene: Scene, known: Outline) -> list[str]:
-    notes = [*left_out_notes(scene, known), *_repeated(scene), *_unloaded(scene, known)]
+    notes = [*left_out_notes(scene, known), *_repeated(scene)]
+    notes += [] if scene.cases else _unloaded(scene, known)
     notes = said_once(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
     lines += [f"  {sentence}" for sentence in LEFT_OUT]
@@ -307,10 +340,11 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
 
 def _cost_lines(scene: Scene, known: Outline) -> list[str]:
     cost = estimate(scene, known)
+    each = "for the first case and less for each later one, " if scene.cases else ""
     lines = [
         f"memory: about {cost.memory / 1e9:.2g} GB of {available_bytes() / 1e9:.3g} GB available",
-        f"time: about {_duration(cost.seconds)} on one process of two cores, within a factor of "
-        "two or three on other machines; several times longer where the scene is badly "
+        f"time: about {_duration(cost.seconds)} {each}on one process of two cores, within a factor "
+        "of two or three on other machines; several times longer where the scene is badly "
         "conditioned (thin cells, Poisson's ratio near 0.5, bodies of unlike stiffness)",
         "checked: names, sizes, boundaries, contradictions and equilibrium; nothing was solved",
     ]

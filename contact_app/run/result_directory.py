@@ -8,6 +8,7 @@ leaves such a part, and the next one removes it. `run.log` and `history.csv` gro
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from contact_app.machine.whole_file import part_of
@@ -17,6 +18,10 @@ RESULTS = (
     "summary.json",
     "solution.xdmf",
     "solution.h5",
+    "solution.vtu",
+    "envelope.xdmf",
+    "envelope.h5",
+    "envelope.vtu",
     "history.csv",
     "run.log",
     "bodies.png",
@@ -36,6 +41,7 @@ def clear(directory: Path, resume: bool) -> None:
         Keep the checkpoint, and the history that belongs to it.
     """
     directory.mkdir(parents=True, exist_ok=True)
+    _clear_cases(directory)
     going_on = resume and (directory / CHECKPOINT).is_file()
     for name in RESULTS:
         if not (going_on and name == HISTORY):
@@ -43,6 +49,21 @@ def clear(directory: Path, resume: bool) -> None:
     if not going_on:
         remove_checkpoint(directory)
     remove_parts(directory)
+
+
+def _clear_cases(directory: Path) -> None:
+    """Remove the results of the load cases that an earlier run's summary names."""
+    try:
+        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+        names = [str(name) for name in summary.get("cases", {})]
+    except (OSError, ValueError, AttributeError):
+        return
+    for name in names:
+        own = directory / name
+        if Path(name).name == name and (own / "summary.json").is_file():
+            clear(own, resume=False)
+            if not any(own.iterdir()):
+                own.rmdir()
 
 
 def remove_parts(directory: Path) -> None:

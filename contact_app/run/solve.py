@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -11,7 +12,7 @@ from petsc4py import PETSc
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
-from contact_app.accuracy.refine.warm_start import LastLevel
+from contact_app.accuracy.nodal_stress import nodal_stresses
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError, CouldNotRunError
 from contact_app.machine.environment import slow_blas_warning
@@ -21,6 +22,7 @@ from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Tell
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import log
+from contact_app.run.case_models import CaseModels
 from contact_app.run.communication import Communication
 from contact_app.run.fallback import (
     FAILURES,
@@ -49,6 +51,13 @@ CROSSED = 1e-6
 gap does not know of it."""
 
 
+class Start(Protocol):
+    """An answer to another scene to begin with: on another mesh, or under other loads."""
+
+    def on(self, model: Model) -> NDArray[np.float64] | None:
+        """Multipliers of a model, (dual,); None where they are of no help (collective)."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Request:
     """What is solved, who is told of it, and what was spent on it before.
@@ -56,9 +65,11 @@ class _Request:
     Attributes
     ----------
     start
-        The answer on another mesh to begin with.
+        The answer to another scene to begin with.
     needed
         Candidate rows that become contact rows.
+    cases
+        What it shares with other load cases.
     """
 
     scene: Scene
@@ -66,10 +77,21 @@ class _Request:
     monitor: Monitor | None
     checkpoint: Checkpoint | None
     tell: Tell | None
-    start: LastLevel | None
+    start: Start | None
     timings: Timings
     spent: Counts = field(default_factory=Counts)
     needed: Needed = "estimated"
+    cases: CaseModels | None = None
+
+    def model(self) -> Model:
+        """The scene made ready to solve (collective)."""
+        if self.cases is not None:
+            return self.cases.model(self.scene, self.timings, self.needed, self.tell)
+        return build_model(self.scene, self.comm, self.timings, self.needed, self.tell)
+
+    def estimator(self, model: Model) -> ErrorEstimator:
+        """What estimates the errors of its answers."""
+        return ErrorEstimator(model) if self.cases is None else self.cases.estimator(model)
 
 
 def solve_scene(
@@ -78,26 +100,36 @@ def solve_scene(
     monitor: Monitor | None = None,
     checkpoint: Checkpoint | None = None,
     tell: Tell | None = None,
-    start: LastLevel | None = None,
+    start: Start | None = None,
     needed: Needed = "estimated",
+    cases: CaseModels | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise it; writes nothing.
 
     Parameters
     ----------
     start
-        The answer on another mesh to begin with.
+        The answer to another scene to begin with.
     tell
         Called with the scene and the outline of its model (collective).
     needed
         Candidate contact rows to begin with; more join where the answer crosses others.
+    cases
+        What the scene, that of a load case, shares with those of others.
 
     Raises
     ------
     ConfigurationError, NoEquilibriumError
         The scene cannot be modelled, or has no equilibrium.
     """
-    asked = _Request(scene, comm, monitor, checkpoint, tell, start, Timings(), needed=needed)
+    if scene.cases:
+        raise ConfigurationError(
+            f"{scene.at('cases')}: load cases are solved by `run` and by `contact_app.solve`; give "
+            "a scene without them"
+        )
+    asked = _Request(
+        scene, comm, monitor, checkpoint, tell, start, Timings(), needed=needed, cases=cases
+    )
     solved = _certified_if_possible(asked)
     if not scene.guaranteed:
         return solved
@@ -200,11 +232,11 @@ def _solve_once(asked: _Request) -> SolvedScene:
     for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
         PETSc.garbage_cleanup(whose)
     try:
-        model = build_model(asked.scene, comm, timings, asked.needed, asked.tell)
+        model = asked.model()
     except FAILURES as error:
         raise NoAnswerError(failure_text(error)) from error
     communication = Communication(comm)
-    estimator = ErrorEstimator(model)
+    estimator = asked.estimator(model)
     with timings.measure("solve"):
         solution, failed = _solution_of(model, estimator, asked)
     said = communication.per_multiplication(solution.counts)
@@ -219,7 +251,8 @@ def _solve_once(asked: _Request) -> SolvedScene:
         solution = replace(
             solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
         )
-    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, said)
+        nodal = nodal_stresses(model, solution, estimator)
+    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, said)
     return replace(solved, summary=summary_of(solved))
 
 

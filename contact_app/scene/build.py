@@ -21,14 +21,14 @@ from contact_app.scene.conditions import (
     DisplacementCondition,
     Pressure,
     Temperature,
-    Tie,
     TotalLoad,
     Traction,
 )
 from contact_app.scene.keys import Keys
+from contact_app.scene.load_factors import read_cases
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
-from contact_app.scene.scene import Decomposition, OutputOptions, Scene
+from contact_app.scene.scene import Decomposition, OutputOptions, Scene, Section
 
 if TYPE_CHECKING:
     from solver.contact.options import SolverOptions
@@ -56,7 +56,10 @@ def build_scene(
     decomposition = _decomposition(keys, bodies)
     _check_memory(keys, bodies, decomposition, surface_only)
     reader = ConditionReader(keys, bodies)
-    conditions = [reader.condition(i, given) for i, given in enumerate(configuration.conditions)]
+    conditions = [
+        replace(reader.condition(i, given), name=given.name)
+        for i, given in enumerate(configuration.conditions)
+    ]
     contacts = [reader.contact(i, given) for i, given in enumerate(configuration.contacts)]
     scene = Scene(
         title=configuration.title,
@@ -68,19 +71,28 @@ def build_scene(
         pressures=tuple(x for x in conditions if isinstance(x, Pressure)),
         forces=tuple(x for x in conditions if isinstance(x, BodyForce)),
         total_loads=tuple(x for x in conditions if isinstance(x, TotalLoad)),
-        ties=tuple(x for x in contacts if isinstance(x, Tie)),
         temperatures=tuple(x for x in conditions if isinstance(x, Temperature)),
         contacts=tuple(x for x in contacts if isinstance(x, Contact)),
         pairs=tuple(x for x in contacts if isinstance(x, BodyContact)),
         decomposition=decomposition,
         accuracy=configuration.accuracy,
         solver=_solver_options(configuration),
-        output=_output(keys),
+        output=_output(keys, bodies),
         source=configuration.source,
         symmetry=configuration.symmetry == "allow",
         guaranteed=configuration.certificate.guaranteed,
+        cases=read_cases(keys),
         places=_places(configuration),
     )
+    if scene.cases and scene.accuracy is not None:
+        keys.fail(
+            ("accuracy",),
+            "is not available with cases: each case asks for a mesh of its own, and they share "
+            "one; find the mesh by a scene without cases whose loads are those of the worst",
+        )
+    for case in scene.cases:
+        if not _loaded(scene.under(case)):
+            keys.fail(("cases", case.name), "loads nothing: give a condition that does a factor")
     if not _loaded(scene):
         keys.fail(
             ("conditions",),
@@ -104,13 +116,26 @@ def _solver_options(configuration: c.Configuration) -> SolverOptions:
     return replace(options, tightest=min(options.tightest, 0.1 * accuracy))
 
 
-def _output(keys: Keys) -> OutputOptions:
+def _output(keys: Keys, bodies: tuple[Body, ...]) -> OutputOptions:
     given = keys.configuration.output
     probes = tuple(
         (name, keys.space(point, ("output", "probes", name), "a point"))
         for name, point in given.probes.items()
     )
-    return OutputOptions(given.xdmf, tuple(dict.fromkeys(given.fields)), probes)
+    sections = tuple(
+        _section(keys, bodies, name, section) for name, section in given.sections.items()
+    )
+    fields = tuple(dict.fromkeys(given.fields))
+    return OutputOptions(given.xdmf, given.vtu, fields, probes, sections)
+
+
+def _section(keys: Keys, bodies: tuple[Body, ...], name: str, given: c.Section) -> Section:
+    names, path = [body.name for body in bodies], ("output", "sections", name)
+    if given.inside not in names:
+        keys.fail((*path, "in"), f"is {given.inside}; the bodies are {', '.join(names)}")
+    point = keys.space(given.plane.point, (*path, "plane", "point"), "a point")
+    normal = keys.direction(given.plane.normal, (*path, "plane", "normal"))
+    return Section(name, names.index(given.inside), given.inside, point, normal)
 
 
 def _places(configuration: c.Configuration) -> dict[str, str]:
@@ -118,6 +143,10 @@ def _places(configuration: c.Configuration) -> dict[str, str]:
     keys = [("conditions", i) for i in range(len(configuration.conditions))]
     keys += [("contacts", i) for i in range(len(configuration.contacts))]
     places = {f"{name}[{i}]": configuration.where((name, i)) for name, i in keys}
+    places |= {
+        f"cases.{name}": configuration.where(("cases", name)) for name in configuration.cases or ()
+    }
+    places["cases"] = configuration.where(("cases",))
     places["accuracy"] = configuration.where(("accuracy",))
     places["certificate.guaranteed"] = configuration.where(("certificate", "guaranteed"))
     places["decomposition"] = configuration.where(("decomposition",))

@@ -1,8 +1,11 @@
-"""Supports, loads and contacts, each with its key in the file."""
+"""Supports, loads and contacts, each with its key in the file.
+
+What acts on a body may have a name, by which load cases give it a factor, and is `scaled` by it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +22,12 @@ class DisplacementCondition:
     boundary: str
     values: tuple[float | None, ...]
     source: str
+    name: str | None = None
+
+    def scaled(self, factor: float) -> DisplacementCondition:
+        """The same condition with its values times a factor; what is free stays free."""
+        values = tuple(None if v is None else factor * v for v in self.values)
+        return replace(self, values=values)
 
 
 @dataclass(frozen=True)
@@ -29,6 +38,11 @@ class Traction:
     boundary: str
     vector: tuple[float, ...]
     source: str
+    name: str | None = None
+
+    def scaled(self, factor: float) -> Traction:
+        """The same traction times a factor."""
+        return replace(self, vector=tuple(factor * v for v in self.vector))
 
 
 @dataclass(frozen=True)
@@ -39,6 +53,11 @@ class Pressure:
     boundary: str
     value: float
     source: str
+    name: str | None = None
+
+    def scaled(self, factor: float) -> Pressure:
+        """The same pressure times a factor."""
+        return replace(self, value=factor * self.value)
 
 
 @dataclass(frozen=True)
@@ -59,6 +78,13 @@ class TotalLoad:
     moment: tuple[float, float, float]
     at: tuple[float, float, float] | None
     source: str
+    name: str | None = None
+
+    def scaled(self, factor: float) -> TotalLoad:
+        """The same force and moment times a factor."""
+        x, y, z = self.moment
+        force = tuple(factor * v for v in self.force)
+        return replace(self, force=force, moment=(factor * x, factor * y, factor * z))
 
 
 @dataclass(frozen=True)
@@ -68,6 +94,11 @@ class BodyForce:
     body: int
     vector: tuple[float, ...]
     source: str
+    name: str | None = None
+
+    def scaled(self, factor: float) -> BodyForce:
+        """The same force times a factor."""
+        return replace(self, vector=tuple(factor * v for v in self.vector))
 
 
 @dataclass(frozen=True)
@@ -77,6 +108,11 @@ class Temperature:
     body: int
     rise: FieldExpression
     source: str
+    name: str | None = None
+
+    def scaled(self, factor: float) -> Temperature:
+        """The same rise times a factor."""
+        return replace(self, rise=self.rise.times(factor))
 
 
 @dataclass(frozen=True)
@@ -125,17 +161,6 @@ class BodyContact:
     other_boundary: str
     source: str
     interference: float = 0.0
-
-
-@dataclass(frozen=True)
-class Tie:
-    """A boundary that holds together with the boundary of another body."""
-
-    body: int
-    boundary: str
-    other: int
-    other_boundary: str
-    source: str
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,10 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
 from contact_app.scene.yaml_reader import Key, key_text
 
-FIELDS = ("displacement", "stress", "von_mises", "contact_pressure", "gap", "body", "material")
+FIELDS = (
+    "displacement", "stress", "von_mises", "nodal_stress", "nodal_von_mises", "contact_pressure",
+    "gap", "body", "material",
+)  # fmt: skip
 EXPANSIONS = (
     "fixed",
     "grgr-optapprox",
@@ -199,6 +202,11 @@ class Body(Model):
 class Condition(Model):
     """A displacement or a load."""
 
+    name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
+        None,
+        description="Name by which `cases` give it a factor; without a name it always acts in "
+        "full.",
+    )
     on: str | None = Field(None, description="Boundary, as body.boundary.")
     inside: str | None = Field(None, alias="in", description="Body, for a force or a temperature.")
     displacement: Annotated[list[Number | None], Field(min_length=1, max_length=3)] | None = Field(
@@ -285,11 +293,6 @@ class Contact(Model):
         None,
         description="Another body's boundary, as body.boundary; the contact pressure lives on the "
         "nodes of `on`, which had better be the finer mesh.",
-    )
-    tied: bool = Field(
-        False,
-        description="The two boundaries hold together in all directions; their meshes need not "
-        "match.",
     )
     interference: Number = Field(
         0.0,
@@ -390,10 +393,27 @@ class Certificate(Model):
     )
 
 
+class SectionPlane(Model):
+    """A plane through a body."""
+
+    point: Numbers = Field(description="Any point of the plane (length).")
+    normal: Numbers = Field(
+        description="Direction across it, out of the side whose force and moment are told."
+    )
+
+
+class Section(Model):
+    """Where a body is cut in thought, to tell the force between the two sides."""
+
+    plane: SectionPlane = Field(description="{point, normal}.")
+    inside: str = Field(alias="in", description="Name of the body.")
+
+
 class Output(Model):
     """What is written."""
 
     xdmf: bool = Field(True, description="Write solution.xdmf and solution.h5 for ParaView.")
+    vtu: bool = Field(False, description="Write solution.vtu, the same in one file.")
     fields: list[Literal[FIELDS]] = Field(  # type: ignore[valid-type]
         default_factory=lambda: list(FIELDS), description="Fields to write."
     )
@@ -401,6 +421,12 @@ class Output(Model):
         default_factory=dict,
         description="Points by name, {tip: [x, y, z]} (length): `probes` in summary.json has their "
         "displacements.",
+    )
+    sections: dict[str, Section] = Field(
+        default_factory=dict,
+        description="Sections by name, {neck: {plane: {point, normal}, in: body}}: `sections` in "
+        "summary.json has the force and moment that the side in front of the plane exerts on the "
+        "side behind it.",
     )
 
 
@@ -416,6 +442,12 @@ class Configuration(Model):
         default_factory=list, description="Displacements and loads."
     )
     contacts: list[Contact] = Field(default_factory=list, description="What may touch what.")
+    cases: Annotated[dict[str, dict[str, Number]], Field(min_length=1)] | None = Field(
+        None,
+        description="Load cases, {case: {condition name: factor}}, each from the unloaded state. A "
+        "named condition that a case leaves out has factor 0; conditions without a name act in "
+        "full. A displacement condition always holds, its factor scales its value.",
+    )
     decomposition: Literal["auto"] | Split = Field(
         "auto", description="auto, or {subdomains: N | [nx, ny, nz]}."
     )
@@ -436,6 +468,15 @@ class Configuration(Model):
         Certificate.model_validate({}), description="What to certify beyond the usual."
     )
     output: Output = Field(Output.model_validate({}), description="Files and fields to write.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_steps(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "steps" in data:
+            text = "is not available: a history of load steps is not modelled"
+            text += "; `cases` solves independent load cases" if "cases" not in data else ""
+            raise PydanticCustomError("unknown_key", text, {"key": "steps"})
+        return data
 
     _lines: dict[Key, int] = PrivateAttr(default_factory=dict)
     _overridden: dict[Key, str] = PrivateAttr(default_factory=dict)

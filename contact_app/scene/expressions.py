@@ -156,6 +156,13 @@ class FieldExpression:
         """Whether it is the same everywhere."""
         return not any(isinstance(n, ast.Name) and n.id in "xyz" for n in ast.walk(self.tree))
 
+    def times(self, factor: float) -> FieldExpression:
+        """The field times a number."""
+        if factor in (0.0, 1.0):
+            return self if factor else FieldExpression("0", ast.Constant(0.0))
+        tree = ast.BinOp(ast.Constant(factor), ast.Mult(), self.tree)
+        return FieldExpression(f"{factor:g} * ({self.text})", tree)
+
     @property
     def vanishes(self) -> bool:
         """Whether it is zero everywhere."""

@@ -6,9 +6,9 @@ All that comes later reads the scene and nothing else of the input.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from contact_app.scene.conditions import (
     DisplacementCondition,
     Pressure,
     Temperature,
-    Tie,
     TotalLoad,
     Traction,
 )
@@ -33,11 +32,41 @@ if TYPE_CHECKING:
     from solver.contact.options import SolverOptions
 
 
+CONDITIONS = (
+    "displacements", "tractions", "pressures", "forces", "total_loads", "temperatures",
+)  # fmt: skip
+"""The fields of a scene that hold conditions, whose records have a `name` and are `scaled`."""
+
+
 @dataclass(frozen=True)
 class Decomposition:
     """None: chosen automatically; a number: graph partition; a tuple: sub-boxes along each axis."""
 
     subdomains: None | int | tuple[int, ...] = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """A plane through a body at which the force between the two sides is asked for.
+
+    Attributes
+    ----------
+    body
+        Number of the body; of the one it is the image of where the scene was cut.
+    of
+        Name of the body in the file.
+    point, normal
+        Of the plane, in the whole.
+    across
+        Axes across whose planes of symmetry the body lies from that of which it is the image.
+    """
+
+    name: str
+    body: int
+    of: str
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    across: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -48,11 +77,35 @@ class OutputOptions:
     ----------
     probes
         Name and place (x, y, z) of points whose displacement is asked for.
+    sections
+        Planes at which the force between the two sides of a body is asked for.
     """
 
     xdmf: bool = True
+    vtu: bool = False
     fields: tuple[str, ...] = FIELDS
     probes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    sections: tuple[Section, ...] = ()
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """The factors of named conditions in a load case; a name that is not in it has factor zero.
+
+    Attributes
+    ----------
+    name
+        Of the case.
+    factors
+        Pairs of a condition's name and its factor.
+    """
+
+    name: str
+    factors: tuple[tuple[str, float], ...]
+
+    def of(self, name: str | None) -> float:
+        """The factor of a condition; one where it has no name."""
+        return 1.0 if name is None else dict(self.factors).get(name, 0.0)
 
 
 @dataclass(frozen=True)
@@ -97,8 +150,10 @@ class Scene:
         Forces and moments on boundaries.
     temperatures
         Rises of temperature of bodies; those of one body add up.
-    ties
-        Pairs of boundaries that hold together; they are no contacts.
+    cases
+        Load cases, in the order of the file; none where all conditions act in full.
+    case
+        Name of the load case that this is the scene of, empty if it is of none.
     """
 
     title: str
@@ -121,12 +176,22 @@ class Scene:
     mirrors: tuple[Mirror, ...] = ()
     total_loads: tuple[TotalLoad, ...] = ()
     temperatures: tuple[Temperature, ...] = ()
-    ties: tuple[Tie, ...] = ()
+    cases: tuple[LoadCase, ...] = ()
+    case: str = ""
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:
         """File, line and key of a condition or contact, to begin a message with."""
         return self.places.get(source, f"{self.source}: {source}")
+
+    def under(self, case: LoadCase) -> Scene:
+        """The scene of one load case: each condition times its factor there."""
+        scaled: dict[str, Any] = {
+            key: tuple(item.scaled(case.of(item.name)) for item in getattr(self, key))
+            for key in CONDITIONS
+        }
+        title = f"{self.title or self.source.name}, case {case.name}"
+        return replace(self, **scaled, title=title, cases=(), case=case.name)
 
     @property
     def touching(self) -> tuple[Contact | BodyContact, ...]:
@@ -154,17 +219,6 @@ class Scene:
         if self.mirrors:
             return self.mirrors[0].conditions
         return tuple((c.source, self._where(c.body, c.boundary)) for c in self.displacements)
-
-    @property
-    def tie_names(self) -> tuple[ContactName, ...]:
-        """The tied pairs in the order of the file."""
-        return tuple(
-            ContactName(
-                tie.source, self._where(tie.body, tie.boundary),
-                self._where(tie.other, tie.other_boundary),
-            )
-            for tie in self.ties
-        )  # fmt: skip
 
     def _where(self, body: int, boundary: str) -> str:
         return f"{self.bodies[body].name}.{boundary}"

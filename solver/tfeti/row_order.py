@@ -31,6 +31,8 @@ class OrderedRows:
         `RowKind` of each row.
     weight : (dual,)
         Weights in the coarse problem.
+    held_unknowns : (dual,)
+        Unknown that a held row holds, node · dimension + component; -1 on other rows.
     alike
         Groups of rows that repeat.
     """
@@ -39,6 +41,7 @@ class OrderedRows:
     c: NDArray[np.float64]
     kinds: NDArray[np.int8]
     weight: NDArray[np.float64]
+    held_unknowns: NDArray[np.int64]
     alike: list[RowPattern]
 
 
@@ -82,7 +85,8 @@ def order_rows(
     own = comm.exscan(size) or 0, size
     order, nodal, alike = _row_order(local, kinds, seen, own, d)
     B = ConstraintMatrix(comm, local[order], size, nodal, d)
-    return OrderedRows(B, c[order], kinds[order], weight[order], alike)
+    held = np.concatenate([rows.held_unknowns(d), np.full(extra, -1, np.int64)])
+    return OrderedRows(B, c[order], kinds[order], weight[order], held[order], alike)
 
 
 def _row_order(

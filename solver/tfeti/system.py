@@ -1,6 +1,6 @@
 """The discrete contact problem of a decomposition: stiffness, constraints, contact points, loads.
 
-    min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing, held and tied rows, B u ≤ c on contact rows.
+    min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing and held rows, B u ≤ c on contact rows.
 
 Each part is a record of its own that nothing changes. The factors of the stiffness and the
 factor of the coarse problem belong to parts that know no load, so that another load case costs
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from solver.tfeti.bodies import Bodies
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.constraints.rows import ContactRows
+from solver.tfeti.constraints.rows import ContactRows, RowKind
 from solver.tfeti.subdomain.classes import SubdomainClass
 
 
@@ -34,11 +34,13 @@ class Constraints:
     kinds : (dual,)
         `RowKind` of each row.
     wide : (dual,)
-        Contact and tied rows over several nodes, which overlap others.
+        Contact rows over several nodes, which overlap others.
     coarse
         The coarse problem of rigid motions; None where no subdomain floats.
     held_without_contact
-        Whether gluing, held and tied rows alone stop every rigid motion.
+        Whether gluing and held rows alone stop every rigid motion.
+    held_unknowns : (dual,)
+        Unknown that a held row holds, node · dimension + component; -1 on other rows.
     """
 
     B: ConstraintMatrix
@@ -46,6 +48,7 @@ class Constraints:
     wide: NDArray[np.bool_]
     coarse: CoarseProblem | None
     held_without_contact: bool
+    held_unknowns: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +87,6 @@ class ContactSystem:
         Geometry of the contact rows, in row order.
     bodies
         The body of each subdomain and row.
-    tied
-        Geometry of the tied rows, in row order.
     """
 
     comm: MPI.Intracomm
@@ -95,7 +96,6 @@ class ContactSystem:
     contact: ContactRows
     loads: Loads
     bodies: Bodies
-    tied: ContactRows
 
     def with_loads(
         self,
@@ -107,10 +107,15 @@ class ContactSystem:
 
         Displacements and gaps stay as they are unless given.
         """
-        own = self.loads
+        own, contact = self.loads, self.contact
         lifting = own.lifting if lifting is None else lifting
-        c = own.c if c is None else c
-        return replace(self, loads=loads_on(self.classes, forces, lifting, c))
+        if c is None:
+            c = own.c
+        else:
+            of_contact = self.constraints.kinds == RowKind.CONTACT
+            contact = replace(contact, gaps=c[of_contact] / contact.spread)
+        loads = loads_on(self.classes, forces, lifting, c)
+        return replace(self, loads=loads, contact=contact)
 
 
 def loads_on(

@@ -26,13 +26,18 @@ Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and wi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.accuracy.estimate.stress_recovery import StressRecovery, apply, at_cells
+from contact_app.accuracy.estimate.stress_recovery import (
+    Patches,
+    StressRecovery,
+    apply,
+    at_cells,
+)
 from contact_app.model.model import Model
 from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Accuracy, Solution
@@ -47,26 +52,35 @@ MISFIT = 0.5
 
 
 class ErrorEstimator:
-    """Estimates the errors of answers to one model; using it is collective."""
+    """Estimates the errors of answers to one model; using it is collective.
 
-    def __init__(self, model: Model) -> None:
+    Parameters
+    ----------
+    patches
+        Of the model's meshes, where they are known from another load case.
+    """
+
+    def __init__(self, model: Model, patches: Patches | None = None) -> None:
         self.model = model
-        self._last: tuple[Solution, list[Array]] | None = None
+        self._patches = patches
+        self._last: tuple[Array, Sequence[Array], list[Array]] | None = None
 
     @cached_property
     def recovery(self) -> StressRecovery:
         """What recovers stresses on this model (collective)."""
-        return StressRecovery(self.model)
+        return StressRecovery(self.model, self._patches)
 
     def stresses(self, solution: Solution) -> list[Array]:
         """σ* of an answer at nodes, (nodes, members, components) of each class (collective).
 
         That of the last answer asked for is kept.
         """
-        if self._last is None or self._last[0] is not solution:
+        multiplier, displacements = solution.multiplier, solution.displacements
+        last = self._last
+        if last is None or last[0] is not multiplier or last[1] is not displacements:
             touching = touching_nodes(self.model, solution)
-            self._last = solution, self.recovery(solution.displacements, touching)
-        return self._last[1]
+            self._last = last = multiplier, displacements, self.recovery(displacements, touching)
+        return last[2]
 
     def accuracy(self, solution: Solution) -> Accuracy:
         """The errors of an answer."""
@@ -77,7 +91,7 @@ class ErrorEstimator:
         bodies = self.model.problem.bodies
         sums = np.zeros((2, bodies.count))
         displacements = solution.displacements
-        recovered = self.recovery(displacements, touching_nodes(self.model, solution))
+        recovered = self.stresses(solution)
         for number, (u, body) in enumerate(zip(displacements, bodies.members, strict=True)):
             for _, part, error, stress in self._distances(number, u, recovered[number]):
                 each = (

@@ -107,6 +107,11 @@ class Table(NamedTuple):
 class Cells:
     """Cells of a reference: who surrounds whom, and shape functions.
 
+    Parameters
+    ----------
+    material
+        Only the cells of this material surround vertices; all unless given.
+
     Attributes
     ----------
     degree
@@ -126,8 +131,8 @@ class Cells:
 
     MOST_SHAPES = 32
 
-    def __init__(self, element: Element) -> None:
-        self.element = element
+    def __init__(self, element: Element, material: int | None = None) -> None:
+        self.element, self._material = element, material
         reference = element.reference
         self.dimension = d = element.dimension
         self.cell, self.degree = reference.cell, reference.degree
@@ -197,9 +202,12 @@ class Cells:
     def around(self) -> sparse.csr_matrix:
         """1 where a vertex is one of a cell, (vertices, cells)."""
         count, vertices = self.corners.shape
-        entries = (self.corners.ravel(), np.repeat(np.arange(count), vertices))
+        counted = np.arange(count)
+        if self._material is not None:
+            counted = np.flatnonzero(self.tags == self._material)
+        entries = (self.corners[counted].ravel(), np.repeat(counted, vertices))
         return sparse.csr_matrix(
-            (np.ones(count * vertices), entries), shape=(len(self.points), count)
+            (np.ones(len(entries[0])), entries), shape=(len(self.points), count)
         )
 
     @cached_property
@@ -241,10 +249,11 @@ class Cells:
         pattern, values = self._sample_moments
         rows, columns = np.triu_indices(size)
         sums = np.zeros((len(self.points), len(rows)))
-        starts = pattern.indptr[:-1]
+        some = np.flatnonzero(np.diff(pattern.indptr))
+        starts = pattern.indptr[some]
         for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
-            if j < len(values):
-                sums[:, k] = np.add.reduceat(values[i] * values[j], starts)
+            if j < len(values) and len(some):
+                sums[some, k] = np.add.reduceat(values[i] * values[j], starts)
         return sums
 
     @cached_property

@@ -15,7 +15,8 @@ these (in the least squares where they contradict each other, as at the edge of 
 Sums over cells are made subdomain by subdomain and meet at the owner of each vertex, so that σ*
 depends neither on the decomposition nor on the number of ranks. Bodies share no nodes: stresses
 are not averaged across them. Inside a body they are, also where its material changes: there the
-true stress jumps, the recovered one does not, and the estimate that uses it is too large.
+true stress jumps, the recovered one does not, and the estimate that uses it is too large. A
+recovery of one material alone knows that material's side.
 
 With mean dilatation (B-bar) the answer's own stress, which the fit takes and the estimate compares
 with, has λ times the mean of div u over each cell.
@@ -43,7 +44,6 @@ from contact_app.accuracy.estimate.patch_fits import (
 from contact_app.accuracy.estimate.patches import Cells, Table
 from contact_app.model.boundaries import boundary_facets
 from contact_app.model.model import Model
-from contact_app.scene.scene import Scene
 from meshes import Subdomain
 
 Array = NDArray[np.float64]
@@ -94,23 +94,76 @@ def stress_operator(gradients: Array, DV: Array) -> Array:
     return result.reshape(count, nodes * d, points * len(DV))
 
 
-def tied_sides(scene: Scene) -> list[tuple[int, str]]:
-    """Body and boundary of each side of the tied pairs, whose tractions are not known."""
-    sides = [(tie.body, tie.boundary) for tie in scene.ties]
-    return sides + [(tie.other, tie.other_boundary) for tie in scene.ties]
+class Patches:
+    """What a recovery needs of the meshes of a model, whatever loads it (collective).
 
+    Parameters
+    ----------
+    material
+        Number of a material within its body: σ* is fitted in the cells of that material alone and
+        holds at their nodes. All cells unless given.
 
-class StressRecovery:
-    """Recovers σ* from answers to one model; making and using it are collective."""
+    Attributes
+    ----------
+    cells
+        Of each class.
+    copies
+        Where the vertices of subdomains meet.
+    fits
+        Fits polynomials to samples around each vertex.
+    """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
-        self.dimension = model.scene.dimension
+    def __init__(self, model: Model, material: int | None = None) -> None:
         made: dict[int, Cells] = {}
         for element in model.elements:
             if id(element) not in made:
-                made[id(element)] = Cells(element)
+                made[id(element)] = Cells(element, material)
+        self.model = model
         self.cells = [made[id(element)] for element in model.elements]
+        self.copies = Copies(model, [c.vertices for c in self.cells])
+        degree = max(body.degree for body in model.scene.bodies)
+        fits = LinearFits if degree == 1 else QuadraticFits
+        self.fits = fits(model.comm, self.cells, self.copies)
+
+    @cached_property
+    def surface_nodes(self) -> list[NDArray[np.int64]]:
+        """Nodes on the surface of each class."""
+        return [np.unique(cells.element.reference.facets) for cells in self.cells]
+
+    @cached_property
+    def surface(self) -> Copies:
+        """Their copies (collective)."""
+        return Copies(self.model, self.surface_nodes)
+
+    @cached_property
+    def exterior(self) -> tuple[NDArray[np.int64], Meeting]:
+        """Those of them that lie on the bodies' surfaces (collective)."""
+        surface = self.surface
+        outside = np.zeros((surface.count, 1))
+        for subdomain, (cls, column) in zip(
+            self.model.partition.subdomains, self.model.place, strict=True
+        ):
+            facets = subdomain.reference.facets[subdomain.exterior]
+            at = np.searchsorted(self.surface_nodes[cls], facets.ravel())
+            surface.of_class(outside, cls)[at, column] = 1.0
+        copies = np.flatnonzero(surface.scatter(surface.gather(outside))[:, 0])
+        return copies, surface.some(copies)
+
+
+class StressRecovery:
+    """Recovers σ* from answers to one model; making and using it are collective.
+
+    Parameters
+    ----------
+    patches
+        Of the model's meshes, where they are known from another load case.
+    """
+
+    def __init__(self, model: Model, patches: Patches | None = None) -> None:
+        self.model = model
+        self.dimension = model.scene.dimension
+        self.patches = patches or Patches(model)
+        self.cells = self.patches.cells
         self.moduli = [
             [material.elasticity(model.scene.plane, self.dimension) for material in materials]
             for materials in model.materials
@@ -121,10 +174,6 @@ class StressRecovery:
         ]
         self.averaged = [materials[0].mean_dilatation for materials in model.materials]
         self.V = strain_of_gradient(self.dimension)
-        self._copies = Copies(model, [c.vertices for c in self.cells])
-        degree = max(body.degree for body in model.scene.bodies)
-        fits = LinearFits if degree == 1 else QuadraticFits
-        self._fits = fits(model.comm, self.cells, self._copies)
 
     def stress_at(self, number: int, rows: NDArray[np.int64], table: Table, DV: Array) -> Array:
         """Operators of a class from displacements of cells to D V of their gradients at points.
@@ -196,10 +245,10 @@ class StressRecovery:
         touching : one (nodes, members) array a class
             Nodes that an obstacle or another body pushes.
         """
-        found, s = self._fits.at_vertices(self.samples(displacements)), len(self.V)
+        found, s = self.patches.fits.at_vertices(self.samples(displacements)), len(self.V)
         recovered = [
-            c.at_nodes(part.reshape(*part.shape[:2], self._fits.kept, s))
-            for c, part in zip(self.cells, self._copies.spread(found), strict=True)
+            c.at_nodes(part.reshape(*part.shape[:2], self.patches.fits.kept, s))
+            for c, part in zip(self.cells, self.patches.copies.spread(found), strict=True)
         ]
         self._meet_tractions(recovered, touching)
         return recovered
@@ -208,7 +257,7 @@ class StressRecovery:
         self, recovered: Sequence[Array], touching: Sequence[NDArray[np.bool_]]
     ) -> None:
         """Change σ* at surface nodes as little as their tractions ask for, in place."""
-        surface, (exterior, met) = self._surface, self._exterior
+        surface, (exterior, met) = self.patches.surface, self.patches.exterior
         s = len(self.V)
         places, equations = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
         for subdomain, (cls, column) in zip(
@@ -218,7 +267,7 @@ class StressRecovery:
                 cells = self.cells[cls]
                 equations.append(self._equations(subdomain, cells, touching[cls][:, column]))
                 facets = subdomain.reference.facets[subdomain.exterior]
-                at = np.searchsorted(self._surface_nodes[cls], facets.ravel())
+                at = np.searchsorted(self.patches.surface_nodes[cls], facets.ravel())
                 places.append(surface.starts[cls] + at * surface.shapes[cls][1] + column)
         place = np.searchsorted(exterior, np.concatenate(places))
         incidence = sparse.csr_matrix(
@@ -237,36 +286,14 @@ class StressRecovery:
         change[known, : s * s] = (inverse @ P.reshape(-1, s, s)).reshape(-1, s * s)
         change[known, s * s :] = (inverse @ q[..., None])[..., 0]
         changes = met.scatter(change)
-        for cls, (values, own) in enumerate(zip(recovered, self._surface_nodes, strict=True)):
+        for cls, (values, own) in enumerate(
+            zip(recovered, self.patches.surface_nodes, strict=True)
+        ):
             begin, end = np.searchsorted(exterior, surface.starts[cls : cls + 2])
             row, member = np.divmod(exterior[begin:end] - surface.starts[cls], values.shape[1])
             mine, before = changes[begin:end], values[own[row], member]
             taken = mine[:, : s * s].reshape(-1, s, s) @ before[..., None]
             values[own[row], member] = before - taken[..., 0] + mine[:, s * s :]
-
-    @cached_property
-    def _surface_nodes(self) -> list[NDArray[np.int64]]:
-        """Nodes on the surface of each class."""
-        return [np.unique(cells.element.reference.facets) for cells in self.cells]
-
-    @cached_property
-    def _surface(self) -> Copies:
-        """Their copies (collective)."""
-        return Copies(self.model, self._surface_nodes)
-
-    @cached_property
-    def _exterior(self) -> tuple[NDArray[np.int64], Meeting]:
-        """Those of them that lie on the bodies' surfaces (collective)."""
-        surface = self._surface
-        outside = np.zeros((surface.count, 1))
-        for subdomain, (cls, column) in zip(
-            self.model.partition.subdomains, self.model.place, strict=True
-        ):
-            facets = subdomain.reference.facets[subdomain.exterior]
-            at = np.searchsorted(self._surface_nodes[cls], facets.ravel())
-            surface.of_class(outside, cls)[at, column] = 1.0
-        copies = np.flatnonzero(surface.scatter(surface.gather(outside))[:, 0])
-        return copies, surface.some(copies)
 
     def _equations(self, subdomain: Subdomain, cells: Cells, touch: NDArray[np.bool_]) -> Array:
         """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).
@@ -298,9 +325,6 @@ class StressRecovery:
                 rows = boundary_facets(subdomain, body, boundary)
                 n = normal[rows[pushed[rows]]]
                 known[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
-        for number, boundary in tied_sides(scene):
-            if number == subdomain.body:
-                known[boundary_facets(subdomain, body, boundary)] = 0.0
         for condition in scene.displacements:
             if condition.body == subdomain.body:
                 rows = boundary_facets(subdomain, body, condition.boundary)

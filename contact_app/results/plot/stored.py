@@ -103,6 +103,11 @@ def read(directory: Path | str) -> Stored:
     """
     source = Path(directory) / "solution.xdmf"
     if not source.is_file():
+        cases = sorted(Path(directory).glob("*/solution.xdmf"))
+        if cases:
+            raise StoredError(
+                f"{directory} has the results of load cases: draw one of them, {cases[0].parent}"
+            )
         raise StoredError(f"{source} is not there: run the scene first, with output.xdmf: true")
     try:
         topology = ElementTree.parse(source).getroot().find(".//Topology")

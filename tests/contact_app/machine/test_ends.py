@@ -22,12 +22,12 @@ LOGS = {"history.csv", "run.log"}
 FAULT = """
 import os, sys
 where, rank, kind, *sys.argv[1:] = sys.argv[1:]
-import contact_app.run.run, contact_app.run.solve
+import contact_app.run.files, contact_app.run.run, contact_app.run.solve
 def fail(*_, **__):
     raise {"disk": OSError(28, "No space left on device"), "memory": MemoryError(),
            "bug": TypeError("a mistake")}[kind]
 if int(os.environ.get("OMPI_COMM_WORLD_RANK", 0)) == int(rank):
-    for module in (contact_app.run.run, contact_app.run.solve):
+    for module in (contact_app.run.files, contact_app.run.run, contact_app.run.solve):
         if hasattr(module, where):
             setattr(module, where, fail)
 from contact_app.cli import main
@@ -103,7 +103,7 @@ def test_an_older_result_does_not_outlive_a_run_without_one(scene: Path, tmp_pat
         ("cell_fields", 1, "disk", "rank 1: the run ended: No space left on device; make room"),
         ("cell_fields", 0, "memory", "not enough memory"),
         ("build_model", 1, "bug", "rank 1: the run ended by a failure of the program itself"),
-        ("write_xdmf", 0, "disk", "No space left on device"),
+        ("write_fields", 0, "disk", "No space left on device"),
     ],
 )
 def test_a_fault_on_one_rank_ends_all(

@@ -1,0 +1,102 @@
+"""Stresses at nodes: those that the error estimate recovers, smooth within each material.
+
+The stress of a finite-element answer jumps from cell to cell. The recovered stress σ*
+(`accuracy.estimate.stress_recovery`) is continuous and closer to the true one. Bodies share no
+nodes, so it jumps between them as it should. Where materials of one body meet, the true stress
+jumps, too: there each material has a σ* of its own, fitted in its own cells, and a node on the
+interface has as many stresses as materials. The one field for all takes the largest by von Mises;
+one field for each material tells the sides.
+
+In plane strain zz is ν (xx + yy) - E α T, in plane stress zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator, touching_nodes
+from contact_app.accuracy.estimate.stress_recovery import Patches, StressRecovery
+from contact_app.model.model import Model
+from contact_app.results.fields import NODAL_FIELDS
+from contact_app.scene.material import Material, von_mises
+from solver.contact.solution import Solution
+
+Array = NDArray[np.float64]
+
+
+def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) -> dict[str, Array]:
+    """Fields at the nodes this rank owns that the scene asks for, by name (collective).
+
+    Returns
+    -------
+    ``nodal_stress`` (nodes, 6) as xx, yy, zz, xy, yz, xz and ``nodal_von_mises`` (nodes,); where a
+    body has several materials also ``nodal_stress_material_0``, … by the numbers of the cell field
+    ``material``, NaN away from the material. Empty where neither is asked for.
+    """
+    output = model.scene.output
+    wanted = [name for name in NODAL_FIELDS if name in output.fields]
+    if not wanted or not (output.xdmf or output.vtu):
+        return {}
+    count = max(len(body.materials) for body in model.scene.bodies)
+    if count == 1:
+        sides = [_at_nodes(model, estimator.stresses(solution), 0)]
+    else:
+        touching = touching_nodes(model, solution)
+        sides = []
+        for k in range(count):
+            recovery = StressRecovery(model, Patches(model, k))
+            sides.append(_at_nodes(model, recovery(solution.displacements, touching), k))
+    stresses = {"": _largest(sides)}
+    if count > 1:
+        stresses |= {f"_material_{k}": side for k, side in enumerate(sides)}
+    found = {}
+    for name in wanted:
+        for suffix, stress in stresses.items():
+            found[name + suffix] = stress if name == "nodal_stress" else von_mises(stress)
+    return found
+
+
+def _largest(sides: Sequence[Array]) -> Array:
+    """At each node the stress with the largest von Mises stress."""
+    largest, measure = sides[0].copy(), von_mises(sides[0])
+    for side in sides[1:]:
+        own = von_mises(side)
+        larger = ~(own <= measure) & np.isfinite(own)
+        largest[larger], measure[larger] = side[larger], own[larger]
+    return largest
+
+
+def _at_nodes(model: Model, recovered: Sequence[Array], material: int) -> Array:
+    """σ* of a material at owned nodes, (nodes, 6); NaN at nodes without a cell of it."""
+    exchange = model.node_exchange
+    copies = []
+    for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
+        own = recovered[cls][:, column]
+        stress = np.full((len(own), 6), np.nan)
+        on = np.unique(s.reference.cells[s.reference.tags == material])
+        if len(on):
+            heat = model.temperatures[cls]
+            rise = np.zeros(len(on)) if heat is None else heat[on, column]
+            made_of = model.materials[cls][material]
+            stress[on] = _six_components(own[on], model.scene.plane, made_of, rise)
+        copies.append(stress)
+    arrived = exchange.to_owners(np.concatenate([np.zeros((0, 6)), *copies]))
+    known = np.isfinite(arrived[:, 0])
+    found = np.full((exchange.last - exchange.first, 6), np.nan)
+    found[exchange.nodes[known] - exchange.first] = arrived[known]
+    return found
+
+
+def _six_components(stress: Array, plane: str | None, material: Material, rise: Array) -> Array:
+    """xx, yy, zz, xy, yz, xz of stresses (n, 3 or 6) at places warmer by a rise (n,)."""
+    if stress.shape[1] == 6:
+        return stress
+    result = np.zeros((len(stress), 6))
+    result[:, [0, 1, 3]] = stress
+    if plane == "strain":
+        result[:, 2] = material.poisson * (stress[:, 0] + stress[:, 1])
+        result[:, 2] -= material.young * material.expansion * rise
+    return result

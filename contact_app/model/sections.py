@@ -1,0 +1,138 @@
+"""Sections: planes through a body at which the force between its two sides is asked for.
+
+A cell belongs to the side on which the middle of its vertices lies, and is taken whole. The surface
+between the sides follows the faces of cells next to the plane; area and centroid are those of the
+plane itself.
+
+Where the scene was cut at planes of symmetry, the body of the whole consists of images of what is
+solved, and each is cut by the image of the plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+from contact_app.model.planes import subsets
+from contact_app.scene.scene import Mirror, Scene, Section
+from meshes import Partition, Subdomain
+from meshes.plane_cut import ON_PLANE, cut, simplices
+from meshes.quadratic import VERTICES
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SectionPiece:
+    """A section of what was solved, as one image of the body has it.
+
+    Attributes
+    ----------
+    name
+    body
+        The body that is solved.
+    mirrors
+        The planes of the image.
+    behind
+        Of each subdomain of this rank the cells (cells,) of the body that lie behind the plane; of
+        other bodies None.
+    area
+        Of the cut, in the plane its length.
+    centre : (3,)
+        Its centroid; a point of the plane where it cuts nothing.
+    """
+
+    name: str
+    body: int
+    mirrors: tuple[Mirror, ...]
+    behind: tuple[NDArray[np.bool_] | None, ...]
+    area: float
+    centre: Array
+
+
+def locate_sections(scene: Scene, partition: Partition) -> tuple[SectionPiece, ...]:
+    """The pieces of all sections (collective).
+
+    Raises
+    ------
+    ConfigurationError
+        A plane leaves no cell of its body on one of its sides.
+    """
+    return tuple(
+        piece for section in scene.output.sections for piece in _pieces(scene, partition, section)
+    )
+
+
+def _pieces(scene: Scene, partition: Partition, section: Section) -> list[SectionPiece]:
+    found, counts = [], np.zeros(2, np.int64)
+    for mirrors in _images(scene, section):
+        point, normal = np.array(section.point), np.array(section.normal)
+        for mirror in mirrors:
+            point, normal = mirror.image(point), mirror.image(normal)
+            normal[mirror.axis] -= 2.0 * mirror.at
+        normal = normal / np.linalg.norm(normal)
+        piece, sides = _piece(scene, partition, section, mirrors, (point, normal))
+        found.append(piece)
+        counts += sides
+    if not counts.all():
+        side, other = ("in front of", "behind") if counts[0] == 0 else ("behind", "in front of")
+        raise ConfigurationError(
+            f"{scene.at('output')}.sections.{section.name}: the middles of all cells of "
+            f"{section.of} lie {side} the plane (its normal points to the front), none {other} "
+            "it; put the plane through the body, at least half a cell from its end"
+        )
+    return found
+
+
+def _images(scene: Scene, section: Section) -> list[tuple[Mirror, ...]]:
+    """The planes of each image of the solved body that is part of the body of the whole."""
+    body = scene.bodies[section.body].mesh
+    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
+    near = 1e-6 * float(np.ptp(ends, axis=(0, 1)).max())
+    through = [m for m in scene.mirrors if abs(body.upper[m.axis] - m.at) <= near]
+    across = tuple(m for m in scene.mirrors if m.axis in section.across)
+    chosen = [across + tuple(through[k] for k in subset) for subset in subsets(len(through))]
+    return [tuple(sorted(mirrors, key=scene.mirrors.index)) for mirrors in chosen]
+
+
+def _piece(
+    scene: Scene,
+    partition: Partition,
+    section: Section,
+    mirrors: tuple[Mirror, ...],
+    plane: tuple[Array, Array],
+) -> tuple[SectionPiece, NDArray[np.int64]]:
+    """A piece, and how many cells are behind and in front of its plane (collective)."""
+    point, normal = plane
+    mesh = scene.bodies[section.body].mesh
+    size = float(np.ptp([mesh.lower, mesh.upper], axis=0).max())
+    behind: list[NDArray[np.bool_] | None] = []
+    sums = np.zeros(6)
+    for s in partition.subdomains:
+        if s.body != section.body:
+            behind.append(None)
+            continue
+        heights = (s.points() - point) @ normal
+        heights[np.abs(heights) <= ON_PLANE * size] = 0.0
+        cells = s.reference.cells
+        middles = heights[cells[:, : VERTICES[s.reference.cell]]].mean(axis=1)
+        side = middles <= ON_PLANE * size
+        behind.append(side)
+        area, first = _cut(s, heights, point)
+        sums += [side.sum(), (~side).sum(), area, *first]
+    count_behind, count_front, area, *first = partition.comm.allreduce(sums)
+    centre = point + np.array(first) / area if area > 0.0 else point
+    piece = SectionPiece(section.name, section.body, mirrors, tuple(behind), float(area), centre)
+    return piece, np.array([count_behind, count_front], np.int64)
+
+
+def _cut(s: Subdomain, heights: Array, point: Array) -> tuple[float, Array]:
+    """Area of the cut in a subdomain, and ∫ (x - point) ds over it."""
+    reference = s.reference
+    low, high = heights[reference.cells].min(axis=1), heights[reference.cells].max(axis=1)
+    cells = reference.cells[(low < 0.0) & (high >= 0.0)]
+    pieces = simplices(reference.cell, reference.curved)
+    return cut((s.points() - point)[cells], pieces, heights[cells])

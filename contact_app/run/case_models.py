@@ -1,0 +1,148 @@
+"""The models of load cases: one for all of them, and what each case adds to it.
+
+All cases have the meshes, the subdomains, the rows and the factors of one model. A node gets a
+contact row if any of the cases may need it. Later cases begin with the multipliers of the earlier
+case whose loads are nearest, scaled to theirs: with d = B K⁺ f - c, the gaps that the loads of a
+case open without forces of constraints, that is the case k and the factor a ≥ 0 of least
+‖d - a d_k‖.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
+from contact_app.accuracy.estimate.stress_recovery import Patches
+from contact_app.errors import NoEquilibriumError
+from contact_app.machine.timings import Timings
+from contact_app.model.candidates import Needed
+from contact_app.model.model import Model, build_model, model_of_case, model_of_outline
+from contact_app.model.outline import Outline, Tell, outline, outline_of_case
+from contact_app.scene.scene import Scene
+from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
+
+Array = NDArray[np.float64]
+
+FAR = 0.7
+"""‖d - a d_k‖ over ‖d‖ above which an earlier case is no better to begin with than nothing."""
+
+
+def outlines_of_cases(
+    scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None
+) -> dict[str, Outline | None]:
+    """The outline of each case, all with the contact rows that any of them needs (collective).
+
+    None where the displacements of a case change which rows are redundant; never of the first.
+
+    Raises
+    ------
+    NoEquilibriumError
+        A case has no equilibrium; the message names the case.
+    """
+    found: dict[str, Outline | None] = {}
+    first: Outline | None = None
+    for case in scene.cases:
+        loaded = scene.under(case)
+        try:
+            if first is None:
+                first = found[case.name] = outline(loaded, comm, timings, "estimated")
+            else:
+                found[case.name] = outline_of_case(first, loaded, timings)
+        except NoEquilibriumError as error:
+            raise NoEquilibriumError(f"case {case.name}: {error}") from error
+    needed = np.any([known.needed for known in found.values() if known is not None], axis=0)
+    return {name: known and known.with_needed(needed) for name, known in found.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Earlier:
+    """A case that was solved."""
+
+    problem: DualProblem
+    multiplier: Array
+
+
+class CaseModels:
+    """Makes the models of a scene's cases; making and using it are collective.
+
+    Parameters
+    ----------
+    scene
+        With its cases.
+    """
+
+    def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
+        self._scene, self._comm = scene, comm
+        self._outlines: dict[str, Outline | None] = {}
+        self._model: Model | None = None
+        self._patches: Patches | None = None
+        self._earlier: list[_Earlier] = []
+
+    def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
+        """The model of the scene of a case; parameters as of `build_model`.
+
+        In other subdomains than the scene's, or where other rows are redundant, it is made alone.
+        """
+        with timings.measure("setup"):
+            if not self._outlines:
+                self._outlines = outlines_of_cases(self._scene, self._comm, timings)
+            known = self._outlines[scene.case]
+        if known is None or scene.decomposition != self._scene.decomposition:
+            return build_model(scene, self._comm, timings, needed, tell)
+        with timings.measure("setup"):
+            return self._shared(scene, known, timings, needed, tell)
+
+    def _shared(
+        self, scene: Scene, known: Outline, timings: Timings, needed: Needed, tell: Tell | None
+    ) -> Model:
+        """The model of a case on the factors of the others, or with new ones for more rows."""
+        wanted = known.needed.copy()
+        if not isinstance(needed, str):
+            wanted |= needed
+        elif needed == "all":
+            wanted[:] = True
+        if self._model is not None:
+            more = bool((wanted & ~self._model.needed).any())
+            if not self._comm.allreduce(int(more)):
+                return model_of_case(self._model, known.with_needed(self._model.needed), scene)
+            wanted |= self._model.needed
+        known = known.with_needed(wanted)
+        if tell is not None:
+            tell(self._scene, known)
+        self._patches = None
+        self._model = model_of_outline(scene, known, timings)
+        return self._model
+
+    def estimator(self, model: Model) -> ErrorEstimator:
+        """What estimates the errors of answers to a model."""
+        if self._model is None or model.elements is not self._model.elements:
+            return ErrorEstimator(model)
+        if self._patches is None:
+            self._patches = Patches(self._model)
+        return ErrorEstimator(model, self._patches)
+
+    def add(self, model: Model, solution: Solution) -> None:
+        """Let later cases begin with the answer of this one."""
+        self._earlier.append(_Earlier(model.problem, solution.multiplier))
+
+    def on(self, model: Model) -> Array | None:
+        """Multipliers to begin with, (dual,); None where no earlier case is near (collective)."""
+        d = model.problem.d
+        alike = [e for e in self._earlier if e.problem.B is model.problem.B]
+        if not alike:
+            return None
+        own = np.array([e.problem.d for e in alike])
+        sums = np.stack([own @ d, np.einsum("ij,ij->i", own, own), np.full(len(own), d @ d)])
+        products, squares, square = self._comm.allreduce(sums)
+        share = np.divide(products, squares, out=np.zeros(len(own)), where=squares > 0.0)
+        share = np.maximum(share, 0.0)
+        left = square[0] - 2.0 * share * products + share**2 * squares
+        best = int(np.argmin(left))
+        if left[best] > FAR**2 * square[0]:
+            return None
+        return np.asarray(share[best] * alike[best].multiplier)

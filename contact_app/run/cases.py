@@ -1,0 +1,226 @@
+"""Load cases: each from the unloaded state, on one model; a directory of results for each.
+
+All but the solves, the fields and the files is done once (`run.case_models`). Later cases start
+from the nearest earlier one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.errors import ConfigurationError
+from contact_app.machine.environment import environment
+from contact_app.machine.exits import Exit
+from contact_app.machine.exits import tell as say
+from contact_app.model.outline import Tell
+from contact_app.results.envelope import Envelope
+from contact_app.results.history import History
+from contact_app.results.report import log, print_cases, run_log, write_summary
+from contact_app.run.case_models import CaseModels
+from contact_app.run.communication import on_first
+from contact_app.run.files import (
+    log_model_that_fits,
+    part_that_is_solved,
+    without_parts,
+    write_run,
+)
+from contact_app.run.progress import Interruption, Progress, together
+from contact_app.run.repeated_sentences import said_once
+from contact_app.run.result_directory import clear
+from contact_app.run.solve import solve_scene
+from contact_app.scene.scene import Scene
+from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
+from solver.qp.result import Monitor, Reason
+
+
+def solved_cases(
+    scene: Scene,
+    comm: MPI.Intracomm,
+    monitor_of: Callable[[str], Monitor | None],
+    tell: Tell | None = None,
+) -> Iterator[SolvedScene]:
+    """Solve the cases of a scene one after another; writes nothing (collective).
+
+    Parameters
+    ----------
+    monitor_of
+        Asked for the monitor of each case, by its name, before it is solved.
+    tell
+        Called with the scene and the outline of the model of its first case.
+    """
+    models = CaseModels(scene, comm)
+    for case in scene.cases:
+        solved = solve_scene(
+            scene.under(case), comm, monitor_of(case.name), tell=tell, start=models, cases=models
+        )
+        models.add(solved.model, solved.solution)
+        yield solved
+
+
+class Overview:
+    """Collects what a run says of all its cases together; collective.
+
+    Attributes
+    ----------
+    warnings
+        Of all certificates, each with the case it is about.
+    """
+
+    def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
+        self._scene, self._comm = scene, comm
+        self._cases: dict[str, dict[str, Any]] = {}
+        self._first: dict[str, Any] = {}
+        self._envelope: Envelope | None = None
+        self._timings: dict[str, float] = {}
+        self._warnings: dict[str, list[str]] = {}
+
+    def add(self, solved: SolvedScene, summary: dict[str, Any]) -> None:
+        """Take in a case."""
+        model, name = solved.model, solved.model.scene.case
+        stress = float(solved.cells.von_mises.max(initial=0.0))
+        largest = model.comm.allreduce(stress, op=MPI.MAX)
+        self._first = self._first or summary
+        self._cases[name] = {
+            "solution": {**summary["solution"], "max_von_mises": largest},
+            "certificate": summary["certificate"],
+            "solver": summary["solver"],
+            "accuracy": summary["accuracy"],
+        }
+        for key, seconds in summary["timings"].items():
+            self._timings[key] = self._timings.get(key, 0.0) + seconds
+        warnings = list(summary["certificate"]["warnings"])
+        if self._envelope is None:
+            self._envelope = Envelope(model, solved.nodes, solved.cells)
+        if not self._envelope.add(len(self._cases), model, solved.nodes, solved.cells):
+            warnings.append("it was solved on subdomains of its own and is not in the envelope")
+        for sentence in warnings:
+            self._warnings.setdefault(sentence, []).append(name)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Each sentence once, with the cases it is said of."""
+        said = []
+        for sentence, names in self._warnings.items():
+            of = "all cases" if len(names) == len(self._scene.cases) > 1 else ", ".join(names)
+            said.append(f"{of}: {sentence}")
+        return said_once(said, [body.name for body in self._scene.bodies])
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The ``summary.json`` beside the directories of the cases (collective)."""
+        assert self._envelope is not None
+        names = list(self._cases)
+        return {
+            "scene": {"title": self._scene.title, "dimension": self._scene.dimension},
+            "mesh": self._first["mesh"],
+            "decomposition": self._first["decomposition"],
+            "cases": self._cases,
+            "envelope": self._envelope.peaks(names),
+            "timings": self._timings,
+            "environment": environment(self._comm),
+        }
+
+    def leave_out(self, names: list[str]) -> None:
+        """Say that cases were not solved, because the run was interrupted."""
+        for name in names:
+            self._warnings.setdefault("not solved: the run was interrupted", []).append(name)
+
+    def write(self, directory: Path) -> tuple[dict[str, Any], list[Path]]:
+        """Write ``envelope.xdmf`` and the summary; the summary and the files (collective)."""
+        assert self._envelope is not None
+        files = [*self._envelope.write(directory), directory / "summary.json"]
+        summary, comm = self.summary, self._comm
+        for warning in self.warnings if comm.rank == 0 else ():
+            log.warning("%s", warning)
+        on_first(comm, lambda: write_summary(directory / "summary.json", summary))
+        own = [directory / name / "summary.json" for name in self._cases]
+        return summary, [*files, *own]
+
+
+def run_cases(
+    scene: Scene,
+    directory: Path,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    resume: bool = False,
+    every: float = EVERY_SECONDS,
+) -> int:
+    """Solve all cases, write a directory for each and the overview; the exit code (collective).
+
+    Interrupted, the case that is being solved ends with what it has reached, and no other is begun.
+    Parameters are those of `run.run`; the exit code is the worst of the cases.
+    """
+    if resume:
+        raise ConfigurationError(
+            f"{scene.at('cases')}: a run of load cases leaves no checkpoint to resume from; start "
+            "it anew, or with the cases that are left"
+        )
+    first = comm.rank == 0
+    on_first(comm, lambda: clear(directory, resume=False))
+    with (
+        without_parts(directory),
+        run_log(directory / "run.log", first),
+        Progress(first) as progress,
+        Interruption() as interruption,
+    ):
+        scene = part_that_is_solved(scene)
+        # its clock alone is used: nothing is saved
+        attention = Attention(
+            comm, lambda: interruption.asked, Checkpoint(directory, comm, False, every)
+        )
+        overview, code = _solve_and_write(scene, directory, comm, progress, attention)
+        progress.stage("writing")
+        summary, files = overview.write(directory)
+    if first:
+        _print(summary, overview.warnings, [*files, directory / "run.log"])
+    return code
+
+
+def _solve_and_write(
+    scene: Scene, directory: Path, comm: MPI.Intracomm, progress: Progress, attention: Attention
+) -> tuple[Overview, int]:
+    """Solve the cases and write the files of each; the overview and the exit code (collective)."""
+    overview, code, left = (
+        Overview(scene, comm),
+        Exit.CERTIFIED,
+        [case.name for case in scene.cases],
+    )
+    with ExitStack() as histories:
+
+        def monitor_of(name: str) -> Monitor:
+            histories.close()  # that of the case before
+            progress.stage(f"case {name}")
+            on_first(comm, lambda: clear(directory / name, resume=False))
+            path = directory / name / "history.csv" if comm.rank == 0 else None
+            return together(progress, histories.enter_context(History(path)), attention)
+
+        tell = partial(log_model_that_fits, directory=directory)
+        for solved in solved_cases(scene, comm, monitor_of, tell):
+            histories.close()
+            left.remove(solved.model.scene.case)
+            with without_parts(directory / solved.model.scene.case):
+                summary, _ = write_run(solved, None, directory / solved.model.scene.case, progress)
+            overview.add(solved, summary)
+            missing = solved.guaranteed is not None and solved.guaranteed.missing
+            if missing or not solved.solution.converged:
+                code = Exit.NOT_CERTIFIED
+            if solved.solution.reason is Reason.STOPPED and not solved.solution.converged:
+                break
+    if left:
+        overview.leave_out(left)
+        code = Exit.NOT_CERTIFIED
+    return overview, code
+
+
+def _print(summary: dict[str, Any], warnings: list[str], files: list[Path]) -> None:
+    """Print the overview; a terminal that is gone does not end the run."""
+    try:
+        print_cases(summary, warnings, files)
+    except OSError as error:
+        say(f"the overview could not be printed ({error.strerror}); {files[0].parent} has it")

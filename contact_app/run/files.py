@@ -1,0 +1,94 @@
+"""What a run logs of its model and writes of its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
+from contact_app.accuracy.refine.refinement import Refined, with_levels
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.machine.disk import refuse_without_room
+from contact_app.model.outline import Outline
+from contact_app.model.symmetry import halved
+from contact_app.results.output import Fields, write_fields
+from contact_app.results.report import log, write_summary
+from contact_app.results.result_size import all_bytes, file_names
+from contact_app.run.check import modelled_lines
+from contact_app.run.communication import on_first
+from contact_app.run.progress import Progress
+from contact_app.run.repeated_sentences import said_once
+from contact_app.run.result_directory import remove_parts
+from contact_app.scene.scene import Scene
+
+
+def part_that_is_solved(scene: Scene) -> Scene:
+    """The half, quarter or eighth of a scene that mirrors, if that is asked for; else all of it."""
+    if not scene.symmetry:
+        return scene
+    halving = halved(scene)
+    for note in halving.notes:
+        log.info("%s", note)
+    return halving.scene
+
+
+def write_run(
+    solved: SolvedScene, refined: Refined | None, directory: Path, progress: Progress
+) -> tuple[dict[str, Any], list[Path]]:
+    """Write the files of a run; the summary, and the files (collective).
+
+    The summary is written last: where it is, everything is. An error of the disk is raised on all
+    ranks.
+    """
+    comm = solved.model.comm
+    bodies = [body.name for body in solved.model.scene.bodies]
+    for note in said_once(solved.model.notes, bodies):
+        log.info("%s", note)
+    files = [directory / name for name in ("summary.json", "history.csv", "run.log")]
+    if file_names(solved.model.scene):
+        progress.stage("writing")
+        with solved.timings.measure("output"):
+            fields = Fields(solved.nodes, solved.cells, solved.nodal)
+            files = [*write_fields(solved.model, fields, directory), *files]
+    summary = {**solved.summary, "timings": solved.timings.as_dict()}
+    if refined is not None:
+        summary = with_levels(summary, refined)
+    if comm.rank == 0:
+        for warning in summary["certificate"]["warnings"]:
+            log.warning("%s", warning)
+    on_first(comm, lambda: write_summary(directory / "summary.json", summary))
+    return summary, files
+
+
+def log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
+    """As `log_model`; refuse a result that will not fit on the disk (collective)."""
+    log_model(scene, known)
+    names = file_names(scene)
+    if names:
+        images = 2 ** len(scene.mirrors)
+        sizes = images * known.partition.nodes, images * known.partition.cells
+        needed = max(len(scene.cases), 1) * all_bytes(scene, *sizes)
+        on_first(
+            known.partition.comm,
+            lambda: refuse_without_room(directory, names[0].replace("xdmf", "h5"), needed),
+        )
+
+
+def log_model(scene: Scene, known: Outline) -> None:
+    """What is modelled and what is left out, as `check` says and refuses it (collective)."""
+    refuse_unguaranteed(scene, known.partition)
+    for line in modelled_lines(scene, known):
+        if line and known.partition.comm.rank == 0:
+            log.info("%s", line)
+
+
+@contextmanager
+def without_parts(directory: Path) -> Iterator[None]:
+    """Leave no file that is not whole, whichever rank an exception ends the run on."""
+    try:
+        yield
+    except BaseException:
+        remove_parts(directory)
+        raise

@@ -1,0 +1,148 @@
+"""Nodal stresses are exact where the stress is uniform in each material, and keep its jumps."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+import contact_app
+from tests import meshfiles, scenes
+from tests.scenes_on_ranks import summary_of
+
+CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+SOFT, HARD, STRETCH = 500.0, 4000.0, 1e-3
+
+
+def side_by_side(cell: str, file: Path, degree: int) -> scenes.Config:
+    """Two materials without Poisson effect, stretched along y by one strain: σ = E ε in each."""
+    d = scenes.dimension(cell)
+    pulled = [None, STRETCH, None][:d]
+    return {
+        "dimension": d,
+        "bodies": [
+            {"name": "block", "degree": degree, "mesh": {"file": str(file)},
+             "material": {"soft": {"young": SOFT, "poisson": 0.0},
+                          "hard": {"young": HARD, "poisson": 0.0}}},
+        ],
+        "conditions": [
+            {"on": "block.y-", "displacement": [0.0] * d},
+            {"on": "block.y+", "displacement": pulled},
+        ],
+        "solver": {"tolerance": 1e-10},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_each_material_has_its_own_stress_at_the_interface(
+    cell: str, degree: int, tmp_path: Path
+) -> None:
+    file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
+    made = side_by_side(cell, file, degree) | {"decomposition": {"subdomains": 3}}
+    answer = contact_app.solve(made)
+    x = answer.points[:, 0]
+    assert answer.nodal_stress is not None
+    assert answer.nodal_von_mises is not None
+    expected = np.where(x < 0.5 - 1e-9, SOFT, HARD) * STRETCH
+    np.testing.assert_allclose(answer.nodal_stress[:, 1], expected, rtol=1e-6)
+    np.testing.assert_allclose(answer.nodal_stress[:, [0, 2, 3, 4, 5]], 0.0, atol=1e-6)
+    np.testing.assert_allclose(answer.nodal_von_mises, expected, rtol=1e-6)
+    soft, hard = (answer.solved.nodal[f"nodal_stress_material_{k}"] for k in (0, 1))
+    on = x < 0.5 + 1e-9
+    np.testing.assert_allclose(soft[on, 1], SOFT * STRETCH, rtol=1e-6)
+    assert np.isnan(soft[~on]).all()
+    on = x > 0.5 - 1e-9
+    np.testing.assert_allclose(hard[on, 1], HARD * STRETCH, rtol=1e-6)
+    assert np.isnan(hard[~on]).all()
+
+
+@pytest.mark.parametrize("plane", ["plane_strain", "plane_stress"])
+def test_the_stress_across_the_plane(plane: str) -> None:
+    """A block of ν = 0.3 pressed by 10 along y, free along x."""
+    block = {
+        "name": "b", "material": {"young": 1000, "poisson": 0.3},
+        "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [3, 3]}},
+    }  # fmt: skip
+    answer = contact_app.solve({
+        "dimension": plane,
+        "bodies": [block],
+        "conditions": [
+            {"on": "b.y-", "displacement": [None, 0]}, {"on": "b.x-", "displacement": [0, None]},
+            {"on": "b.y+", "pressure": 10},
+        ],
+    })  # fmt: skip
+    across = -3.0 if plane == "plane_strain" else 0.0
+    assert answer.nodal_stress is not None
+    expected = np.broadcast_to([0, -10, across, 0, 0, 0], answer.nodal_stress.shape)
+    np.testing.assert_allclose(answer.nodal_stress, expected, atol=1e-8)
+
+
+def test_the_stress_of_heat_across_the_plane() -> None:
+    """A block of α = 1e-5 free in its plane, 50 degrees warmer: zz = -E α T alone."""
+    block = {
+        "name": "b", "material": {"young": 1000, "poisson": 0.3, "expansion": 1e-5},
+        "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [3, 3]}},
+    }  # fmt: skip
+    answer = contact_app.solve({
+        "dimension": "plane_strain",
+        "bodies": [block],
+        "conditions": [
+            {"on": "b.y-", "displacement": [None, 0]}, {"on": "b.x-", "displacement": [0, None]},
+            {"in": "b", "temperature": 50},
+        ],
+    })  # fmt: skip
+    assert answer.nodal_stress is not None
+    expected = np.broadcast_to([0, 0, -0.5, 0, 0, 0], answer.nodal_stress.shape)
+    np.testing.assert_allclose(answer.nodal_stress, expected, atol=1e-9)
+
+
+def test_the_whole_of_a_half_has_the_stress_of_the_whole() -> None:
+    """Shears change their sign across the planes; near these the fit knows cells of one side only.
+
+    A beam held at both ends bends.
+    """
+    made = {
+        "dimension": 3,
+        "bodies": [
+            {"name": "b", "material": {"young": 1000, "poisson": 0.3},
+             "mesh": {"box": {"lower": [0, 0, 0], "upper": [4, 1, 1], "cells": [8, 4, 4]}}},
+        ],
+        "conditions": [
+            {"on": "b.x-", "displacement": [0, 0, 0]}, {"on": "b.x+", "displacement": [0, 0, 0]},
+            {"on": "b.z+", "traction": [0, 0, -1]},
+        ],
+        "solver": {"tolerance": 1e-11},
+    }  # fmt: skip
+    found = []
+    for symmetry in ("none", "allow"):
+        answer = contact_app.solve({**made, "symmetry": symmetry})
+        assert answer.nodal_stress is not None
+        order = np.lexsort(np.round(answer.points, 9).T)
+        found.append(answer.nodal_stress[order])
+    largest = np.abs(found[0]).max()
+    assert np.abs(found[0][:, 3:]).max() > 0.15 * largest
+    np.testing.assert_allclose(found[1], found[0], atol=0.06 * largest)
+
+
+def test_nothing_is_recovered_where_it_is_not_asked_for() -> None:
+    made = scenes.wall("quadrilateral", 2)
+    for output in ({"fields": ["displacement", "stress"]}, {"xdmf": False}):
+        answer = contact_app.solve({**made, "output": output})
+        assert answer.nodal_stress is None
+        assert not answer.solved.nodal
+
+
+@pytest.mark.mpi
+def test_ranks_recover_the_same(tmp_path: Path) -> None:
+    file = meshfiles.write(meshfiles.block("tetrahedron", 4), tmp_path / "block.msh")
+    made = side_by_side("tetrahedron", file, 1)
+    made |= {"output": {"vtu": True, "xdmf": False}, "decomposition": {"subdomains": 4}}
+    summary_of(made, tmp_path, 2)
+    found = meshio.read(tmp_path / "out2" / "solution.vtu")
+    expected = np.where(found.points[:, 0] < 0.5 - 1e-9, SOFT, HARD) * STRETCH
+    np.testing.assert_allclose(found.point_data["nodal_von_mises"], expected, rtol=1e-6)
+    soft = found.point_data["nodal_von_mises_material_0"]
+    on = found.points[:, 0] < 0.5 + 1e-9
+    np.testing.assert_allclose(soft[on], SOFT * STRETCH, rtol=1e-6)
+    assert np.isnan(soft[~on]).all()

@@ -1,0 +1,490 @@
+"""Load cases: held against single runs, what they share, what a run writes, what is refused."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import contact_app
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.run.case_models import CaseModels, outlines_of_cases
+from contact_app.run.cases import solved_cases
+from contact_app.run.run import run
+from contact_app.run.solve import solve_scene
+from tests import scenes
+from tests.scenes import Config
+from tests.scenes_on_ranks import run_scene
+
+SQUARE = "quadrilateral"
+
+
+def named(made: Config, names: dict[int, str], cases: Config) -> Config:
+    """A scene whose conditions of some numbers have names, with load cases."""
+    made = copy.deepcopy(made)
+    for number, name in names.items():
+        made["conditions"][number]["name"] = name
+    return {**made, "cases": cases}
+
+
+def single(made: Config, case: str) -> Config:
+    """One case as a scene of its own, whose conditions are multiplied by hand."""
+    made = copy.deepcopy(made)
+    factors = made.pop("cases")[case]
+    for condition in made["conditions"]:
+        name = condition.pop("name", None)
+        factor = 1.0 if name is None else factors.get(name, 0.0)
+        for key in ("displacement", "traction", "force", "total_force"):
+            if key in condition:
+                values = condition[key]
+                condition[key] = [None if v is None else factor * v for v in values]
+        for key in ("pressure", "total_moment"):
+            if key in condition:
+                condition[key] *= factor
+        if "temperature" in condition:
+            condition["temperature"] = f"{factor} * ({condition['temperature']})"
+    return made
+
+
+def all_cases(made: Config, subdomains: Any = None) -> dict[str, Any]:
+    """The solved cases of a scene by name."""
+    scene = scenes.build(made, subdomains)
+    found = solved_cases(scene, MPI.COMM_WORLD, lambda name: None)
+    return {solved.model.scene.case: solved for solved in found}
+
+
+def slot(n: int = 6) -> Config:
+    """A column between two walls that leans on the one or the other, on a foundation that moves."""
+    made = scenes.config(
+        SQUARE,
+        [scenes.block(SQUARE, n)],
+        [
+            {"on": "block.y-", "displacement": [0.02, -0.01]},
+            {"on": "block.y+", "traction": [20.0, 0.0]},
+            {"in": "block", "force": [0.0, -30.0]},
+        ],
+        [
+            {"on": "block.x+", "obstacle": scenes.plane(SQUARE, (1.01, 0, 0), (-1, 0, 0))},
+            {"on": "block.x-", "obstacle": scenes.plane(SQUARE, (-0.01, 0, 0), (1, 0, 0))},
+        ],
+    )
+    right, left, moved = {"push": 1}, {"push": -2}, {"push": -1, "settle": 0.25}
+    cases = {"right": right, "left": left, "moved": moved, "more": {"push": 1.5}}
+    return named(made, {0: "settle", 1: "push"}, cases)
+
+
+def two_blocks(n: int = 4) -> Config:
+    """A block on another, pressed, pushed sideways against stops, or lifted off by its stop."""
+    made = scenes.config(
+        SQUARE,
+        [
+            scenes.block(SQUARE, n, "lower", (0, 0, 0), (1, 0, 1)),
+            scenes.block(SQUARE, n + 1, "upper", (0.1, 0, 1), (0.9, 0, 2)),
+        ],
+        [
+            scenes.clamp(SQUARE, "lower.y-"),
+            {"on": "upper.y+", "displacement": [0.01, None]},
+            {"on": "upper.y+", "pressure": 20.0},
+            {"on": "upper.x-", "total_force": [5.0, -10.0], "total_moment": 2.0},
+        ],
+        [{"on": "lower.y+", "against": "upper.y-"}],
+    )
+    cases = {
+        "press": {"press": 1},
+        "shove": {"press": 2, "shove": 1},
+        "slid": {"press": 1, "slide": 1},
+    }
+    return named(made, {1: "slide", 2: "press", 3: "shove"}, cases)
+
+
+def lifted(n: int = 3) -> Config:
+    """A cube whose foot is moved towards a ball: one held body, whose unknowns are eliminated."""
+    made = scenes.sphere("hexahedron", n)
+    return named(
+        made, {0: "lift"}, {"half": {"lift": 0.5}, "full": {"lift": 1}, "over": {"lift": 1.5}}
+    )
+
+
+def floating(n: int = 3) -> Config:
+    """A free cube in a corner."""
+    made = scenes.floating_in_corner("hexahedron", n)
+    return named(made, {0: "top", 1: "side"}, {"one": {"top": 1, "side": 1}, "two": {"side": 3}})
+
+
+def slope(n: int = 6) -> Config:
+    """Nodes on an oblique plane, one component of which a condition moves: it changes the gap."""
+    made = scenes.moved_rollers_on_a_slope(SQUARE, n)
+    return named(made, {0: "move"}, {"rest": {}, "moved": {"move": 1}, "back": {"move": -1}})
+
+
+def heated(n: int = 6) -> Config:
+    """A block between a floor and a ceiling that heat presses against them."""
+    made = scenes.rollers_and_floor(SQUARE, n)
+    made["bodies"][0]["material"]["expansion"] = 1e-3
+    made["conditions"].append({"in": "block", "temperature": "10 + 5 * x"})
+    obstacle = scenes.plane(SQUARE, (0, 0, 1), (0, 0, -1))
+    made["contacts"].append({"on": "block.y+", "obstacle": obstacle})
+    return named(
+        made, {1: "press", 3: "heat"}, {"cold": {"press": 1}, "hot": {"press": 1, "heat": 3}}
+    )
+
+
+@pytest.mark.parametrize(
+    ("made", "subdomains"),
+    [
+        (heated(), 4),
+        (slot(), 4),
+        (slot(), 1),
+        (two_blocks(), 5),
+        (lifted(), None),
+        (floating(), 8),
+        (slope(), 4),
+    ],
+    ids=["heated", "slot", "slot-whole", "two-blocks", "lifted", "floating", "slope"],
+)
+def test_each_case_is_the_scene_with_its_loads(made: Config, subdomains: Any) -> None:
+    cases = all_cases(made, subdomains)
+    assert list(cases) == list(made["cases"])
+    for name, solved in cases.items():
+        alone = solve_scene(scenes.build(single(made, name), subdomains))
+        assert solved.solution.converged
+        energy, known = (s.summary["solution"]["energy"] for s in (solved, alone))
+        assert energy == pytest.approx(known, rel=1e-8), name
+        size = np.abs(alone.nodes.displacement).max()
+        np.testing.assert_allclose(
+            solved.nodes.displacement, alone.nodes.displacement, atol=1e-6 * size
+        )
+        for key in ("force", "moment"):
+            for record in ("contacts", "reactions"):
+                own, other = (
+                    np.array([entry[key] for entry in s.summary[record]]) for s in (solved, alone)
+                )
+                np.testing.assert_allclose(own, other, atol=1e-5, err_msg=f"{name} {record} {key}")
+        assert solved.accuracy.discretisation == pytest.approx(
+            alone.accuracy.discretisation, rel=1e-4
+        )
+
+
+def test_contacts_open_and_close_from_case_to_case() -> None:
+    cases = all_cases(slot(), 4)
+    closed = {
+        name: [entry["nodes"]["slip"] > 0 for entry in solved.summary["contacts"]]
+        for name, solved in cases.items()
+    }
+    assert closed["right"] == [True, False]
+    assert closed["left"] == [False, True]
+
+
+def test_cases_share_factors_and_rows() -> None:
+    cases = list(all_cases(slot(), 4).values())
+    first = cases[0].model
+    for solved in cases[1:]:
+        assert solved.model.problem.classes is first.problem.classes
+        assert solved.model.problem.B is first.problem.B
+        assert solved.model.problem.F is first.problem.F
+        assert solved.model.partition is first.partition
+    assert [solved.solution.warm for solved in cases] == [False, False, True, True]
+
+
+def test_a_multiple_of_a_case_begins_with_its_answer() -> None:
+    made = scenes.wall("hexahedron", 6)
+    made = named(made, {1: "press"}, {"one": {"press": 1}, "two": {"press": 2}})
+    one, two = all_cases(made, 8).values()
+    assert two.solution.counts.hessian <= 3 < one.solution.counts.hessian
+    assert two.summary["solution"]["energy"] == pytest.approx(
+        4.0 * one.summary["solution"]["energy"], rel=1e-9
+    )
+
+
+def far_wall() -> Config:
+    """A wall that only the second case reaches."""
+    made = scenes.wall(SQUARE, 6)
+    made["contacts"][0]["obstacle"] = scenes.plane(SQUARE, (1.05, 0, 0), (-1, 0, 0))
+    made["conditions"][1]["traction"] = [0.5, 0.0]
+    return named(made, {1: "push"}, {"weak": {"push": 1}, "strong": {"push": 80}})
+
+
+def test_contact_rows_serve_all_cases() -> None:
+    scene = scenes.build(far_wall(), 4)
+    counts = {
+        name: int(known.needed.sum())
+        for name, known in outlines_of_cases(scene, MPI.COMM_WORLD).items()
+        if known is not None
+    }
+    alone = CaseModels(
+        scenes.build({**far_wall(), "cases": {"weak": {"push": 1}}}, 4), MPI.COMM_WORLD
+    )
+    weak = scene.under(scene.cases[0])
+    few = solve_scene(weak, cases=alone).model.needed
+    assert few.sum() == 0  # nothing comes so far
+    assert counts["weak"] == counts["strong"] == len(few)
+
+
+def test_rows_left_out_join_where_a_case_crosses_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With too small an estimate of how far bodies move, the answer asks for more rows."""
+    monkeypatch.setattr("contact_app.model.candidates.SAFETY", 1e-3)
+    made = far_wall()
+    cases = all_cases(made, 4)
+    monkeypatch.undo()
+    for name, solved in cases.items():
+        alone = solve_scene(scenes.build(single(made, name), 4))
+        assert solved.summary["solution"]["energy"] == pytest.approx(
+            alone.summary["solution"]["energy"], rel=1e-8
+        )
+    assert cases["strong"].summary["solution"]["active_contacts"] > 0
+
+
+def test_a_case_in_which_another_row_is_the_tighter_is_right() -> None:
+    """Two slopes whose order at a held node depends on where the displacement takes it."""
+    made = scenes.config(
+        SQUARE,
+        [scenes.block(SQUARE, 4)],
+        [
+            {"on": "block.x-", "displacement": [0.1, None]},
+            {"on": "block.x+", "displacement": [0.1, None]},
+            {"in": "block", "force": [0.0, -50.0]},
+        ],
+        [
+            {"on": "block.y-", "obstacle": scenes.plane(SQUARE, (0, 0, 0), (0.2, 0, 1))},
+            {"on": "block.y-", "obstacle": scenes.plane(SQUARE, (0, 0, -0.01), (-0.2, 0, 1))},
+        ],
+    )
+    made = named(made, {0: "left", 1: "right"}, {"rest": {}, "moved": {"left": 1, "right": 1}})
+    scene = scenes.build(made, 4)
+    assert outlines_of_cases(scene, MPI.COMM_WORLD)["moved"] is None
+    for name, solved in all_cases(made, 4).items():
+        alone = solve_scene(scenes.build(single(made, name), 4))
+        assert solved.summary["solution"]["energy"] == pytest.approx(
+            alone.summary["solution"]["energy"], rel=1e-8
+        )
+
+
+def test_a_case_without_equilibrium_is_named() -> None:
+    made = floating(2)
+    made["cases"] = {"sits": {"top": 1}, "flies": {"top": -20}}
+    with pytest.raises(NoEquilibriumError, match=r"case flies: .*nothing stops block from leaving"):
+        all_cases(made)
+
+
+def test_displacements_that_exclude_each_other_in_one_case_are_told() -> None:
+    made = slot()
+    made["cases"] = {"rest": {"push": 1}, "inside": {"settle": 5}}
+    with pytest.raises(NoEquilibriumError, match=r"case inside: .*push held nodes into the obst"):
+        all_cases(made)
+
+
+# --- symmetry ----------------------------------------------------------------------------------
+
+
+def squeezed(cases: Config) -> Config:
+    """A block between walls, pressed on top and on both sides."""
+    made = scenes.config(
+        SQUARE,
+        [scenes.block(SQUARE, 6)],
+        [
+            scenes.clamp(SQUARE, "block.y-"),
+            {"on": "block.y+", "traction": [0, -40]},
+            {"on": "block.x-", "traction": [3, 0]},
+            {"on": "block.x+", "traction": [-3, 0]},
+        ],
+        [
+            {"on": "block.x+", "obstacle": scenes.plane(SQUARE, (1, 0, 0), (-1, 0, 0))},
+            {"on": "block.x-", "obstacle": scenes.plane(SQUARE, (0, 0, 0), (1, 0, 0))},
+        ],
+    )
+    return {**named(made, {1: "top", 2: "left", 3: "right"}, cases), "symmetry": "allow"}
+
+
+@pytest.mark.parametrize(
+    ("second", "mirrors"),
+    [({"top": 1, "left": 2, "right": 2}, True), ({"top": 1, "left": 1, "right": 2}, False)],
+    ids=["symmetric", "one-is-not"],
+)
+def test_a_scene_is_halved_where_all_its_cases_mirror(second: Config, mirrors: bool) -> None:
+    made = squeezed({"one": {"top": 1}, "two": second})
+    answers = contact_app.solve(made)
+    assert bool(answers.cases["one"].solved.model.scene.mirrors) == mirrors
+    for name in made["cases"]:
+        alone = contact_app.solve({**single(made, name), "symmetry": "none"})
+        assert answers.cases[name].summary["solution"]["energy"] == pytest.approx(
+            alone.summary["solution"]["energy"], rel=1e-8
+        )
+
+
+# --- what a run leaves -------------------------------------------------------------------------
+
+
+def fields(path: Path) -> tuple[Config, Config]:
+    """Fields at points and in cells."""
+    with meshio.xdmf.TimeSeriesReader(path) as reader:
+        reader.read_points_cells()
+        _, points, cells = reader.read_data(0)
+    return points, {name: np.concatenate(values) for name, values in cells.items()}
+
+
+def test_each_case_has_a_directory_beside_an_overview_and_the_envelope(tmp_path: Path) -> None:
+    made = slot()
+    assert run(scenes.build(made, 4), tmp_path) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert list(summary["cases"]) == list(made["cases"])
+    stress, pressure = [], []
+    for name, case in summary["cases"].items():
+        own = json.loads((tmp_path / name / "summary.json").read_text())
+        assert own["certificate"] == case["certificate"]
+        assert own["certificate"]["passed"]
+        assert case["solution"].items() >= own["solution"].items()
+        assert len((tmp_path / name / "history.csv").read_text().splitlines()) > 1
+        at_points, in_cells = fields(tmp_path / name / "solution.xdmf")
+        stress.append(in_cells["von_mises"].ravel())
+        pressure.append(at_points["contact_pressure"].ravel())
+        assert case["solution"]["max_von_mises"] == pytest.approx(stress[-1].max())
+    at_points, in_cells = fields(tmp_path / "envelope.xdmf")
+    for values, key, found in (
+        (np.array(stress), "von_mises", in_cells),
+        (np.array(pressure), "contact_pressure", at_points),
+    ):
+        largest = found[f"largest_{key}"].ravel()
+        case = found[f"{key}_case"].ravel()
+        np.testing.assert_allclose(largest, values.max(axis=0), rtol=1e-12)
+        np.testing.assert_array_equal(case, np.where(largest > 0.0, values.argmax(axis=0) + 1, 0))
+        peak = summary["envelope"][key]
+        assert peak["value"] == pytest.approx(largest.max())
+        assert peak["case"] == list(made["cases"])[int(case[largest.argmax()]) - 1]
+
+
+def test_the_next_run_removes_the_cases_of_the_last(tmp_path: Path) -> None:
+    made = slot(3)
+    made["output"] = {"xdmf": False}
+    assert run(scenes.build(made), tmp_path) == 0
+    (tmp_path / "left" / "mine.txt").write_text("kept")
+    del made["cases"]["left"], made["cases"]["right"]
+    assert run(scenes.build(made), tmp_path) == 0
+    found = sorted(path.name for path in tmp_path.iterdir())
+    assert found == ["left", "more", "moved", "run.log", "summary.json"]
+    assert [path.name for path in (tmp_path / "left").iterdir()] == ["mine.txt"]
+
+
+def test_the_worst_case_decides_the_exit_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = slot(3)
+    made["solver"]["max_iterations"] = 1
+    made["cases"] = {"nothing": {"push": 1e-12}, "right": {"push": 1}}
+    made["conditions"][2]["force"] = [0.0, -1e-12]
+    assert run(scenes.build(made, 4), tmp_path) == 1
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert not summary["cases"]["right"]["certificate"]["passed"]
+    assert "case right: " in capsys.readouterr().out
+
+
+@pytest.mark.mpi
+def test_two_ranks_say_what_one_says(tmp_path: Path) -> None:
+    made = slot()
+    made["decomposition"] = {"subdomains": 4}
+    path = scenes.write(made, tmp_path / "scene.yaml")
+    found = []
+    for ranks in (1, 2):
+        done = run_scene(path, tmp_path / f"out{ranks}", ranks)
+        assert done.returncode == 0, done.stdout + done.stderr
+        found.append(json.loads((tmp_path / f"out{ranks}" / "summary.json").read_text()))
+    for name, case in found[0]["cases"].items():
+        other = found[1]["cases"][name]["solution"]
+        assert case["solution"]["energy"] == pytest.approx(other["energy"], rel=1e-8)
+        assert case["solution"]["max_von_mises"] == pytest.approx(other["max_von_mises"], rel=1e-6)
+    for key, peak in found[0]["envelope"].items():
+        assert peak["case"] == found[1]["envelope"][key]["case"]
+        assert peak["value"] == pytest.approx(found[1]["envelope"][key]["value"], rel=1e-6)
+
+
+def test_python_answers_by_case(tmp_path: Path) -> None:
+    answers = contact_app.solve(slot(3))
+    assert answers.converged
+    assert answers.cases["right"].certificate.passed
+    assert answers.summary["cases"]["left"]["solution"]["energy"] == pytest.approx(
+        answers.cases["left"].summary["solution"]["energy"]
+    )
+    answers.write(tmp_path)
+    assert (tmp_path / "right" / "solution.xdmf").is_file()
+    assert (tmp_path / "envelope.xdmf").is_file()
+
+
+def test_an_automatic_tolerance_serves_each_case() -> None:
+    made = slot()
+    made["solver"]["tolerance"] = "auto"
+    for solved in all_cases(made, 4).values():
+        assert solved.solution.converged
+        assert solved.accuracy.algebraic <= 0.11 * solved.accuracy.discretisation
+
+
+# --- what is refused ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"cases": {"a": {"pus": 1}}}, r"scene.yaml:\d+: cases.a.pus names no condition; did you"),
+        ({"cases": {"a/b": {"push": 1}}}, r"scene.yaml:\d+: cases.a/b is no name of a case"),
+        ({"cases": {"a": {"push": 1}, "A": {"push": 2}}}, r"cases.A and a differ in cap"),
+        ({"cases": {}}, r"cases is {}; it must not be empty"),
+        ({"cases": {"a": {"push": "x"}}}, r"cases.a.push is 'x'; a number is allowed"),
+        ({"steps": [{"push": 1}]}, r"scene.yaml:\d+: steps is not available"),
+        ({"accuracy": 0.1}, r"scene.yaml:\d+: accuracy is not available with cases"),
+    ],
+    ids=["unknown", "directory", "capitals", "empty", "number", "steps", "accuracy"],
+)  # fmt: skip
+def test_wrong_cases_are_located(changes: Config, message: str, tmp_path: Path) -> None:
+    path = scenes.write({**slot(3), **changes}, tmp_path / "scene.yaml")
+    with pytest.raises(ConfigurationError, match=message):
+        contact_app.solve(path)
+
+
+def test_names_are_given_once_and_some_condition_has_one() -> None:
+    made = slot(3)
+    made["conditions"][0]["name"] = "push"
+    with pytest.raises(ConfigurationError, match=r"conditions\[1\].name is 'push', the name of"):
+        contact_app.solve(made)
+    made = slot(3)
+    for condition in made["conditions"]:
+        condition.pop("name", None)
+    with pytest.raises(ConfigurationError, match="no condition has a name"):
+        contact_app.solve(made)
+
+
+def test_a_case_that_loads_nothing_is_refused() -> None:
+    made = slot(3)
+    made["conditions"][2]["name"] = "weight"
+    made["cases"] = {"idle": {"push": 0}}
+    with pytest.raises(ConfigurationError, match=r"cases.idle loads nothing"):
+        contact_app.solve(made)
+
+
+def test_what_solves_one_load_case_refuses_several(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="load cases are solved by `run`"):
+        solve_scene(scenes.build(slot(3)))
+    with pytest.raises(ConfigurationError, match="leaves no checkpoint"):
+        run(scenes.build(slot(3)), tmp_path, resume=True)
+
+
+def test_names_without_cases_change_nothing() -> None:
+    made = slot(3)
+    del made["cases"], made["conditions"][0]
+    made["conditions"].append(scenes.clamp(SQUARE, "block.y-"))
+    nameless = copy.deepcopy(made)
+    del nameless["conditions"][0]["name"]
+    energies = [contact_app.solve(m).summary["solution"]["energy"] for m in (made, nameless)]
+    assert energies[0] == energies[1]
+
+
+def test_a_picture_is_that_of_a_case(tmp_path: Path) -> None:
+    from contact_app.results.plot.stored import StoredError, read
+
+    assert run(scenes.build(slot(3)), tmp_path) == 0
+    with pytest.raises(StoredError, match="draw one of them"):
+        read(tmp_path)
+    assert len(read(tmp_path / "left").points) == 16
