@@ -1,4 +1,9 @@
-"""``history.csv``: one row for each inner iteration of a solve."""
+"""``history.csv``: one row for each inner iteration of a solve.
+
+`active` counts the components of the problem at a bound, `active_rows` the contact rows that are
+closed: those of the active set, or in SMALBE-M and MPRGP those whose multiplier is positive.
+`seconds` begin with each solve of the method, `total_seconds` with the run.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +25,9 @@ COLUMNS = (
     "equality_residual",
     "active",
     "seconds",
+    "active_set",
+    "active_rows",
+    "total_seconds",
 )
 
 FLUSH_SECONDS = 1.0
@@ -42,7 +50,7 @@ class History:
     ) -> None:
         self._flush_seconds = flush_seconds
         self._file: TextIO | None = None
-        self._flushed = time.monotonic()
+        self._began = self._flushed = time.monotonic()
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             go_on = go_on and path.is_file()
@@ -78,11 +86,12 @@ class History:
 
     def _write(self, event: Step) -> None:
         assert self._file is not None
+        now, rows = time.monotonic(), "" if event.active_rows is None else event.active_rows
         self._file.write(
             f"{event.outer},{event.iteration},{event.type},{event.projected_gradient_norm:.9e},"
-            f"{event.equality_residual:.9e},{event.active},{event.seconds:.6f}\n"
+            f"{event.equality_residual:.9e},{event.active},{event.seconds:.6f},{event.active_set},"
+            f"{rows},{now - self._began:.6f}\n"
         )
-        now = time.monotonic()
         if now - self._flushed >= self._flush_seconds:
             self._file.flush()
             self._flushed = now

@@ -9,7 +9,7 @@ import platform
 import sys
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
@@ -21,6 +21,7 @@ from rich.text import Text
 
 from contact_app.machine.exits import is_own_failure, mark_logged, message_of, tell
 from contact_app.machine.whole_file import whole
+from contact_app.results.report_rows import named_rows, number
 
 log = logging.getLogger("contact_app")
 
@@ -144,9 +145,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-#: Contacts that the table shows, each on a line.
-MOST_CONTACTS = 12
-
 #: The certificate's numbers and what they are called in the table.
 CERTIFICATE = {
     "max_penetration": "penetration / largest displacement",
@@ -213,14 +211,11 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
     row("degrees of freedom", f"{mesh['dofs']:,}")
     row("subdomains", f"{pieces['subdomains']:,}")
     row("Hessian multiplications", f"{solver['hessian_multiplications']:,}")
-    row("largest displacement", _number(solution["max_displacement"]))
+    row("largest displacement", number(solution["max_displacement"]))
     if pieces["contact"]:
         row("nodes in contact", f"{solution['active_contacts']:,} of {pieces['contact']:,}")
-        force = ", ".join(_number(component) for component in solution["contact_force"])
-        row("contact force", f"({force})")
-        row("largest contact pressure", _number(solution["max_contact_pressure"]))
-        for name, value in _contact_rows(summary.get("contacts", [])):
-            row(name, value)
+    for name, value in named_rows(summary):
+        row(name, value)
     for key, name in CERTIFICATE.items():
         value = certificate.get(key)
         met = None
@@ -228,7 +223,7 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
             met = True
         elif tolerance is not None:
             met = value is not None and abs(value) <= tolerance
-        row(name, _number(value), _verdict(met))
+        row(name, number(value), _verdict(met))
     decides = f"decided by {certificate['decided_by']}" if "decided_by" in certificate else ""
     row("certificate", decides, _verdict(bool(certificate["passed"])))
     accuracy = summary["accuracy"]
@@ -276,7 +271,7 @@ def print_cases(
     for key, name in (("von_mises", "von Mises stress"), ("contact_pressure", "contact pressure")):
         peak = summary["envelope"][key]
         if peak["case"] is not None:
-            console.print(f"largest {name}: {_number(peak['value'])}, case {peak['case']}")
+            console.print(f"largest {name}: {number(peak['value'])}, case {peak['case']}")
     timings = summary["timings"]
     console.print(f"time: {timings['total']:.1f} s, {timings['solve']:.1f} s of it solving")
     for name, case in summary["cases"].items():
@@ -301,31 +296,13 @@ def cases_table(summary: Mapping[str, Any]) -> Table:
         solution = case["solution"]
         table.add_row(
             Text(name),
-            _number(solution["max_displacement"]),
-            _number(solution["max_von_mises"]),
-            _number(solution["max_contact_pressure"]),
-            f"({', '.join(_number(component) for component in solution['contact_force'])})",
+            number(solution["max_displacement"]),
+            number(solution["max_von_mises"]),
+            number(solution["max_contact_pressure"]),
+            f"({', '.join(number(component) for component in solution['contact_force'])})",
             _verdict(bool(case["certificate"]["passed"])),
         )
     return table
-
-
-def _contact_rows(contacts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Force and largest pressure of each contact, where there are several."""
-    if len(contacts) < 2:
-        return
-    yield "of each contact", "force, largest pressure"
-    for contact in contacts[:MOST_CONTACTS]:
-        force = ", ".join(_number(component) for component in contact["force"])
-        pressure = _number(contact["max_pressure"])
-        yield f"  {contact['on']} on {contact['with']}", f"({force}), {pressure}"
-    more = len(contacts) - MOST_CONTACTS
-    if more > 0:
-        yield f"  and {more} more", "in summary.json"
-
-
-def _number(value: float | None) -> str:
-    return "unknown" if value is None else f"{value:.4g}"
 
 
 def _percent(value: float | None) -> str:

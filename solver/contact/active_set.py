@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
 from solver.contact.law import ContactLaw, Frictionless
+from solver.contact.monitoring import on_active_set
 from solver.errors import QPError
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
@@ -225,7 +226,10 @@ def active_set_loop(
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
         watch = replace(saver, before=counts).watch(on_set) if saver else None
         try:
-            found = solve_on_set(on_set, update, test, left, monitor, watch, reduction)
+            tells = on_active_set(
+                monitor, number + 1, comm.allreduce(int(statuses.active.sum())), counts.inner
+            )
+            found = solve_on_set(on_set, update, test, left, tells, watch, reduction)
         except QPError:  # the active rows hold a body so badly that rounding lets it go
             counts = counts + on_set.counts
             found = Outcome(None, None, statuses, counts)

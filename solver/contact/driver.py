@@ -27,6 +27,7 @@ from solver.contact.by_active_sets import solve_from_first_set
 from solver.contact.by_mprgp import solve_by_mprgp
 from solver.contact.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
+from solver.contact.monitoring import with_bounds
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
 from solver.contact.stopping import Assess, stopping_rule
@@ -93,6 +94,8 @@ def solve(
         rtol=INNER * rule.tolerance,
         max_iterations=options.max_iterations,
     )
+    contact_rows = problem.comm.allreduce(int(problem.inequality.sum()))
+    monitor = with_bounds(monitor, contact_rows)
     task = Task(
         problem, rule, inner, monitor, checkpoint, active_sets or ActiveSetOptions(),
         smalbe or SMALBE(),

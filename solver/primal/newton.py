@@ -182,7 +182,7 @@ class _Clock:
             return False
         count = int(self.comm.allreduce(int(active.sum())))
         seconds = perf_counter() - self._began
-        step = Step(outer + 1, self.steps, "newton", norm, 0.0, count, seconds)
+        step = Step(outer + 1, self.steps, "newton", norm, 0.0, count, seconds, active_rows=count)
         return bool(self.comm.allreduce(int(bool(self.monitor(step)))))
 
 

@@ -82,6 +82,8 @@ class Step(NamedTuple):
     equality_residual: float  #: ||Cx - c|| when last evaluated, 0 without equalities
     active: int  #: components at a bound, over all ranks
     seconds: float  #: since the solve began
+    active_set: int = 0  #: number of the active set, from 1; 0 in methods without
+    active_rows: int | None = None  #: contact rows that are closed, over all ranks
 
 
 #: Called for every step; a true answer stops the solve.

@@ -1,14 +1,19 @@
 """history.csv has a row for each inner iteration, and keeps them when a run breaks off."""
 
 import csv
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from contact_app.results.history import COLUMNS, History
+from contact_app.run.run import run
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
 from solver import MPRGP, SMALBE, BoxQP
 from solver.qp.result import Step
+from tests import scenes
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -70,3 +75,30 @@ def test_a_run_that_goes_on_keeps_the_rows_before_it(tmp_path: Path) -> None:
             written(Step(1, iteration, "cg", 1.0, 0.0, 0, 0.0))
         kept.append([int(row["iteration"]) for row in rows(path)])
     assert kept == [[1], [1, 2], [3]]
+
+
+@pytest.mark.parametrize("method", ["active-set", "smalbe"])
+def test_the_active_set_and_its_rows_are_told(method: str, tmp_path: Path) -> None:
+    """The last row has the rows that the answer closes; sets and time go up."""
+    made = scenes.wall("quadrilateral", 8)
+    made["solver"] = {"method": method}
+    made["decomposition"] = {"subdomains": 4}
+    assert run(build_scene(load(scenes.write(made, tmp_path / "s.yaml"))), tmp_path / "out") == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    found = rows(tmp_path / "out" / "history.csv")
+    closed = summary["solution"]["active_contacts"]
+    assert closed > 0
+    assert int(found[-1]["active_rows"]) == closed
+    sets = [int(row["active_set"]) for row in found]
+    iterations = [int(row["iteration"]) for row in found]
+    times = [float(row["total_seconds"]) for row in found]
+    assert sets == sorted(sets)
+    assert times == sorted(times)
+    assert times[-1] >= float(found[-1]["seconds"])
+    assert all(int(row["active_rows"]) <= summary["decomposition"]["contact"] for row in found)
+    if method == "active-set":
+        assert sets[0] == 1
+        assert sets[-1] > 1
+        assert iterations == list(range(1, len(found) + 1))
+    else:
+        assert set(sets) == {0}

@@ -94,8 +94,9 @@ def contact(number: int) -> dict:
 
 
 def test_each_of_several_contacts_has_a_line() -> None:
-    one = {**SUMMARY, "contacts": [contact(0)]}
-    assert printed(one) == printed(SUMMARY)
+    one = printed({**SUMMARY, "contacts": [contact(3)]})
+    assert line_with(one, "contact force").endswith("(3, 0, -2.5)")
+    assert len(one) == len(printed(SUMMARY))
     two = printed({**SUMMARY, "contacts": [contact(0), contact(1)]})
     line = line_with(two, "  cube.face1 on plane")
     assert line.split("plane")[1].strip() == "(1, 0, -2.5), 1.25"
@@ -104,6 +105,31 @@ def test_each_of_several_contacts_has_a_line() -> None:
     assert len(many) == len(printed(SUMMARY)) + 14
     assert line_with(many, "  and 8 more")
     assert not any("face12" in line for line in many)
+
+
+def test_the_sum_over_obstacles_is_not_shown_where_bodies_touch_each_other_alone() -> None:
+    pair = {**contact(1), "with": "other.top"}
+    assert line_with(printed({**SUMMARY, "contacts": [pair]}), "contact force").endswith("-2.5)")
+    lines = printed({**SUMMARY, "contacts": [pair, pair | {"on": "cube.face2"}]})
+    assert not any(line.startswith("contact force") for line in lines)
+    assert line_with(lines, "  cube.face2 on other.top")
+
+
+def test_reactions_sections_and_probes_have_lines() -> None:
+    lines = printed(
+        {
+            **SUMMARY,
+            "reactions": [{"on": "cube.z-", "force": [1.0, 2.0, 3.0]}],
+            "sections": {"neck": {"force": [4.0, 5.0, 6.0], "moment": [7.0, 8.0, 9.0]}},
+            "probes": {"tip": {"displacement": [0.5, 0.25]}},
+        }
+    )
+    assert line_with(lines, "  cube.z-").split("z-")[1].strip() == "(1, 2, 3)"
+    assert line_with(lines, "  neck").split("neck")[1].strip() == "(4, 5, 6), (7, 8, 9)"
+    assert line_with(lines, "  tip").split("tip")[1].strip() == "(0.5, 0.25)"
+    assert len(lines) == len(printed(SUMMARY)) + 6
+    flat = {"neck": {"force": [4.0, 5.0, 0.0], "moment": 7.5}}
+    assert line_with(printed({**SUMMARY, "sections": flat}), "  neck").endswith("(4, 5, 0), 7.5")
 
 
 def test_what_is_not_there_is_not_shown_as_a_number() -> None:

@@ -1,0 +1,74 @@
+"""Forces and displacements that a summary tells by name, as lines of the table at a run's end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from contact_app.scene.obstacles import SHAPES
+
+MOST = 12
+"""Lines of a kind that the table shows; the others are in ``summary.json``."""
+
+Row = tuple[str, str]
+
+
+def number(value: float | None) -> str:
+    """A value in four digits."""
+    return "unknown" if value is None else f"{value:.4g}"
+
+
+def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
+    """Contacts, supports, sections and probes."""
+    solution, contacts = summary["solution"], summary.get("contacts", [])
+    if summary["decomposition"]["contact"]:
+        force = contacts[0]["force"] if len(contacts) == 1 else solution["contact_force"]
+        if len(contacts) < 2 or any(contact["with"] in SHAPES for contact in contacts):
+            yield "contact force", _vector(force)
+        yield "largest contact pressure", number(solution["max_contact_pressure"])
+        yield from _contacts(contacts)
+    reactions = summary.get("reactions", [])
+    yield from _several(
+        "reactions", [(found["on"], _vector(found["force"])) for found in reactions]
+    )
+    sections = summary.get("sections", {}).items()
+    yield from _several(
+        "sections: force, moment",
+        [(name, f"{_vector(s['force'])}, {_vector(s['moment'])}") for name, s in sections],
+    )
+    probes = summary.get("probes", {}).items()
+    yield from _several(
+        "displacements at probes", [(name, _vector(p["displacement"])) for name, p in probes]
+    )
+
+
+def _contacts(contacts: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
+    """Force and largest pressure of each contact, where there are several."""
+    if len(contacts) > 1:
+        yield from _several(
+            "of each contact: force, largest pressure",
+            [
+                (
+                    f"{contact['on']} on {contact['with']}",
+                    f"{_vector(contact['force'])}, {number(contact['max_pressure'])}",
+                )
+                for contact in contacts
+            ],
+        )
+
+
+def _several(head: str, rows: Sequence[Row]) -> Iterator[Row]:
+    """A heading and lines below it; nothing without lines."""
+    if rows:
+        yield head, ""
+    for name, value in rows[:MOST]:
+        yield f"  {name}", value
+    more = len(rows) - MOST
+    if more > 0:
+        yield f"  and {more} more", "in summary.json"
+
+
+def _vector(values: Sequence[float] | float) -> str:
+    if isinstance(values, Sequence):
+        return f"({', '.join(number(component) for component in values)})"
+    return number(values)

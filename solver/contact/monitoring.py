@@ -1,0 +1,48 @@
+"""Steps as a monitor of a contact problem sees them: with the active set and its contact rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solver.qp.result import Monitor, Step
+
+
+def on_active_set(monitor: Monitor | None, number: int, rows: int, before: int) -> Monitor | None:
+    """A monitor that tells another which active set a step belongs to.
+
+    Parameters
+    ----------
+    number
+        Of the set, from 1.
+    rows
+        Contact rows in it, over all ranks.
+    before
+        Iterations on earlier sets.
+    """
+    if monitor is None:
+        return None
+    hears = monitor
+
+    def tells(step: Step) -> Any:
+        return hears(step._replace(
+            iteration=before + step.iteration, active=rows, active_set=number, active_rows=rows
+        ))  # fmt: skip
+
+    return tells
+
+
+def with_bounds(monitor: Monitor | None, rows: int) -> Monitor | None:
+    """A monitor that counts the rows whose multipliers are off their bounds, of so many rows.
+
+    Steps that have their number already keep it.
+    """
+    if monitor is None:
+        return None
+    hears = monitor
+
+    def tells(step: Step) -> Any:
+        if step.active_rows is None:
+            step = step._replace(active_rows=rows - step.active)
+        return hears(step)
+
+    return tells
