@@ -214,12 +214,28 @@ def mean_gaps(on: Surface, against: Surface) -> MeanGaps:
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
+    return _rows(on, against, overlaps(on, against))
+
+
+def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
+    """Integrals over the parts of two surfaces that face each other.
+
+    Parameters
+    ----------
+    tilted
+        Whether `Overlaps.tilt` is asked for.
+
+    Raises
+    ------
+    SurfacesApartError
+        The sides face the same way, or no facet of one projects onto one of the other.
+    """
     i, j = _candidates(on, against)
     cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
     facing = cosine >= FACING
-    found = _Overlaps.of(on, against, i[facing], j[facing])
+    found = Overlaps.of(on, against, i[facing], j[facing], tilted)
     if len(found.i) == 0:
-        turned = _Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0])
+        turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0])
         if len(turned.i):
             raise SurfacesApartError(
                 "the two sides face the same way: their outward normals must point at each other"
@@ -228,7 +244,7 @@ def mean_gaps(on: Surface, against: Surface) -> MeanGaps:
             "the two sides never meet: no facet of the first projects, along its normal, onto a "
             "facet of the second that faces it"
         )
-    return _rows(on, against, found)
+    return found
 
 
 # --- which facets may meet -----------------------------------------------------------------------
@@ -275,7 +291,7 @@ def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArr
 
 
 @dataclass(frozen=True, eq=False)
-class _Overlaps:
+class Overlaps:
     """Integrals over the overlap of each pair of facets.
 
     Attributes
@@ -286,6 +302,8 @@ class _Overlaps:
     own : (pairs, v, n), shared : (pairs, v, m), weight : (pairs, v), gap : (pairs, v)
         ∫ φ_k N_l, ∫ φ_k N'_l with N' of the other side, ∫ φ_k and ∫ φ_k g; φ the shape functions
         of the v vertices, N those of all nodes.
+    tilt : (pairs, v, d - 1, n)
+        ∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes where it is not asked for.
     """
 
     i: NDArray[np.int64]
@@ -295,23 +313,34 @@ class _Overlaps:
     shared: NDArray[np.float64]
     weight: NDArray[np.float64]
     gap: NDArray[np.float64]
+    tilt: NDArray[np.float64]
 
     @classmethod
     def of(
-        cls, on: Surface, against: Surface, i: NDArray[np.int64], j: NDArray[np.int64]
-    ) -> _Overlaps:
+        cls,
+        on: Surface,
+        against: Surface,
+        i: NDArray[np.int64],
+        j: NDArray[np.int64],
+        tilted: bool = False,
+    ) -> Overlaps:
         """The overlaps among pairs of facets (n,), (n,), sorted by i; others are dropped."""
         parts = np.array_split(np.arange(len(i)), len(i) // PAIRS + 1)
-        found = [cls._some(on, against, i[part], j[part]) for part in parts]
+        found = [cls._some(on, against, i[part], j[part], tilted) for part in parts]
         joined = zip(*(part.__dict__.values() for part in found), strict=True)
         return cls(*(np.concatenate(values) for values in joined)).nearest_layer(on)
 
     @classmethod
     def _some(
-        cls, on: Surface, against: Surface, i: NDArray[np.int64], j: NDArray[np.int64]
-    ) -> _Overlaps:
+        cls,
+        on: Surface,
+        against: Surface,
+        i: NDArray[np.int64],
+        j: NDArray[np.int64],
+        tilted: bool,
+    ) -> Overlaps:
         """Project, intersect, integrate."""
-        frame = _frames(on)[i]
+        frame = frames(on)[i]
         origin = on.centres[i][:, None]
         here = np.einsum("pvk,pdk->pvd", on.points[i] - origin, frame)
         there = np.einsum("pvk,pdk->pvd", against.points[j] - origin, frame)
@@ -328,6 +357,9 @@ class _Overlaps:
         theirs = on_facets(there[pair, :, :-1], w, x)[1]
         gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
         gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
+        slopes = np.zeros((len(pair), 0, mine.shape[1]))
+        if tilted:
+            slopes = _slopes(here[pair, :, :-1], phi)
         kept, start = np.unique(pair, return_index=True)
 
         def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -342,18 +374,19 @@ class _Overlaps:
             shared=integrate(phi[:, :, None] * theirs[:, None, :]),
             weight=integrate(phi),
             gap=integrate(phi * gap[:, None]),
+            tilt=integrate(phi[:, :, None, None] * (gap[:, None, None] * slopes)[:, None]),
         )
 
-    def nearest_layer(self, on: Surface) -> _Overlaps:
+    def nearest_layer(self, on: Surface) -> Overlaps:
         """Of facets one behind the other keep the layer nearest to each `on` facet."""
         distance = np.abs(self.gap.sum(axis=1) / self.area)
         nearest = np.full(len(on.nodes), np.inf)
         np.minimum.at(nearest, self.i, distance)
         keep = distance <= nearest[self.i] + 4.0 * on.radii[self.i]
-        return _Overlaps(**{name: values[keep] for name, values in self.__dict__.items()})
+        return Overlaps(**{name: values[keep] for name, values in self.__dict__.items()})
 
 
-def _frames(surface: Surface) -> NDArray[np.float64]:
+def frames(surface: Surface) -> NDArray[np.float64]:
     """Orthonormal axes of each facet, tangents first, the normal last, (facets, d, 3)."""
     normals = surface.normals
     along = surface.vertices[:, 1] - surface.vertices[:, 0]
@@ -553,6 +586,35 @@ def all_nodes(phi: NDArray[np.float64], nodes: int) -> NDArray[np.float64]:
     return np.concatenate([phi * (2.0 * phi - 1.0), middle[:, : nodes - v]], axis=1)
 
 
+def _slopes(nodes: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Slopes of the shape functions of facets along the axes of the plane, (q, d - 1, n).
+
+    They are polynomials in the place on the facet, whose slopes a complex step has to the last
+    digit (W. Squire, G. Trapp, SIAM Review 40 (1998)).
+
+    Parameters
+    ----------
+    nodes : (q, n, d - 1)
+        Projected nodes of the facet of each point.
+    phi : (q, v)
+        Hats of the vertices there.
+    """
+    step, v, axes = 1e-30j, phi.shape[1], nodes.shape[2]
+    along = []
+    for axis in range(axes):
+        if v == 4:
+            r, s = (a + (step if k == axis else 0.0) for k, a in enumerate(
+                (phi[:, 1] + phi[:, 2], phi[:, 2] + phi[:, 3])))  # fmt: skip
+            moved = np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
+        else:
+            moved = phi.astype(complex)
+            moved[:, 0] -= step
+            moved[:, 1 + axis] += step
+        along.append(all_nodes(moved, nodes.shape[1]).imag / step.imag)
+    local = np.stack(along, axis=1)
+    return np.asarray(np.linalg.solve(local @ nodes, local))
+
+
 def _solve(
     a: NDArray[np.float64], b: NDArray[np.float64], rhs: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -595,29 +657,64 @@ def _normals(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
 # --- rows ----------------------------------------------------------------------------------------
 
 
-def _rows(on: Surface, against: Surface, found: _Overlaps) -> MeanGaps:
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """The functions ψ_j of the multipliers on each `on` facet.
+
+    Attributes
+    ----------
+    functions : (facets, v, v)
+        C of ψ = C φ.
+    own : (facets, v, n), weight : (facets, v)
+        ∫ ψ_k N_l and ∫ ψ_k.
+    sizes : (facets,)
+        Areas.
+    """
+
+    functions: NDArray[np.float64]
+    own: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    sizes: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, on: Surface, found: Overlaps) -> Multipliers:
+        """Dual functions on facets that are covered and of first order, hats on others.
+
+        Raises
+        ------
+        SurfacesApartError
+            A facet meets two layers of the other side.
+        """
+        facets, v, sizes = len(on.nodes), on.vertices.shape[1], _areas(on)
+
+        def on_facets(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            total = np.zeros((facets, *values.shape[1:]))
+            np.add.at(total, found.i, values)
+            return total
+
+        own, weight = on_facets(found.own), on_facets(found.weight)
+        covered = on_facets(found.area) >= COVERED * sizes
+        if (on_facets(found.area) > (1.0 + 1e-3) * sizes).any():
+            raise SurfacesApartError(
+                "a facet of the first side meets two layers of the second; name a smaller part of "
+                "it"
+            )
+        functions = np.tile(np.eye(v), (facets, 1, 1))
+        if own.shape[2] == v:
+            functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
+            own[covered] = weight[covered, :, None] * np.eye(v)
+        return cls(functions, own, weight, sizes)
+
+
+def _rows(on: Surface, against: Surface, found: Overlaps) -> MeanGaps:
     """Multiplier functions facet by facet, their rows, and weak rows given to neighbours."""
-    d, facets, v = on.dimension, len(on.nodes), on.vertices.shape[1]
+    d = on.dimension
     nodes, local = np.unique(on.nodes, return_inverse=True)
     others, other_local = np.unique(against.nodes, return_inverse=True)
     local, other_local = local.reshape(on.nodes.shape), other_local.reshape(against.nodes.shape)
-    sizes = _areas(on)
-
-    def on_facets(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        total = np.zeros((facets, *values.shape[1:]))
-        np.add.at(total, found.i, values)
-        return total
-
-    own, weight = on_facets(found.own), on_facets(found.weight)
-    covered = on_facets(found.area) >= COVERED * sizes
-    if (on_facets(found.area) > (1.0 + 1e-3) * sizes).any():
-        raise SurfacesApartError(
-            "a facet of the first side meets two layers of the second; name a smaller part of it"
-        )
-    functions = np.tile(np.eye(v), (facets, 1, 1))  # ψ = C φ
-    if own.shape[2] == v:
-        functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
-        own[covered] = weight[covered, :, None] * np.eye(v)
+    v = on.vertices.shape[1]
+    psi = Multipliers.of(on, found)
+    own, weight, sizes, functions = psi.own, psi.weight, psi.sizes, psi.functions
     shared = functions[found.i] @ found.shared
     gap = np.einsum("pjk,pk->pj", functions[found.i], found.gap)
 
@@ -633,7 +730,7 @@ def _rows(on: Surface, against: Surface, found: _Overlaps) -> MeanGaps:
     matrix = sparse.hstack([here, there], format="csr")
 
     share = np.bincount(corners.ravel(), np.repeat(sizes / v, v), minlength=count)
-    given = _give(corners, weight, total, share)
+    given = give(corners, weight, total, total < WEAK * share)
     total, gaps, matrix = given @ total, given @ gaps, (given @ matrix).tocsr()
     strong = np.flatnonzero(given.diagonal() > 0.0)
 
@@ -688,11 +785,11 @@ def _scatter(
     return sparse.csr_matrix((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
 
-def _give(
+def give(
     local: NDArray[np.int64],
     weight: NDArray[np.float64],
     total: NDArray,
-    share: NDArray,
+    weak: NDArray[np.bool_],
 ) -> sparse.csr_matrix:
     """Matrix that adds the rows of weak nodes to those of their neighbours, (nodes, nodes).
 
@@ -701,7 +798,7 @@ def _give(
     """
     count, v = len(total), local.shape[1]
     some = total > 0.0
-    weak = some & (total < WEAK * share)
+    weak = some & weak
     a = np.repeat(local[:, :, None], v, axis=2).ravel()
     b = np.repeat(local[:, None, :], v, axis=1).ravel()
     w = np.repeat(weight[:, None, :], v, axis=1).ravel()
@@ -716,7 +813,7 @@ def _give(
 def _areas(surface: Surface) -> NDArray[np.float64]:
     """Area of each facet in its own plane, (facets,)."""
     flat = np.einsum(
-        "pvk,pdk->pvd", surface.vertices - surface.centres[:, None], _frames(surface)
+        "pvk,pdk->pvd", surface.vertices - surface.centres[:, None], frames(surface)
     )[..., :-1]  # fmt: skip
     if surface.dimension == 2:
         return np.ptp(flat, axis=1)[:, 0]

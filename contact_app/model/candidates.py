@@ -75,13 +75,25 @@ def reaches(
         force = float(forces[group].sum())
         for b in group:
             if held[group].all():
-                bound[b] = SAFETY * (pushed + force * _softness(scene, int(b)))
+                softness = sum(_softness(scene, k) for k in _tied_to(scene, int(b)))
+                bound[b] = SAFETY * (pushed + force * softness)
     return np.array(
         [
             bound[c.body] + (bound[c.other] if isinstance(c, BodyContact) else 0.0)
             for c in scene.touching
         ]
     )
+
+
+def _tied_to(scene: Scene, number: int) -> set[int]:
+    """A body and those that are tied to it, directly or through others."""
+    found, before = {number}, 0
+    while len(found) > before:
+        before = len(found)
+        for tie in scene.ties:
+            if found & {tie.body, tie.other}:
+                found |= {tie.body, tie.other}
+    return found
 
 
 def _growth(scene: Scene, number: int) -> float:

@@ -22,11 +22,18 @@ from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 def body_balances(
     scene: Scene,
     partition: Partition,
-    held: HeldRows,
+    holding: tuple[HeldRows, ContactRows],
     contact: ContactRows,
     loads: Iterable[NDArray[np.float64] | None],
 ) -> list[BodyBalance]:
-    """What holds each body; raises where a load drives a body away."""
+    """What holds each body; raises where a load drives a body away.
+
+    Parameters
+    ----------
+    holding
+        Held nodes and tied rows this rank owns.
+    """
+    held, tied = holding
     d, comm = scene.dimension, partition.comm
     count = len(scene.bodies)
     work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
@@ -36,7 +43,7 @@ def body_balances(
             work[s.body] += load @ motions.reshape(len(load), -1)
             scale[s.body] += np.abs(load).sum()
     work, scale = comm.allreduce(work), comm.allreduce(scale)
-    seen = _contact_motions(scene, partition, contact)
+    seen, joined = (_contact_motions(scene, partition, rows) for rows in (contact, tied))
     balances: list[BodyBalance | None] = [None] * count
     for group in groups_in_contact(scene):
         held_rows = []
@@ -46,10 +53,13 @@ def body_balances(
             motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
             held_rows.append(motions[held.held[mine]])
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
-        contact_rows = seen[:, columns]
-        contact_rows = contact_rows[np.diff(contact_rows.indptr) > 0].toarray()
+        contact_rows, tied_rows = (
+            of_group[np.diff(of_group.indptr) > 0].toarray()
+            for of_group in (rows[:, columns] for rows in (seen, joined))
+        )
+        both = np.concatenate([block_diag(*held_rows), tied_rows])
         found = balance(
-            comm, block_diag(*held_rows), contact_rows, work[group].ravel(),
+            comm, both, contact_rows, work[group].ravel(),
             float(scale[group].sum()),
         )  # fmt: skip
         if found.escape is not None:
@@ -61,14 +71,19 @@ def body_balances(
             )
         shares = by_body(found.free_motions, MOTIONS[d])
         for b, rows, free in zip(group, held_rows, shares, strict=True):
-            balances[b] = BodyBalance(free, None, held=holds(comm, rows))
+            balances[b] = BodyBalance(free, None, holds(comm, rows), found.held)
     return [b for b in balances if b is not None]
 
 
 def group_numbers(scene: Scene) -> NDArray[np.int64]:
-    """The group of each body, (bodies,): bodies that may touch, directly or through others."""
+    """The group of each body, (bodies,).
+
+    Bodies of a group may touch or hold together, directly or through others.
+    """
     count = len(scene.bodies)
-    ends = np.array([(p.body, p.other) for p in scene.pairs]).reshape(-1, 2)
+    pairs = [(pair.body, pair.other) for pair in scene.pairs]
+    pairs += [(tie.body, tie.other) for tie in scene.ties]
+    ends = np.array(pairs).reshape(-1, 2)
     graph = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
     _, label = sparse.csgraph.connected_components(graph, directed=False)
     return np.asarray(label, np.int64)

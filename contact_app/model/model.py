@@ -155,6 +155,7 @@ def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
     at = np.searchsorted(known.held.nodes, unknowns[rows] // d)
     c[rows] = known.held.values[at, unknowns[rows] % d]
     c[problem.inequality] = known.contact.gaps * problem.contact.spread
+    c[problem.tied] = known.tied.rows.gaps * problem.system.tied.spread
     case = problem.with_loads(forces, lifting, c)
     return replace(
         model, scene=scene, problem=case, needed=known.needed, left_out=known.left_out,
@@ -180,9 +181,10 @@ def model_of_outline(
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, balances, eliminated = known.held, known.balances, known.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
-    rows, contact = write_rows(
-        exchange, surface.subdomains, held, known.contact, eliminated[body_of_held], options
-    )
+    rows, contact, tied = write_rows(
+        exchange, surface.subdomains, held, known.contact, eliminated[body_of_held], options,
+        known.tied.rows,
+    )  # fmt: skip
     supports = support_rows(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene, partition, lifting)
@@ -193,7 +195,9 @@ def model_of_outline(
         subdomains = [
             _assembled(scene, known, key, members, lifting) for key, members in classes.items()
         ]
-    constraints = ConstraintRows(exchange, rows, contact, supports, all(b.held for b in balances))
+    constraints = ConstraintRows(
+        exchange, rows, contact, supports, all(b.steady for b in balances), tied
+    )
     problem = DualProblem(
         build_system(
             subdomains, constraints, group_numbers(scene),
@@ -241,6 +245,7 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
         )
     else:
         notes.append("every body is one held subdomain: no gluing, no coarse problem")
+    notes += known.tied.notes
     if not problem.one_sided:
         notes.append("no contact rows: plain conjugate gradients")
     return notes

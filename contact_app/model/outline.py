@@ -35,6 +35,7 @@ from contact_app.model.loads import load_vectors
 from contact_app.model.probes import Probe, locate_probes
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.model.ties import TiedRows, tied_rows
 from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
@@ -50,6 +51,7 @@ from solver.tfeti.constraints.rows import (
     merge_contact,
     merge_held,
 )
+from solver.tfeti.constraints.ties import undecided
 
 
 def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
@@ -94,6 +96,8 @@ class Outline:
         The cells on either side of planes at which section forces are asked for.
     loads
         Load vector of each subdomain of this rank, None where nothing acts.
+    tied
+        Rows of tied pairs.
     temperatures, thermal
         Temperatures at the nodes of each subdomain of this rank and the loads by which they expand
         it, None without heat.
@@ -116,6 +120,7 @@ class Outline:
     probes: tuple[Probe, ...]
     sections: tuple[SectionPiece, ...]
     loads: list[NDArray[np.float64] | None]
+    tied: TiedRows
     temperatures: list[NDArray[np.float64] | None]
     thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
@@ -182,13 +187,16 @@ def outline(
         if has_averaged_rows(scene.bodies[c.body])
     )
     held, contact, merged = _merged_rows(scene, exchange, conditions, uncut)
+    tied = tied_rows(scene, partition, exchange, held, _length(scene))
+    some = undecided(comm, contact, tied.rows)
+    contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
     found = _loads(scene, partition, elements, timings)
-    balances = body_balances(scene, partition, held, contact, found.loads)
+    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads)
     reach = np.full(len(scene.touching), np.inf)
     if not isinstance(needed, str) or needed == "estimated":
         reach = _reach(scene, partition, contact, found, balances)
@@ -198,7 +206,7 @@ def outline(
     return Outline(
         partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
         merged, reach, elements, found.linear, probes, locate_sections(scene, partition),
-        found.loads, found.temperatures, found.thermal, balances,
+        found.loads, tied, found.temperatures, found.thermal, balances,
     )  # fmt: skip
 
 
@@ -219,20 +227,23 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
     """
     timings, partition = timings or Timings(), known.partition
     rows = known.all_contact
-    held, contact, merged = known.held, rows, known.merged
+    held, contact, merged, tied = known.held, rows, known.merged, known.tied
     if any(condition.name is not None for condition in scene.displacements):
         conditions = _conditions(scene, partition)
         held, contact, merged = _merged_rows(scene, known.exchange, conditions, known.uncut)
+        tied = tied_rows(scene, partition, known.exchange, held, _length(scene))
+        some = undecided(partition.comm, contact, tied.rows)
+        contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
             return None
     found = _loads(scene, partition, known.elements, timings)
-    balances = body_balances(scene, partition, held, contact, found.loads)
+    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads)
     reach = _reach(scene, partition, contact, found, balances)
     needed = estimated(contact, reach)
     return replace(
         known, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
         merged=merged, reach=reach, linear=found.linear, loads=found.loads,
-        temperatures=found.temperatures, thermal=found.thermal, balances=balances,
+        tied=tied, temperatures=found.temperatures, thermal=found.thermal, balances=balances,
     )  # fmt: skip
 
 
@@ -273,11 +284,16 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
     return conditions
 
 
+def _length(scene: Scene) -> float:
+    """A length of the scene, beside which round-off of places is small."""
+    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+
+
 def _merged_rows(
     scene: Scene, exchange: NodeExchange, conditions: NodeConditions, uncut: Sequence[ContactRows]
 ) -> tuple[HeldRows, ContactRows, ContactRows]:
     """Held nodes, contact rows without what is held, and rows that are redundant (collective)."""
-    length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+    length = _length(scene)
     try:
         held = merge_held(exchange, conditions)
         contact, merged = merge_contact(exchange, conditions, held, length)
@@ -307,7 +323,7 @@ def _reach(
     np.maximum.at(overlaps, contact.sources, -contact.gaps)
     forces = partition.comm.allreduce(forces)
     overlaps = np.max(partition.comm.allgather(overlaps), axis=0)
-    held = np.array([b.held for b in balances])
+    held = np.array([b.steady for b in balances])
     return reaches(scene, groups_in_contact(scene), (forces, strains), held, overlaps)
 
 

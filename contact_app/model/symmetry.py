@@ -164,6 +164,8 @@ def _cut(scene: Scene, axis: int) -> Scene:
         raise AsymmetryError(
             f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
         )
+    if scene.ties:
+        raise AsymmetryError(f"{scene.ties[0].source} is tied")
     mirror = _plane(scene, axis)
     halves = _halves(scene, mirror)
     left = [half.body for half in halves if half.body is not None]

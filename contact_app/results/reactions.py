@@ -79,13 +79,15 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
 
 
 def _add_contact(model: Model, solution: Solution, force: Array) -> None:
-    """What contact rows push against held components of their nodes, in place (collective)."""
-    problem, contact = model.problem, model.problem.contact
-    of_rows = solution.multiplier[problem.inequality] * contact.spread
-    held = contact.held
-    query = NodeExchange(model.comm, held.node, model.partition.nodes)
-    at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
-    np.add.at(force, (query.nodes - query.first, at[0]), at[1])
+    """Add what contact and tied rows push against held components of their nodes (collective)."""
+    problem = model.problem
+    for rows, mine in (
+        (problem.contact, problem.inequality), (problem.system.tied, problem.tied)
+    ):  # fmt: skip
+        of_rows, held = solution.multiplier[mine] * rows.spread, rows.held
+        query = NodeExchange(model.comm, held.node, model.partition.nodes)
+        at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
+        np.add.at(force, (query.nodes - query.first, at[0]), at[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -229,6 +229,11 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
             f"({_candidates(known, i)}){_interference(pair)}"
         )
+    for tie in scene.ties:
+        other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
+        on = f"{scene.bodies[tie.body].name}.{tie.boundary}"
+        lines.append(f"{tie.source}: {on} is tied to {other}, by a mortar method")
+    lines += [f"warning: {note}" for note in known.tied.notes]
     return lines
 
 

@@ -262,6 +262,11 @@ def _free_motions(answer: Answer) -> list[str]:
     return [note for note in answer.model.notes if "can move freely" in note]
 
 
+def _apart(answer: Answer) -> list[str]:
+    """Tied surfaces that do not lie on each other."""
+    return [note for note in answer.model.notes if "the tied surfaces are" in note]
+
+
 def _yielding(answer: Answer) -> list[str]:
     """Bodies whose stress exceeds a yield stress that was given (collective)."""
     model, cells = answer.model, answer.cells
@@ -359,6 +364,6 @@ CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _beside_obstacles, _between_nodes,
     _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending, _moved_far,
     _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates,
-    _free_motions,
+    _free_motions, _apart,
 )  # fmt: skip
 """What an answer is asked, in the order in which its warnings are told."""

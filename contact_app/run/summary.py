@@ -17,6 +17,7 @@ from contact_app.results.mirror import whole_summary
 from contact_app.results.probes import probe_records
 from contact_app.results.reactions import reaction_records
 from contact_app.results.sections import section_records
+from contact_app.results.ties import in_order_of_file, tie_records
 from solver.contact.driver import reason_text
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.rows import RowKind
@@ -56,7 +57,10 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["solution"]["pair_forces"] = {
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
-    summary["contacts"] = contact_records(solved.model, nodes)
+    summary["contacts"] = in_order_of_file(
+        solved.model.scene, contact_records(solved.model, nodes),
+        tie_records(solved.model, solved.solution),
+    )  # fmt: skip
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
     if solved.model.probes:
         summary["probes"] = probe_records(solved.model, solved.solution)
@@ -93,6 +97,7 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
             "gluing": problem.count(RowKind.GLUING),
             "dirichlet": problem.count(RowKind.DIRICHLET) + problem.count(RowKind.SUPPORT),
             "contact": problem.count(RowKind.CONTACT),
+            **({"tied": problem.count(RowKind.TIED)} if scene.ties else {}),
         },
         "solver": {
             "method": solution.method,

@@ -21,6 +21,7 @@ from contact_app.scene.conditions import (
     DisplacementCondition,
     Pressure,
     Temperature,
+    Tie,
     TotalLoad,
     Traction,
 )
@@ -71,6 +72,7 @@ def build_scene(
         pressures=tuple(x for x in conditions if isinstance(x, Pressure)),
         forces=tuple(x for x in conditions if isinstance(x, BodyForce)),
         total_loads=tuple(x for x in conditions if isinstance(x, TotalLoad)),
+        ties=tuple(x for x in contacts if isinstance(x, Tie)),
         temperatures=tuple(x for x in conditions if isinstance(x, Temperature)),
         contacts=tuple(x for x in contacts if isinstance(x, Contact)),
         pairs=tuple(x for x in contacts if isinstance(x, BodyContact)),

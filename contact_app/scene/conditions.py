@@ -164,6 +164,17 @@ class BodyContact:
 
 
 @dataclass(frozen=True)
+class Tie:
+    """A boundary that holds together with the boundary of another body."""
+
+    body: int
+    boundary: str
+    other: int
+    other_boundary: str
+    source: str
+
+
+@dataclass(frozen=True)
 class ContactName:
     """What a contact of the scene file is called.
 

@@ -294,6 +294,11 @@ class Contact(Model):
         description="Another body's boundary, as body.boundary; the contact pressure lives on the "
         "nodes of `on`, which had better be the finer mesh.",
     )
+    tied: bool = Field(
+        False,
+        description="The two boundaries hold together in all directions; their meshes need not "
+        "match.",
+    )
     interference: Number = Field(
         0.0,
         description="Overlap along the normal (length), added to what the geometry overlaps; a "

@@ -13,6 +13,7 @@ from contact_app.scene.conditions import (
     DisplacementCondition,
     Pressure,
     Temperature,
+    Tie,
     TotalLoad,
     Traction,
 )
@@ -148,8 +149,8 @@ class ConditionReader:
             self.keys.fail(path, "is one number; in 3D a moment has 3 components")
         return self.keys.space(given, path, "a moment")
 
-    def contact(self, i: int, contact: c.Contact) -> Contact | BodyContact:
-        """A contact with an obstacle or with another body."""
+    def contact(self, i: int, contact: c.Contact) -> Contact | BodyContact | Tie:
+        """A contact with an obstacle or with another body, or a tied pair."""
         path: Place = ("contacts", i)
         if (contact.obstacle is None) == (contact.against is None):
             forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
@@ -158,6 +159,8 @@ class ConditionReader:
                 path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
             )
         body, boundary = self._boundary(contact.on, (*path, "on"))
+        if contact.tied:
+            self._refuse_beside_tied(contact, path)
         if contact.obstacle is not None:
             obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
             return Contact(body, boundary, obstacle, f"contacts[{i}]", contact.interference)
@@ -173,9 +176,22 @@ class ConditionReader:
                 self.keys.fail(
                     path, f"repeats contacts[{k}]: each pair of boundaries is given once"
                 )
+        if contact.tied:
+            return Tie(body, boundary, other, other_boundary, f"contacts[{i}]")
         return BodyContact(
             body, boundary, other, other_boundary, f"contacts[{i}]", contact.interference
         )
+
+    def _refuse_beside_tied(self, contact: c.Contact, path: Place) -> None:
+        """Refuse what has no meaning where two bodies hold together."""
+        if contact.obstacle is not None:
+            self.keys.fail(
+                (*path, "tied"),
+                "is for two bodies; hold a boundary with a displacement condition instead",
+            )
+        for key in ("interference", "friction"):
+            if key in contact.model_fields_set:
+                self.keys.fail((*path, key), "has no meaning in a tied contact; leave it out")
 
     def _obstacle(self, given: c.Obstacle, path: Place) -> Obstacle:
         known = given.known_keys()

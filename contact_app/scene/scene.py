@@ -22,6 +22,7 @@ from contact_app.scene.conditions import (
     DisplacementCondition,
     Pressure,
     Temperature,
+    Tie,
     TotalLoad,
     Traction,
 )
@@ -154,6 +155,8 @@ class Scene:
         Load cases, in the order of the file; none where all conditions act in full.
     case
         Name of the load case that this is the scene of, empty if it is of none.
+    ties
+        Pairs of boundaries that hold together; they are no contacts.
     """
 
     title: str
@@ -178,6 +181,7 @@ class Scene:
     temperatures: tuple[Temperature, ...] = ()
     cases: tuple[LoadCase, ...] = ()
     case: str = ""
+    ties: tuple[Tie, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:
@@ -219,6 +223,17 @@ class Scene:
         if self.mirrors:
             return self.mirrors[0].conditions
         return tuple((c.source, self._where(c.body, c.boundary)) for c in self.displacements)
+
+    @property
+    def tie_names(self) -> tuple[ContactName, ...]:
+        """The tied pairs in the order of the file."""
+        return tuple(
+            ContactName(
+                tie.source, self._where(tie.body, tie.boundary),
+                self._where(tie.other, tie.other_boundary),
+            )
+            for tie in self.ties
+        )  # fmt: skip
 
     def _where(self, body: int, boundary: str) -> str:
         return f"{self.bodies[body].name}.{boundary}"

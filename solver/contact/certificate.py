@@ -69,7 +69,7 @@ class Certificate:
     Attributes
     ----------
     max_penetration, max_gluing_jump
-        Over the largest displacement; the jump covers gluing and held rows.
+        Over the largest displacement; the jump covers gluing, held and tied rows.
     min_multiplier
         Most negative contact force over the load; zero or positive when none pulls.
     complementarity

@@ -42,11 +42,14 @@ class BodyBalance:
         The rigid motion in which they leave, normalised; None in equilibrium.
     held : bool
         Whether the held rows alone stop every rigid motion.
+    steady : bool
+        Whether those of its group and tied rows together do.
     """
 
     free_motions: NDArray[np.float64]
     escape: NDArray[np.float64] | None
     held: bool
+    steady: bool = False
 
 
 def balance(

@@ -140,7 +140,7 @@ def forces_on_bodies(
     force: NDArray[np.float64],
     reactions: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Sums of the magnitudes of loads, of reactions and of contact forces of each body.
+    """Sums of the magnitudes of loads, of reactions and ties, and of contact forces of each body.
 
     (3, bodies) (collective).
 
@@ -153,7 +153,8 @@ def forces_on_bodies(
     """
     bodies = problem.bodies
     given = bodies.sum_members([np.abs(f).sum(axis=0) for f in problem.forces])
-    held = bodies.sum_rows(np.abs(multiplier), problem.kinds == RowKind.DIRICHLET)
+    holding = (problem.kinds == RowKind.DIRICHLET) | problem.tied
+    held = bodies.sum_rows(np.abs(multiplier * problem.spread), holding)
     touching = bodies.sum_rows(np.abs(force), problem.inequality)
     sums = np.asarray(problem.comm.allreduce(np.array([given, held, touching])))
     return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])

@@ -76,7 +76,9 @@ class ConstraintRows:
     supports
         Rows that hold what nothing else holds.
     held_without_contact
-        Whether gluing and held rows alone stop every rigid motion.
+        Whether gluing, held and tied rows alone stop every rigid motion.
+    tied
+        Geometry of the tied rows, in row order; None where there are none.
     """
 
     exchange: NodeExchange
@@ -84,6 +86,7 @@ class ConstraintRows:
     contact: ContactRows
     supports: SupportRows
     held_without_contact: bool
+    tied: ContactRows | None = None
 
 
 def build_system(
@@ -130,13 +133,15 @@ def build_system(
             )
     wide = np.zeros(len(ordered.kinds), bool)
     wide[in_contact] = contact.wide
+    tied = contact.none() if constraints.tied is None else constraints.tied
+    wide[ordered.kinds == RowKind.TIED] = tied.wide
     widths = [len(cls.interface) for cls in classes]
     bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths)
     matrix = Constraints(
         ordered.B, ordered.kinds, wide, coarse, constraints.held_without_contact,
         ordered.held_unknowns,
     )  # fmt: skip
-    return ContactSystem(comm, d, tuple(classes), matrix, contact, loads, bodies)
+    return ContactSystem(comm, d, tuple(classes), matrix, contact, loads, bodies, tied)
 
 
 def _factored(

@@ -143,7 +143,7 @@ class DualProblem:
 
     @property
     def wide(self) -> NDArray[np.bool_]:
-        """Contact rows over several nodes, which overlap others, (dual,)."""
+        """Contact and tied rows over several nodes, which overlap others, (dual,)."""
         return self.system.constraints.wide
 
     @property
@@ -212,18 +212,24 @@ class DualProblem:
         return self.kinds == RowKind.CONTACT
 
     @cached_property
+    def tied(self) -> NDArray[np.bool_]:
+        """Which local rows are tied rows."""
+        return self.kinds == RowKind.TIED
+
+    @cached_property
     def one_sided(self) -> bool:
         """Whether any rank has a contact row (collective when first asked)."""
         return bool(self.comm.allreduce(int(self.inequality.sum())))
 
     @cached_property
     def spread(self) -> NDArray[np.float64]:
-        """One over the length of the unscaled row on contact rows, 1 elsewhere.
+        """One over the length of the unscaled row on contact and tied rows, 1 elsewhere.
 
-        A contact row's multiplier times it is the force, its residual over it the distance.
+        The multiplier of such a row times it is the force, its residual over it the distance.
         """
         result = np.ones(self.size)
         result[self.inequality] = self.contact.spread
+        result[self.tied] = self.system.tied.spread
         return result
 
     @property
@@ -248,19 +254,20 @@ class DualProblem:
 
     @cached_property
     def overlap(self) -> NDArray[np.float64]:
-        """Row sums of |B Bᵀ| over contact rows, 1 for other rows.
+        """Row sums of |B Bᵀ| over contact and tied rows, 1 for other rows.
 
         They bound what the corrections of rows that are not orthogonal add up to.
         """
         result = np.ones(self.size)
-        contact = self._contact_rows
+        overlapping = self.inequality | self.tied
+        contact = self.B.local[overlapping]
         if self.comm.allreduce(int(self.wide.any())):
             matrix = petsc_rows(self.comm, contact, self.B.columns)
             product = local_rows(matrix.matMult(matrix.transpose(PETSc.Mat())))
         else:  # rows of one node overlap with others of that node alone, which this rank has
             product = contact @ contact.T
         sums = np.asarray(abs(product).sum(axis=1)).ravel()
-        result[self.inequality] = np.maximum(sums, 1.0)
+        result[overlapping] = np.maximum(sums, 1.0)
         return result
 
     def count(self, kind: RowKind) -> int:

@@ -1,6 +1,6 @@
 """The discrete contact problem of a decomposition: stiffness, constraints, contact points, loads.
 
-    min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing and held rows, B u ≤ c on contact rows.
+    min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing, held and tied rows, B u ≤ c on contact rows.
 
 Each part is a record of its own that nothing changes. The factors of the stiffness and the
 factor of the coarse problem belong to parts that know no load, so that another load case costs
@@ -34,11 +34,11 @@ class Constraints:
     kinds : (dual,)
         `RowKind` of each row.
     wide : (dual,)
-        Contact rows over several nodes, which overlap others.
+        Contact and tied rows over several nodes, which overlap others.
     coarse
         The coarse problem of rigid motions; None where no subdomain floats.
     held_without_contact
-        Whether gluing and held rows alone stop every rigid motion.
+        Whether gluing, held and tied rows alone stop every rigid motion.
     held_unknowns : (dual,)
         Unknown that a held row holds, node · dimension + component; -1 on other rows.
     """
@@ -87,6 +87,8 @@ class ContactSystem:
         Geometry of the contact rows, in row order.
     bodies
         The body of each subdomain and row.
+    tied
+        Geometry of the tied rows, in row order.
     """
 
     comm: MPI.Intracomm
@@ -96,6 +98,7 @@ class ContactSystem:
     contact: ContactRows
     loads: Loads
     bodies: Bodies
+    tied: ContactRows
 
     def with_loads(
         self,

@@ -44,6 +44,7 @@ from contact_app.accuracy.estimate.patch_fits import (
 from contact_app.accuracy.estimate.patches import Cells, Table
 from contact_app.model.boundaries import boundary_facets
 from contact_app.model.model import Model
+from contact_app.scene.scene import Scene
 from meshes import Subdomain
 
 Array = NDArray[np.float64]
@@ -92,6 +93,12 @@ def stress_operator(gradients: Array, DV: Array) -> Array:
     tensor = DV.reshape(-1, d, d)
     result = np.einsum("sij,cqjv->cviqs", tensor, gradients, optimize=True)
     return result.reshape(count, nodes * d, points * len(DV))
+
+
+def tied_sides(scene: Scene) -> list[tuple[int, str]]:
+    """Body and boundary of each side of the tied pairs, whose tractions are not known."""
+    sides = [(tie.body, tie.boundary) for tie in scene.ties]
+    return sides + [(tie.other, tie.other_boundary) for tie in scene.ties]
 
 
 class Patches:
@@ -325,6 +332,9 @@ class StressRecovery:
                 rows = boundary_facets(subdomain, body, boundary)
                 n = normal[rows[pushed[rows]]]
                 known[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
+        for number, boundary in tied_sides(scene):
+            if number == subdomain.body:
+                known[boundary_facets(subdomain, body, boundary)] = 0.0
         for condition in scene.displacements:
             if condition.body == subdomain.body:
                 rows = boundary_facets(subdomain, body, condition.boundary)

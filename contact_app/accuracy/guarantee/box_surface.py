@@ -258,6 +258,10 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
                 f"{scene.temperatures[0].source} heats a body, and the error of the temperature on "
                 "the mesh is not bounded"
             )
+        if scene.ties:
+            raise NoAdmissibleStressError(
+                f"{scene.ties[0].source} is tied, and holds displacements together in the mean only"
+            )
         if scene.pairs:
             raise NoAdmissibleStressError(
                 f"{scene.pairs[0].source} is of bodies against bodies, whose gap is kept in the "

@@ -17,8 +17,11 @@ contact
     if nothing is left the row is decided by the held values and dropped. At an obstacle a is the
     direction into it, -n, at one node, and of rows in the same direction only the tightest stays.
 
-So B Bᵀ = I except where contact rows share nodes and are not perpendicular, and the rows of
-obstacles, gluing and held unknowns have full rank however the conditions overlap.
+tied
+    the same with equality: the mean jump of two surfaces, component by component.
+
+So B Bᵀ = I except where contact and tied rows share nodes and are not perpendicular, and the rows
+of obstacles, gluing and held unknowns have full rank however the conditions overlap.
 """
 
 from __future__ import annotations
@@ -50,6 +53,7 @@ class RowKind(IntEnum):
     DIRICHLET = 1
     CONTACT = 2
     SUPPORT = 3
+    TIED = 5
 
 
 class ContradictionError(ValueError):
@@ -238,7 +242,7 @@ class Rows:
     row, copy, component, value : (entries,)
         Entries of gluing and held rows; `copy` counts the copies that arrived at this rank.
     contact
-        Entries of contact rows.
+        Entries of contact rows, and after these of tied rows.
     """
 
     kind: NDArray[np.int8]
@@ -250,6 +254,12 @@ class Rows:
     component: NDArray[np.int64]
     value: NDArray[np.float64]
     contact: SharedEntries
+
+    @property
+    def _shared(self) -> NDArray[np.int64]:
+        """Places of contact rows, and after these of tied rows."""
+        kinds = RowKind.CONTACT, RowKind.TIED
+        return np.concatenate([np.flatnonzero(self.kind == kind) for kind in kinds])
 
     def touched(self, arrived: int, dimension: int) -> NDArray[np.bool_]:
         """Which components of the arrived copies some row touches (collective)."""
@@ -278,7 +288,7 @@ class Rows:
         """
         row, column, value = self.contact.spread_over(columns)
         return (
-            np.concatenate([self.row, np.flatnonzero(self.kind == RowKind.CONTACT)[row]]),
+            np.concatenate([self.row, self._shared[row]]),
             np.concatenate([columns[self.copy, self.component], column]),
             np.concatenate([self.value, value]),
         )
@@ -539,7 +549,8 @@ def write_rows(
     contact: ContactRows,
     eliminated: NDArray[np.bool_],
     options: TotalFetiOptions | None = None,
-) -> tuple[Rows, ContactRows]:
+    tied: ContactRows | None = None,
+) -> tuple[Rows, ContactRows, ContactRows]:
     """Write the rows of the owned nodes (collective).
 
     Parameters
@@ -548,10 +559,12 @@ def write_rows(
         Number of the subdomain of each of this rank's copies, among all.
     eliminated : (held nodes,)
         Held nodes whose conditions are imposed in the stiffness itself: no rows.
+    tied
+        Rows that hold with equality, written as contact rows are; sorted by node.
 
     Returns
     -------
-    The rows, and the contact rows, in row order, with their spread filled in.
+    The rows, and the contact and tied rows, in row order, with their spread filled in.
     """
     dimension = contact.normals.shape[1]
     order = np.argsort(exchange.nodes, kind="stable")
@@ -593,16 +606,15 @@ def write_rows(
                         np.zeros(len(of) * (m - 1)), weight,
                     )
                 )  # fmt: skip
-    shared = SharedEntries(exchange, contact.entries, len(contact.nodes))
-    contact = replace(contact, spread=1.0 / shared.lengths)
-    none = np.zeros(0, np.int64)
-    rhs = contact.gaps * contact.spread
-    weight = np.ones(len(rhs))
-    nth = np.arange(len(rhs))
-    parts.append(
-        _Part(RowKind.CONTACT, contact.nodes, nth, rhs, weight, none, none, none, np.zeros(0))
-    )
-    return _assemble(parts, shared), contact
+    both = [contact, contact.none() if tied is None else tied]
+    counts = [len(rows.nodes) for rows in both]
+    joined = ContactEntries.join([rows.entries for rows in both], counts)
+    shared = SharedEntries(exchange, joined, sum(counts))
+    spreads = np.split(1.0 / shared.lengths, np.cumsum(counts)[:-1])
+    both = [replace(rows, spread=spread) for rows, spread in zip(both, spreads, strict=True)]
+    kinds = RowKind.CONTACT, RowKind.TIED
+    parts += [_Part.shared(kind, rows) for kind, rows in zip(kinds, both, strict=True)]
+    return _assemble(parts, shared), both[0], both[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -618,6 +630,13 @@ class _Part:
     copy: NDArray[np.int64]
     component: NDArray[np.int64]
     value: NDArray[np.float64]
+
+    @classmethod
+    def shared(cls, kind: RowKind, rows: ContactRows) -> _Part:
+        """Rows whose entries are shared ones, with their spread filled in."""
+        none, rhs = np.zeros(0, np.int64), rows.gaps * rows.spread
+        nth, weight = np.arange(len(rhs)), np.ones(len(rhs))
+        return cls(kind, rows.nodes, nth, rhs, weight, none, none, none, np.zeros(0))
 
     @classmethod
     def of(

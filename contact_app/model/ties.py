@@ -1,0 +1,139 @@
+"""Tied pairs of a scene: rows that hold two surfaces together, whatever their meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.model.boundaries import facets_of
+from contact_app.model.pairs import gather_surface, owned_rows
+from contact_app.scene.conditions import Tie
+from contact_app.scene.scene import Scene
+from meshes import Partition
+from meshes.mortar import Surface, SurfacesApartError
+from meshes.ties import Decided, mean_jumps
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import (
+    ContactEntries,
+    ContactRows,
+    ContradictionError,
+    HeldRows,
+    cut_held,
+)
+
+FAR = 0.1
+"""Distance of tied surfaces, over the size of a facet, from which on the user is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class TiedRows:
+    """The tied rows of a scene.
+
+    Attributes
+    ----------
+    rows
+        Those this rank owns, without what is held; `sources` counts `Scene.ties`.
+    notes
+        Sentences on sides that are apart.
+    """
+
+    rows: ContactRows
+    notes: tuple[str, ...]
+
+
+def tied_rows(
+    scene: Scene, partition: Partition, exchange: NodeExchange, held: HeldRows, length: float
+) -> TiedRows:
+    """Write the rows of all tied pairs (collective).
+
+    Parameters
+    ----------
+    length
+        A length of the scene; jumps of held nodes below 1e-9 of it are round-off.
+
+    Raises
+    ------
+    ConfigurationError
+        A side has no facet, or the two never meet.
+    NoEquilibriumError
+        Displacement conditions hold the two sides apart.
+    """
+    d = scene.dimension
+    if not scene.ties:
+        return TiedRows(_no_rows(d), ())
+    decided = _decided(exchange, held)
+    parts, notes = [_no_rows(d)], []
+    for number, tie in enumerate(scene.ties):
+        sides = _sides(scene, partition, tie)
+        try:
+            found = mean_jumps(*sides, decided)
+        except SurfacesApartError as error:
+            raise ConfigurationError(f"{scene.at(tie.source)}: {error}") from error
+        if found.gap > FAR * found.size:
+            notes.append(
+                f"{tie.source}: the tied surfaces are up to {found.gap:.3g} apart, where facets "
+                f"are {found.size:.3g} large: they are joined as they are, as by bars between them"
+            )
+        parts += [owned_rows(exchange, rows, number) for rows in found.rows]
+        taken = [decided.taken, *(rows.nodes for rows in found.rows)]
+        decided = replace(decided, taken=np.unique(np.concatenate(taken)))
+    rows = ContactRows.join(parts)
+    try:
+        for sign in (-1.0, 1.0):
+            cut = cut_held(exchange, _signed(rows, sign), held, length)
+    except ContradictionError as error:
+        tie = scene.ties[error.first]
+        raise NoEquilibriumError(
+            f"{scene.source}: the displacement conditions hold the two sides of {tie.source}, "
+            f"which is tied, {error.amount:.6g} apart: no displacement satisfies both"
+        ) from error
+    return TiedRows(cut, tuple(notes))
+
+
+def _sides(scene: Scene, partition: Partition, tie: Tie) -> tuple[Surface, Surface]:
+    """Both surfaces, on all ranks (collective)."""
+    sides = []
+    for key, b, boundary in (
+        ("on", tie.body, tie.boundary), ("against", tie.other, tie.other_boundary)
+    ):  # fmt: skip
+        side = gather_surface(scene, partition, facets_of(scene, partition, b, boundary))
+        if side is None:
+            raise ConfigurationError(
+                f"{scene.at(tie.source)}.{key}: no whole facet of the surface of "
+                f"{scene.bodies[b].name} lies on {boundary}; tied boundaries need facets all of "
+                "whose nodes are on them"
+            )
+        sides.append(side)
+    return sides[0], sides[1]
+
+
+def _decided(exchange: NodeExchange, held: HeldRows) -> Decided:
+    """Held nodes of all ranks, a small part of the surface; none is taken yet (collective)."""
+    nodes, masks = zip(*exchange.comm.allgather((held.nodes, held.held)), strict=True)
+    every, mask = np.concatenate(nodes), np.concatenate(masks)
+    order = np.argsort(every)
+    return Decided(every[order], mask[order], np.zeros(0, np.int64))
+
+
+def _signed(rows: ContactRows, sign: float) -> ContactRows:
+    """Rows times one or minus one; of the first kind nothing is changed."""
+    if sign > 0.0:
+        return rows
+    entries = rows.entries
+    turned = ContactEntries(
+        entries.row, entries.node, entries.points, entries.component, -entries.value
+    )
+    fields: Sequence[str] = [name for name in rows.__dict__ if name != "entries"]
+    return ContactRows(**{name: getattr(rows, name) for name in fields}, entries=turned)
+
+
+def _no_rows(d: int) -> ContactRows:
+    number, none = np.zeros(0, np.int64), np.zeros(0)
+    return ContactRows(
+        nodes=number, points=np.zeros((0, 3)), sources=number, gaps=none,
+        normals=np.zeros((0, d)), moments=np.zeros((0, 3)), areas=none, spread=none,
+        entries=ContactEntries.none(),
+    )  # fmt: skip

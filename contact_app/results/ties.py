@@ -1,0 +1,62 @@
+"""Tied pairs in ``summary.json``: what each carries, among the contacts of the file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.model.model import Model
+from contact_app.results.resultants import Resultant, joined
+from contact_app.scene.scene import Scene
+from solver.contact.solution import Solution
+
+
+def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
+    """One record a tied pair, in the order of the file (collective).
+
+    The force is that on the body of `on`, its moment about the mean of the nodes, by area;
+    `max_pressure` is the largest traction, of any direction.
+    """
+    problem, scene, comm = model.problem, model.scene, model.comm
+    rows = problem.system.tied
+    multiplier = solution.multiplier[problem.tied] * rows.spread
+    force = np.zeros((len(rows.nodes), 3))
+    force[:, : scene.dimension] = multiplier[:, None] * rows.normals
+    turn = multiplier[:, None] * rows.moments
+    records = []
+    for number, name in enumerate(scene.tie_names):
+        mine = np.flatnonzero(rows.sources == number)
+        x, f, area = rows.points[mine], force[mine], rows.areas[mine]
+        # each node has a row for each component, of one area unless its function was given away
+        nodes, at = np.unique(rows.nodes[mine], return_inverse=True)
+        size = np.zeros(len(nodes))
+        np.maximum.at(size, at.reshape(-1), area)
+        whole = np.zeros((len(nodes), 3))
+        np.add.at(whole, at.reshape(-1), f / area[:, None])
+        peak = float(np.linalg.norm(whole, axis=1).max(initial=0.0))
+        sums = np.concatenate([
+            [area.sum(), size.sum(), len(nodes)], area @ x, f.sum(axis=0),
+            (np.cross(x, f) + turn[mine]).sum(axis=0),
+        ])  # fmt: skip
+        weight, total, count, *rest = comm.allreduce(sums)
+        weighted, resultant, moment = np.array(rest).reshape(3, 3)
+        point = weighted / max(weight, 1e-300)
+        whole_force = Resultant(resultant, moment - np.cross(point, resultant), point, total)
+        records.append({
+            "on": name.on, "with": name.against, **joined([whole_force], scene.dimension),
+            "area": float(total), "max_pressure": comm.allreduce(peak, op=MPI.MAX),
+            "nodes": {"open": 0, "stick": int(count), "slip": 0},
+        })  # fmt: skip
+    return records
+
+
+def in_order_of_file(
+    scene: Scene, contacts: list[dict[str, Any]], ties: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Records of contacts and ties, as the list `contacts` of the scene has them."""
+    sources = [name.source for name in (*scene.contact_names, *scene.tie_names)]
+    order = sorted(range(len(sources)), key=lambda k: (len(sources[k]), sources[k]))
+    every = [*contacts, *ties]
+    return [every[k] for k in order]

@@ -1,0 +1,217 @@
+"""Tied surfaces of meshes that need not match: the mean jump of the displacement is zero.
+
+    ∫ ψ_j (u_on - u_against - g n^⊥) = 0   in each component,
+
+with the multipliers ψ_j of mortar contact (`mortar`), which transmit constant tractions exactly.
+x_on and x_against are points that meet along the normal n of the `on` facet, g their distance.
+Where it is not zero, as between curved surfaces whose facets do not match, a rigid rotation moves
+the two points differently. n^⊥ takes that back: along each tangent t of the facet
+
+    t · n^⊥ = ∂(n · u_on)/∂t,
+
+which of a rigid rotation is minus what it turns n towards t. So the rows see no rigid motion of
+both bodies, whatever the gap, and forces and moments balance to round-off: the sides are joined as
+by bars along the normals of the `on` side.
+
+Where nodes of both sides are held, and where a node belongs to another tie as well, its function is
+given to its neighbours: there the displacement is decided already, and one more multiplier would
+hold the other side in more than the jump (B. Wohlmuth, *Discretization methods and iterative
+solvers based on domain decomposition*, 2001, section 1.2, on cross points). All of them still add
+up to one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from meshes.mortar import (
+    NEGLIGIBLE,
+    WEAK,
+    MeanGaps,
+    Multipliers,
+    Overlaps,
+    Surface,
+    frames,
+    give,
+    overlaps,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanJumps:
+    """Rows Σ value · u[node, component] = 0 of each component of the jump.
+
+    Attributes
+    ----------
+    rows : d records
+        As `MeanGaps`; the force on the `on` body for a multiplier of one is minus the unit vector.
+    gap, size
+        Largest mean distance of the sides, and the size of a facet there.
+    """
+
+    rows: tuple[MeanGaps, ...]
+    gap: float
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """What is known of displacements before two surfaces are tied.
+
+    Attributes
+    ----------
+    nodes, held : (k,), (k, d)
+        Held nodes, ascending, and their components.
+    taken : (l,)
+        Nodes that have multipliers of another tie.
+    """
+
+    nodes: NDArray[np.int64]
+    held: NDArray[np.bool_]
+    taken: NDArray[np.int64]
+
+    def of(self, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which components of some nodes are held, (n, d)."""
+        result = np.zeros((len(nodes), self.held.shape[1]), bool)
+        if len(self.nodes):
+            at = np.minimum(np.searchsorted(self.nodes, nodes), len(self.nodes) - 1)
+            result = self.held[at] & (self.nodes[at] == nodes)[:, None]
+        return result
+
+
+def mean_jumps(on: Surface, against: Surface, decided: Decided) -> MeanJumps:
+    """The rows of two surfaces that are tied.
+
+    Raises
+    ------
+    SurfacesApartError
+        The sides face the same way, or no facet of one projects onto one of the other.
+    """
+    found = overlaps(on, against, tilted=True)
+    made = _Ties.of(on, against, found)
+    here, there = decided.of(made.nodes), decided.of(made.others)
+    beyond = abs(made.jump[:, len(made.nodes) :])
+    taken = np.isin(made.nodes, decided.taken)
+    distance = np.abs(found.gap.sum(axis=1) / found.area)
+    worst = int(np.argmax(distance))
+    rows = tuple(
+        made.component(i, taken | (here[:, i] & (beyond @ there[:, i] > 0.0)))
+        for i in range(on.dimension)
+    )
+    return MeanJumps(rows, float(distance[worst]), float(on.radii[found.i[worst]]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Ties:
+    """Sums over all facets, before functions are given away.
+
+    Attributes
+    ----------
+    on, psi
+        The side of the multipliers, and their functions on its facets.
+    nodes, others : (n,), (m,)
+        Nodes of both sides.
+    corners : (facets, v)
+        Number of each vertex among the nodes.
+    jump : (n, n + m)
+        ∫ ψ_j N of both sides, those of the other negative.
+    tilt : (n, n · d · d)
+        ∫ ψ_j n^⊥ by node, component of the displacement and component of the result.
+    places : (n + m, 3)
+    """
+
+    on: Surface
+    psi: Multipliers
+    nodes: NDArray[np.int64]
+    others: NDArray[np.int64]
+    corners: NDArray[np.int64]
+    jump: sparse.csr_matrix
+    tilt: sparse.csr_matrix
+    places: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, on: Surface, against: Surface, found: Overlaps) -> _Ties:
+        """Add up the overlaps of facets."""
+        d, v = on.dimension, on.vertices.shape[1]
+        psi = Multipliers.of(on, found)
+        nodes, local = np.unique(on.nodes, return_inverse=True)
+        others, there = np.unique(against.nodes, return_inverse=True)
+        local, there = local.reshape(on.nodes.shape), there.reshape(against.nodes.shape)
+        count, corners = len(nodes), local[:, :v]
+        functions, touched = psi.functions[found.i], np.unique(found.i)
+        shared = functions @ found.shared
+        tilt = np.einsum("pjk,pkal->pjal", functions, found.tilt)
+        axes = frames(on)[found.i][..., :d]
+        turned = np.einsum("pjal,pai,pc->pjlci", tilt, axes[:, :-1], axes[:, -1])
+        places = np.zeros((count + len(others), 3))
+        places[local.ravel()] = on.points.reshape(-1, 3)
+        places[count + there.ravel()] = against.points.reshape(-1, 3)
+        here = _scattered(corners[touched], local[touched], psi.own[touched], (count, count))
+        beyond = (count, len(others))
+        jump = [here, _scattered(corners[found.i], there[found.j], -shared, beyond)]
+        column = local[found.i][..., None] * d * d + np.arange(d * d)
+        turned = turned.reshape(*turned.shape[:2], -1)
+        column = column.reshape(len(column), -1)
+        return cls(
+            on, psi, nodes, others, corners, sparse.hstack(jump, format="csr"),
+            _scattered(corners[found.i], column, turned, (count, count * d * d)), places,
+        )  # fmt: skip
+
+    def component(self, i: int, yielding: NDArray[np.bool_]) -> MeanGaps:
+        """The rows of one component, those of yielding nodes (n,) given to their neighbours."""
+        d, v, count = self.on.dimension, self.corners.shape[1], len(self.nodes)
+        weight = self.psi.weight
+        total = np.bincount(self.corners.ravel(), weight.ravel(), minlength=count)
+        share = np.repeat(self.psi.sizes / v, v)
+        share = np.bincount(self.corners.ravel(), share, minlength=count)
+        given = give(self.corners, weight, total, yielding | (total < WEAK * share))
+        total = given @ total
+        strong = np.flatnonzero(given.diagonal() > 0.0)
+        scale = sparse.diags(1.0 / total[strong]) @ given[strong]
+        jump, tilt = ((scale @ m).tocoo() for m in (self.jump, self.tilt))
+        mine = tilt.col % d == i  # of the result
+        row = np.concatenate([jump.row, tilt.row[mine]])
+        column = np.concatenate([jump.col * d + i, tilt.col[mine] // d])
+        value = np.concatenate([jump.data, -tilt.data[mine]])
+        summed = sparse.csr_matrix(
+            (value, (row, column)), shape=(len(strong), len(self.places) * d)
+        )
+        summed.data[np.abs(summed.data) < NEGLIGIBLE] = 0.0
+        summed.eliminate_zeros()
+        summed.sort_indices()
+        entries = summed.tocoo()
+        at, component = entries.col // d, entries.col % d
+        own = at < count
+        force = -entries.data[own, None] * np.eye(3)[component[own]]
+        arm = self.places[at[own]] - self.places[strong[entries.row[own]]]
+        moments = np.zeros((len(strong), 3))
+        np.add.at(moments, entries.row[own], np.cross(arm, force))
+        return MeanGaps(
+            nodes=self.nodes[strong],
+            points=self.places[strong],
+            areas=total[strong],
+            gaps=np.zeros(len(strong)),
+            normals=np.tile(-np.eye(d)[i], (len(strong), 1)),
+            moments=moments,
+            row=entries.row.astype(np.int64),
+            node=np.concatenate([self.nodes, self.others])[at],
+            component=component.astype(np.int64),
+            value=entries.data,
+            entry_points=self.places[at],
+        )
+
+
+def _scattered(
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    blocks: NDArray[np.float64],
+    shape: tuple[int, int],
+) -> sparse.csr_matrix:
+    """Sum of blocks (n, v, w) at rows (n, v) and columns (n, w)."""
+    row = np.broadcast_to(rows[:, :, None], blocks.shape)
+    column = np.broadcast_to(columns[:, None, :], blocks.shape)
+    return sparse.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape)

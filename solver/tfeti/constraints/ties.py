@@ -1,0 +1,62 @@
+"""Tied rows beside other rows: what says the same twice is left out.
+
+A contact row that is a combination of the tied rows of one node is decided by them, as at the edge
+where a tied and a contact boundary of the same bodies meet. If it stayed it would make F singular
+on active sets that contain it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+
+from solver.tfeti.constraints.rows import ContactRows
+
+SAME = 1e-10
+"""Squared sine of the angle between a row and the tied rows of a node that contain it."""
+
+
+def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> NDArray[np.bool_]:
+    """Contact rows that no node's tied rows contain, (contact rows,) (collective).
+
+    Surfaces are small beside bodies: every rank compares its contact rows with all tied rows.
+    """
+    gathered = comm.allgather((_columns(tied), tied.entries.row, tied.entries.value, tied.nodes))
+    counts = np.cumsum([0, *(len(part[3]) for part in gathered)])
+    columns, values = (np.concatenate([part[k] for part in gathered]) for k in (0, 2))
+    rows = np.concatenate([part[1] + n for part, n in zip(gathered, counts, strict=False)])
+    nodes = np.concatenate([part[3] for part in gathered])
+    if not len(nodes) or not len(contact.nodes):
+        return np.ones(len(contact.nodes), bool)
+    known = np.unique(np.concatenate([columns, _columns(contact)]))
+    every = _unit(columns, rows, values, len(nodes), known)
+    own = _unit(_columns(contact), contact.entries.row, contact.entries.value,
+                len(contact.nodes), known)  # fmt: skip
+    cosine = (own @ every.T).tocoo()
+    at_node, number = np.unique(nodes, return_inverse=True)
+    share = sparse.csr_matrix(
+        (cosine.data**2, (cosine.row, number.reshape(-1)[cosine.col])),
+        shape=(len(contact.nodes), len(at_node)),
+    )
+    largest = np.asarray(share.max(axis=1).todense()).ravel()
+    return np.asarray(largest < 1.0 - SAME)
+
+
+def _columns(rows: ContactRows) -> NDArray[np.int64]:
+    return rows.entries.node * rows.normals.shape[1] + rows.entries.component
+
+
+def _unit(
+    columns: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    values: NDArray[np.float64],
+    count: int,
+    known: NDArray[np.int64],
+) -> sparse.csr_matrix:
+    """Rows of unit length over the known columns."""
+    place = np.searchsorted(known, columns)
+    matrix = sparse.csr_matrix((values, (rows, place)), shape=(count, len(known)))
+    length = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
+    return sparse.diags(1.0 / length) @ matrix
