@@ -74,7 +74,7 @@ ADVICE = (
 
 
 @dataclass(frozen=True, eq=False)
-class _Body:
+class CheckedBody:
     """What the tests know of a mesh; see `refuse_overlaps`."""
 
     points: NDArray[np.float64]
@@ -122,7 +122,7 @@ def refuse_overlaps(
     MeshError
         With how many cells overlap others, numbers of the first two, and what to do.
     """
-    body = _Body(points, cells, cell, topology, middles, number)
+    body = CheckedBody(points, cells, cell, topology, middles, number)
     parts = chords(points, cells, cell, topology, middles)
     surface = Surface(
         parts.places,
@@ -144,7 +144,7 @@ def refuse_overlaps(
         raise MeshError(_told(body, pairs, "s that lie in other cells", "in") + ADVICE)
 
 
-def _told(body: _Body, pairs: NDArray[np.int64], what: str, relation: str) -> str:
+def _told(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str) -> str:
     """The cells of pairs (pairs, 2) counted, and the first pair named."""
     pairs = pairs[np.lexsort(np.sort(body.number[pairs], axis=1).T[::-1])]
     a, b = pairs[0][np.argsort(body.number[pairs[0]])]
@@ -159,13 +159,13 @@ def _told(body: _Body, pairs: NDArray[np.int64], what: str, relation: str) -> st
     return f"{told}, {relation} cell {body.number[b] + 1} of the file"
 
 
-def _covered(body: _Body, surface: Surface) -> NDArray[np.int64]:
+def _covered(body: CheckedBody, surface: Surface) -> NDArray[np.int64]:
     """Pairs of cells: one on the surface, and one that contains a point of it just inside."""
     x, own = _just_inside(body)
     rows = np.flatnonzero(winding(x, surface) > 1)
     for start in range(0, len(rows), LOOKED_AT):
         part = rows[start : start + LOOKED_AT]
-        point, other = _containing(body, x[part])
+        point, other = containing(body, x[part])
         pairs = np.stack([own[part[point]], other], axis=1)
         pairs = pairs[pairs[:, 0] != pairs[:, 1]]
         if len(pairs):
@@ -173,7 +173,7 @@ def _covered(body: _Body, surface: Surface) -> NDArray[np.int64]:
     return np.zeros((0, 2), np.int64)
 
 
-def _just_inside(body: _Body) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _just_inside(body: CheckedBody) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Points just inside the middles of facets, one beside each node; and their cells."""
     facets, owner = body.topology.facets, body.topology.facet_cells
     corners = facets.shape[1]
@@ -195,7 +195,9 @@ def _just_inside(body: _Body) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     return np.concatenate(points), np.concatenate(cells)
 
 
-def _containing(body: _Body, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def containing(
+    body: CheckedBody, x: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows of points x (points, d) and the cells they lie in, a pair each."""
     nodes = body.nodes(np.arange(len(body.cells)))
     lower, upper = nodes.min(axis=1), nodes.max(axis=1)
@@ -210,7 +212,9 @@ def _containing(body: _Body, x: NDArray[np.float64]) -> tuple[NDArray[np.int64],
     return np.concatenate(points), np.concatenate(cells)
 
 
-def _lies_in(body: _Body, nodes: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _lies_in(
+    body: CheckedBody, nodes: NDArray[np.float64], x: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     """Whether points (pairs, d) lie in cells with nodes (pairs, nodes, d)."""
     if len(x) == 0:
         return np.zeros(0, bool)

@@ -265,7 +265,7 @@ def _curved(
         raise MeshError(first_of(points, cells, apart, what, number))
     folded = np.zeros(len(cells), bool)
     rows = np.flatnonzero(bulge > STRAIGHT)
-    folded[rows] = _folded_inside(places, nodes[rows], cell, 2)
+    folded[rows] = folded_inside(places, nodes[rows], cell, 2)
     if folded.any():
         what = f"{cell}s folded by their curved edges (their Jacobian is not positive everywhere)"
         raise MeshError(
@@ -275,7 +275,7 @@ def _curved(
     return middles
 
 
-def _folded_inside(
+def folded_inside(
     points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, degree: int
 ) -> NDArray[np.bool_]:
     """Whether the Jacobian of cells is not positive at every point of a lattice, (cells,)."""
@@ -297,7 +297,7 @@ def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
-def _warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+def warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Hexahedra so far from parallelepipeds that corners alone do not tell their Jacobian's sign.
 
     With m the mean of the four edges along each axis and d the largest deviation from it, the
@@ -421,8 +421,8 @@ def _turn(
     _refuse(points, cells, folded, what, number)
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
     if cell == "hexahedron":
-        rows = np.flatnonzero(_warped(points, cells))
-        folded[rows] = _folded_inside(points, cells[rows], cell, 1)
+        rows = np.flatnonzero(warped(points, cells))
+        folded[rows] = folded_inside(points, cells[rows], cell, 1)
         what = f"{cell}s folded inside: their Jacobian is positive at their corners only"
         _refuse(points, cells, folded, what, number)
     return inside_out

@@ -37,24 +37,24 @@ def usable_caches() -> tuple[str, ...]:
     said: list[str] = []
     home = _home()
     if home is None:
-        home = _own_directory()
+        home = own_directory()
         os.environ["HOME"] = str(home)
         said.append(f"there is no home directory: {home} is used")
     cache_home = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
     if not _writable(cache_home / "fenics"):
-        own = _own_directory()
+        own = own_directory()
         os.environ["XDG_CACHE_HOME"] = str(own)
         said.append(f"{cache_home} cannot be written: compiled forms are kept in {own}")
     elif not os.environ.get("XDG_CACHE_HOME", "x"):
         del os.environ["XDG_CACHE_HOME"]  # empty: dolfinx would take the working directory
     config_home = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
     if not _readable(config_home):
-        own = _own_directory()
+        own = own_directory()
         os.environ["XDG_CONFIG_HOME"] = str(own)
         said.append(f"{config_home} cannot be read: options of dolfinx there are not used")
     elif "MPLCONFIGDIR" not in os.environ and not _allowed(config_home / "matplotlib"):
         # else matplotlib makes a directory for each process and says so on the terminal
-        os.environ["MPLCONFIGDIR"] = str(_own_directory() / "matplotlib")
+        os.environ["MPLCONFIGDIR"] = str(own_directory() / "matplotlib")
     return tuple(said)
 
 
@@ -97,7 +97,7 @@ def _readable(directory: Path) -> bool:
 
 
 @cache
-def _own_directory() -> Path:
+def own_directory() -> Path:
     """A directory of this user alone below the system's directory for temporary files."""
     try:
         own = Path(tempfile.gettempdir()) / f"contact-app-{os.geteuid()}"

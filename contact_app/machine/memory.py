@@ -80,7 +80,7 @@ def available_bytes() -> float:
     The least of what the machine has left, what a container or a service manager leaves (control
     groups, version 2 or 1) and the limit on address space (``ulimit -v``).
     """
-    return min(_machine(), _control_group(), _address_space())
+    return min(_machine(), control_group(), _address_space())
 
 
 def _machine() -> float:
@@ -95,7 +95,7 @@ def _address_space() -> float:
     return max(limit - (used if math.isfinite(used) else 0.0), 0.0)
 
 
-def _control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgroup")) -> float:
+def control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgroup")) -> float:
     """What the control groups of this process, and those they are in, leave it."""
     least = math.inf
     for line in _text(own).splitlines():

@@ -85,6 +85,9 @@ SERIES = (
     ),
 )
 
+Run = Callable[[str, Series, Sequence[str], int, float, float], dict[str, Any]]
+"""Method, series, overrides for the mesh, dofs, tolerance and limit; the row's measured values."""
+
 
 def bench(
     output: Path,
@@ -93,6 +96,7 @@ def bench(
     tolerance: float = 1e-8,
     limit: float = 60.0,
     methods: Sequence[str] | None = None,
+    run: Run | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Run every method on every size, yield its row; write ``bench.csv``, ``.md``, ``.png``.
 
@@ -109,7 +113,10 @@ def bench(
         Seconds a run may take, start-up included.
     methods
         Those to run; all of them unless given.
+    run
+        Makes the row of one run in place of `run_method`.
     """
+    run = run or run_method
     output.mkdir(parents=True, exist_ok=True)
     table, picture = output / "bench.csv", output / "bench.png"
     chosen = [m for m in (OURS, *CONTACT, *LINEAR) if methods is None or m in methods]
@@ -119,12 +126,13 @@ def bench(
             if sizes:
                 mesh = series.mesh(2, output)
                 for method in chosen:  # compiled forms are kept on disk: no timing compiles any
-                    _attempt(method, series, 2, mesh, tolerance, limit)
+                    _attempt(run, method, series, 2, mesh, tolerance, limit)
             out: dict[str, str] = {}
             for n in sorted(sizes):
                 mesh = series.mesh(n, output)
                 found = [
-                    _attempt(m, series, n, mesh, tolerance, limit, out.get(m, "")) for m in chosen
+                    _attempt(run, m, series, n, mesh, tolerance, limit, out.get(m, ""))
+                    for m in chosen
                 ]
                 out |= {row["method"]: row["note"] for row in found if row["note"]}
                 rows |= {_key(row): row for row in found}
@@ -154,6 +162,7 @@ def _place(series: str, cells: int, method: str) -> tuple[int, int, int]:
 
 
 def _attempt(
+    run: Run,
     method: str,
     series: Series,
     n: int,
@@ -168,14 +177,15 @@ def _attempt(
     if failed:
         return {**row, "note": "left out after a smaller mesh"}
     try:
-        return row | _run(method, series, mesh, dofs, tolerance, limit)
+        return row | run(method, series, mesh, dofs, tolerance, limit)
     except RunError as error:
         return {**row, "note": str(error)}
 
 
-def _run(
+def run_method(
     method: str, series: Series, mesh: Sequence[str], dofs: int, tolerance: float, limit: float
 ) -> dict[str, Any]:
+    """What one method takes on one mesh, in a process of its own."""
     parts = "{subdomains: 1}" if method == ONE_FACTOR else series.decomposition(dofs)
     overrides = (*mesh, f"decomposition={parts}")
     parallel = series.parallel and method == OURS

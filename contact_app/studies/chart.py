@@ -15,7 +15,7 @@ import csv
 import itertools
 import math
 import tempfile
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -320,6 +320,7 @@ def chart(
     overrides: Sequence[str] = (),
     limit: float = 30.0,
     resume: bool = False,
+    runs: Runs | None = None,
 ) -> Iterator[Progress]:
     """Run a sweep; write ``frontier.csv`` as it grows and ``frontier.png`` at its end.
 
@@ -331,7 +332,10 @@ def chart(
         Seconds a point may take; what takes longer is not tried on finer meshes.
     resume
         Keep the reference and the points that an earlier run left in the directory.
+    runs
+        What runs the reference and the points.
     """
+    runs = runs or Runs()
     told = [variant.describe(sweep.scene) for variant in sweep.references]
     text = config.read_text(encoding="utf-8")
     kept = Kept(output, [text, *overrides, *told], resume)
@@ -343,7 +347,7 @@ def chart(
     try:
         with tempfile.TemporaryDirectory() as scratch:
             file = Path(scratch) / "fields.npz"
-            reference = yield from _reference(config, sweep, overrides, kept)
+            reference = yield from runs.reference(config, sweep, overrides, kept)
             sentence = reference.describe()
             yield Progress(sentence)
             slow: set[Variant] = set()
@@ -356,7 +360,9 @@ def chart(
                     continue
                 if name not in kept.points:
                     try:
-                        found = _point(config, sweep, variant, overrides, limit, file, reference)
+                        found = runs.point(
+                            config, sweep, variant, overrides, limit, file, reference
+                        )
                         kept.add(name, found)
                     except RunError as error:
                         kept.add(name, str(error))
@@ -376,7 +382,7 @@ def chart(
             draw(rows, output / "frontier.png", sweep.scene.title, sentence)
 
 
-def _reference(
+def solve_reference(
     config: Path, sweep: Sweep, overrides: Sequence[str], kept: Kept
 ) -> Generator[Progress, None, ReferenceAnswer]:
     """Solve the three finest meshes and extrapolate."""
@@ -401,7 +407,7 @@ def _reference(
     return ReferenceAnswer.of(ruler, sampled[::-1])
 
 
-def _point(
+def solve_point(
     config: Path,
     sweep: Sweep,
     variant: Variant,
@@ -426,6 +432,14 @@ def _point(
         "peak_rss_gb": round(found["peak_rss_gb"], 3),
         **{f"error_{q}": float(f"{e:.4g}") for q, e in zip(QUANTITIES, errors, strict=True)},
     }
+
+
+@dataclass(frozen=True)
+class Runs:
+    """What solves the reference and a point of a chart."""
+
+    reference: Callable[..., Generator[Progress, None, ReferenceAnswer]] = solve_reference
+    point: Callable[..., dict[str, Any]] = solve_point
 
 
 def write(rows: Sequence[dict[str, Any]], path: Path) -> None:

@@ -304,7 +304,7 @@ class Sweep:
 
 def sweep(case: Case) -> Sweep:
     """Solve the meshes of a case and compare estimate and error."""
-    answers = [_answer(case, cells) for cells in case.meshes]
+    answers = [estimated_answer(case, cells) for cells in case.meshes]
     energies = [answer.energy for answer in answers]
     reference = aitken(energies)
     if case.conforming:
@@ -328,7 +328,8 @@ def sweep(case: Case) -> Sweep:
     return Sweep(tuple(rows), reference, float(np.log2(errors[-2] / errors[-1])))
 
 
-def _answer(case: Case, cells: int) -> _Answer:
+def estimated_answer(case: Case, cells: int) -> _Answer:
+    """The solved case on a mesh of so many cells, with what its error is measured by."""
     scene = case.scene_of(cells, f"solver.tolerance={TOLERANCE}")
     return _Answer(case, cells, solve_scene(scene, MPI.COMM_SELF))
 

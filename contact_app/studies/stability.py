@@ -101,18 +101,25 @@ class Outcome:
         return f"{self.verdict}{work}" + (f": {self.detail}" if self.detail else "")
 
 
-def run_case(case: Case, methods: Sequence[str] = METHODS) -> dict[str, Outcome]:
-    """All methods on one case."""
+Solve = Callable[[str, Config, Any], Outcome]
+"""Of a method, a configuration and its subdomains."""
+
+
+def run_case(
+    case: Case, methods: Sequence[str] = METHODS, solve: Solve | None = None
+) -> dict[str, Outcome]:
+    """All methods on one case, each by `solve_by` unless another function is given."""
+    solve = solve or solve_by
     known = None if case.energy is None else Outcome("", energy=case.energy)
     if known is None and case.expected == HOLDS:
         made = case.make()
         made["solver"]["tolerance"] = 1e-10
-        known = _solve(OURS, made, 1)
+        known = solve(OURS, made, 1)
     found = {}
     for method in methods:
-        outcome = _judged(case, _attempt(method, case, case.make()), known)
+        outcome = _judged(case, _attempt(solve, method, case, case.make()), known)
         if outcome.verdict == HOLDS and case.mild is not None:
-            outcome = _grown(outcome, _attempt(method, case, case.mild()))
+            outcome = _grown(outcome, _attempt(solve, method, case, case.mild()))
         found[method] = outcome
     return found
 
@@ -151,7 +158,7 @@ def _judged(case: Case, outcome: Outcome, known: Outcome | None) -> Outcome:
     return replace(outcome, verdict=HOLDS)
 
 
-def _attempt(method: str, case: Case, made: Config) -> Outcome:
+def _attempt(solve: Solve, method: str, case: Case, made: Config) -> Outcome:
     """Run a method; an empty verdict where it says it converged."""
     subdomains = case.subdomains
     if method == WHOLE:
@@ -160,7 +167,7 @@ def _attempt(method: str, case: Case, made: Config) -> Outcome:
         subdomains = list(subdomains)
     try:
         with time_limit(LIMIT):
-            return _solve(method, made, subdomains)
+            return solve(method, made, subdomains)
     except OutOfTime:
         return Outcome("fails", f"no end in {LIMIT:.0f} s")
     except (NoEquilibriumError, ConfigurationError) as error:
@@ -174,7 +181,8 @@ def _attempt(method: str, case: Case, made: Config) -> Outcome:
         return Outcome(kind, _short(str(error).strip().splitlines()[-1]))
 
 
-def _solve(method: str, made: Config, subdomains: Any) -> Outcome:
+def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
+    """What a method makes of a configuration; an empty verdict where it says it converged."""
     scene = _build(made, subdomains)
     if method in (OURS, WHOLE):
         from contact_app.run.solve import solve_scene

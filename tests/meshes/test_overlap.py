@@ -14,7 +14,7 @@ from meshes import CellMesh, MeshError, load_mesh
 from meshes.crossing import Boxes, Surface, meeting, triangle_crossings, winding
 from meshes.quadratic import VERTICES
 from meshes.read import read_file
-from meshes.repair import REVERSED, _folded_inside, _warped
+from meshes.repair import REVERSED, folded_inside, warped
 from meshes.unstructured import Topology
 from tests import meshfiles
 
@@ -154,8 +154,8 @@ def test_warped_hexahedra_are_looked_at_inside(seed: int) -> None:
     points = cube[0][None] + random.uniform(0.0, 0.5) * random.uniform(-1, 1, (200, 8, 3))
     cells = (8 * np.arange(200)[:, None] + cube[1]).astype(np.int64)
     places = points.reshape(-1, 3)
-    folded = _folded_inside(places, cells, "hexahedron", 1)
-    assert not (folded & ~_warped(places, cells)).any()
+    folded = folded_inside(places, cells, "hexahedron", 1)
+    assert not (folded & ~warped(places, cells)).any()
 
 
 # --- the surface crosses itself ----------------------------------------------------------------
@@ -476,18 +476,18 @@ def test_winding_numbers_are_numbers_of_cells(cell: str) -> None:
 @pytest.mark.parametrize("cell", CELLS)
 def test_points_that_lie_in_no_cell(cell: str) -> None:
     """Also where the box of a cell contains them."""
-    from meshes.overlap import _Body, _containing
+    from meshes.overlap import CheckedBody, containing
 
     points, cells = meshfiles.lattice(cell, (2, 2, 2))
     d = meshfiles.dimension(cell)
     turned = points[:, :d] @ np.linalg.qr(np.random.default_rng(0).normal(size=(d, d)))[0]
-    body = _Body(turned, cells, cell, Topology.of(cells, cell), None, np.arange(len(cells)))
+    body = CheckedBody(turned, cells, cell, Topology.of(cells, cell), None, np.arange(len(cells)))
     centres = turned[cells].mean(axis=1)
-    row, found = _containing(body, centres)
+    row, found = containing(body, centres)
     np.testing.assert_array_equal(row, found)
     np.testing.assert_array_equal(np.unique(row), np.arange(len(cells)))
     corner = np.array([turned.min(axis=0)]) + 1e-3
-    assert len(_containing(body, corner)[0]) == 0
+    assert len(containing(body, corner)[0]) == 0
 
 
 def test_vertices_come_first() -> None:

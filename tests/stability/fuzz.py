@@ -25,7 +25,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,9 +41,6 @@ from tests.stability.defect_scenes import kind_of, overlapping_cells
 from tests.stability.groups import Known, groups_of, in_order, motions_at
 from tests.stability.groups import solve as solve_groups
 from tests.stability.random_scenes import random_scene
-
-PATIENCE = 60.0
-"""Seconds of processor time after which a scene of a few thousand unknowns is said to hang."""
 
 ENERGY = 1e-6
 """Relative difference of energies that a certified answer may leave; the tolerance is 1e-8."""
@@ -80,20 +77,38 @@ class Verdict:
         return self.kind not in GOOD
 
 
-def judge(seed: int, method: str | None = None) -> Verdict:
-    """Solve a random scene, by a method if one is given, and compare it with the reference."""
+def judge(
+    seed: int,
+    method: str | None = None,
+    *,
+    solve: Callable[[Any], Any] | None = None,
+    kind_of: Callable[[int], Any] = kind_of,
+    patience: float = 60.0,
+) -> Verdict:
+    """Solve a random scene, by a method if one is given, and compare it with the reference.
+
+    Parameters
+    ----------
+    solve
+        In place of `solve_scene`.
+    kind_of
+        What tells the kind of the scene of a seed.
+    patience
+        Seconds of processor time after which a scene of a few thousand unknowns is said to hang.
+    """
     from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
     from contact_app.run.solve import solve_scene
 
+    solve = solve or solve_scene
     made, subdomains = random_scene(seed)
     if method is not None:
         made["solver"]["method"] = method
     solved, message = None, ""
     began = time.process_time()
     try:
-        with time_limit(PATIENCE):
+        with time_limit(patience):
             scene = scenes.build(made, subdomains)
-            solved = solve_scene(scene)
+            solved = solve(scene)
     except NoEquilibriumError as error:
         message = str(error)
     except (ConfigurationError, ContactError) as error:

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
+from contact_app.run.solve import solve_scene
 from solver.backend import Statuses
 from solver.tfeti.active_set_problem import ActiveSetProblem
 from solver.tfeti.backend import TotalFeti
@@ -18,7 +19,7 @@ from tests import scenes
 from tests.loops import loop
 from tests.scenes import Config
 from tests.stability import fuzz
-from tests.stability.defect_scenes import EVERY, KINDS, kind_of
+from tests.stability.defect_scenes import EVERY, KINDS, kind_of, overlapping_cells
 from tests.stability.polish import polish
 from tests.stability.random_scenes import random_scene
 
@@ -93,63 +94,53 @@ def solvable_seed() -> int:
     return next(seed for seed in range(100) if fuzz.judge(seed).kind == "agrees")
 
 
-def test_an_answer_that_is_off_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_answer_that_is_off_is_a_fault() -> None:
     """The judge itself: a wrong energy with a passing certificate must not get through."""
-    from contact_app.run import solve as run
-
-    seed, honest = solvable_seed(), run.solve_scene
+    seed = solvable_seed()
 
     def wrong(scene, *rest):
-        solved = honest(scene, *rest)
+        solved = solve_scene(scene, *rest)
         solution = {
             **solved.summary["solution"],
             "energy": 1.00001 * solved.summary["solution"]["energy"],
         }
         return replace(solved, summary={**solved.summary, "solution": solution})
 
-    monkeypatch.setattr(run, "solve_scene", wrong)
-    assert fuzz.judge(seed).kind == "certified wrongly"
+    assert fuzz.judge(seed, solve=wrong).kind == "certified wrongly"
 
 
-def test_an_answer_that_is_off_in_one_body_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_answer_that_is_off_in_one_body_is_a_fault() -> None:
     """The judge itself: what is wrong in a weak body is nothing in the energy of all bodies."""
-    from contact_app.run import solve as run
-
-    seed, honest = EVERY - 1, run.solve_scene
+    seed = EVERY - 1
     assert kind_of(seed) is KINDS[0]
     assert fuzz.judge(seed).kind == "agrees"
 
     def wrong(scene: Any, *rest: Any) -> Any:
-        solved = honest(scene, *rest)
+        solved = solve_scene(scene, *rest)
         nodes = solved.nodes
         weak = nodes.points[:, :1] > 2.0
         moved = np.where(weak, 1.001 * nodes.displacement, nodes.displacement)
         return replace(solved, nodes=replace(nodes, displacement=moved))
 
-    monkeypatch.setattr(run, "solve_scene", wrong)
-    verdict = fuzz.judge(seed)
+    verdict = fuzz.judge(seed, solve=wrong)
     assert verdict.kind == "certified wrongly"
     assert "body 1" in verdict.detail
 
 
-def test_giving_up_what_the_reference_solves_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contact_app.run import solve as run
-
-    seed, honest = solvable_seed(), run.solve_scene
+def test_giving_up_what_the_reference_solves_is_a_fault() -> None:
+    seed = solvable_seed()
 
     def uncertified(scene: Any, *rest: Any) -> Any:
-        solved = honest(scene, *rest)
+        solved = solve_scene(scene, *rest)
         certificate = {**solved.summary["certificate"], "passed": False}
         return replace(solved, summary={**solved.summary, "certificate": certificate})
 
-    monkeypatch.setattr(run, "solve_scene", uncertified)
-    assert fuzz.judge(seed).kind == "given up"
+    assert fuzz.judge(seed, solve=uncertified).kind == "given up"
 
 
-def test_accepting_overlapping_cells_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_accepting_overlapping_cells_is_a_fault() -> None:
     seed = solvable_seed()
-    monkeypatch.setattr(fuzz, "kind_of", lambda _: fuzz.overlapping_cells)
-    assert fuzz.judge(seed).kind == "accepts overlapping cells"
+    assert fuzz.judge(seed, kind_of=lambda _: overlapping_cells).kind == "accepts overlapping cells"
 
 
 def test_every_fourth_scene_is_of_a_kind() -> None:
@@ -191,29 +182,23 @@ def test_polishing_ends_at_the_last_digit() -> None:
     np.testing.assert_allclose(*ends, rtol=1e-12)
 
 
-def test_denying_an_equilibrium_that_exists_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_denying_an_equilibrium_that_exists_is_a_fault() -> None:
     from contact_app.errors import NoEquilibriumError
-    from contact_app.run import solve as run
 
     seed = solvable_seed()
 
     def deny(*_):
         raise NoEquilibriumError("it leaves")
 
-    monkeypatch.setattr(run, "solve_scene", deny)
-    assert fuzz.judge(seed).kind == "denies an equilibrium"
+    assert fuzz.judge(seed, solve=deny).kind == "denies an equilibrium"
 
 
-def test_a_solve_without_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contact_app.run import solve as run
-
+def test_a_solve_without_end_is_a_fault() -> None:
     def forever(*_):
         while True:
             pass
 
-    monkeypatch.setattr(run, "solve_scene", forever)
-    monkeypatch.setattr(fuzz, "PATIENCE", 0.2)
-    assert fuzz.judge(0).kind == "hangs"
+    assert fuzz.judge(0, solve=forever, patience=0.2).kind == "hangs"
 
 
 def test_the_random_scenes_are_what_they_should_be() -> None:

@@ -172,15 +172,15 @@ class AdmissibleStresses:
         self._compliance, size = compliance, self.space.size
         self.wanted = np.repeat(-force, int(np.prod(self.space.cells)))
         self._low, self._high = np.full(size, np.inf), np.full(size, -np.inf)
-        self._work, self._load = np.zeros(size), np.zeros(size)
-        self._contact = np.zeros(size, bool)
+        self.work, self._load = np.zeros(size), np.zeros(size)
+        self.contact = np.zeros(size, bool)
         for number, face in enumerate(faces):
             self._note_normal(number, face)
             for component, pair in enumerate(self.space.pairs, self.space.dimension):
                 if number // 2 in pair:
                     self._note_shear(number, face, component)
         self._refuse_contradictions()
-        self._known = np.isfinite(self._low)
+        self.known = np.isfinite(self._low)
 
     def _note_normal(self, number: int, face: FaceData) -> None:
         """σ_nn on a face: known, free because held, or a pressure."""
@@ -188,13 +188,13 @@ class AdmissibleStresses:
         sign, rows = (1.0 if end else -1.0), self.space.rows_on_face(axis, number)
         held = face.held[..., axis]
         pressed = face.contact & ~held
-        self._contact[rows] = pressed
+        self.contact[rows] = pressed
         # σn is sign σ_ii e_i, so that a traction's normal part is the normal stress
         self._load[rows] = sign * face.traction[..., axis]
         known = ~held & ~pressed
         self._low[rows[known]] = self._high[rows[known]] = self._load[rows[known]]
         moved = np.where(pressed, face.gap, np.where(held, sign * face.displacement[..., axis], 0))
-        self._work[rows] = self.space.facet_areas(axis) * moved
+        self.work[rows] = self.space.facet_areas(axis) * moved
 
     def _note_shear(self, number: int, face: FaceData, component: int) -> None:
         """σ_ij on the edges of the facets of a face: from each facet what it knows."""
@@ -211,7 +211,7 @@ class AdmissibleStresses:
         for edge in (rows[:-1], rows[1:]):
             np.minimum.at(self._low, edge[known], value[known])
             np.maximum.at(self._high, edge[known], value[known])
-            np.add.at(self._work, edge, 0.5 * moved)
+            np.add.at(self.work, edge, 0.5 * moved)
 
     def _refuse_contradictions(self) -> None:
         known = np.isfinite(self._low)
@@ -238,8 +238,8 @@ class AdmissibleStresses:
 
     def energy(self, s: Array) -> float:
         """J*(σ); on the contact its p g is that of t_n, less σ_nn, which `work` counts."""
-        given = float(self._work[self._contact] @ self._load[self._contact])
-        return given + float(0.5 * s @ (self.matrix @ s) - self._work @ s)
+        given = float(self.work[self.contact] @ self._load[self.contact])
+        return given + float(0.5 * s @ (self.matrix @ s) - self.work @ s)
 
     def search(
         self, start: Array, touching: Sequence[NDArray[np.bool_]], other_energy: float
@@ -264,25 +264,25 @@ class AdmissibleStresses:
         pressed = np.zeros(self.space.size, bool)
         for number, facets in enumerate(touching):
             pressed[self.space.rows_on_face(number // 2, number)] |= facets
-        pressed &= self._contact
+        pressed &= self.contact
         if (pushing := pressed & (start < self._load)).any():
             pressed = pushing
         s, steps = start, 0
         for attempt in range(MOST_SETS):
-            fixed = self._known | (self._contact & ~pressed)
-            s = np.where(fixed, np.where(self._known, self._low, self._load), s)
+            fixed = self.known | (self.contact & ~pressed)
+            s = np.where(fixed, np.where(self.known, self._low, self._load), s)
             subspace = _Subspace(self, ~fixed)
             s = subspace.balanced(s, 2)
             if subspace.residual(s) > UNBALANCED:
-                if (pressed == self._contact).all():
+                if (pressed == self.contact).all():
                     break
-                pressed = self._contact.copy()
+                pressed = self.contact.copy()
                 continue
             s, taken = self._descended(subspace, s, other_energy)
             steps += taken
             pulling, missing = pressed & (s > self._load), np.zeros_like(pressed)
             if attempt < GROWING_SETS:
-                missing = self._missing(subspace, s, self._contact & ~pressed, other_energy)
+                missing = self._missing(subspace, s, self.contact & ~pressed, other_energy)
             if not (pulling | missing).any():
                 s = subspace.balanced(s)
                 pulling = pressed & (s > self._load)
@@ -300,7 +300,7 @@ class AdmissibleStresses:
         self, subspace: _Subspace, s: Array, empty: NDArray[np.bool_], other_energy: float
     ) -> NDArray[np.bool_]:
         """Of facets without pressure those where one would lower the energy worth mentioning."""
-        slope = np.where(empty, subspace.slope(self.matrix @ s - self._work), 0.0)
+        slope = np.where(empty, subspace.slope(self.matrix @ s - self.work), 0.0)
         missing = slope > 0.0
         gain = 0.5 * float((slope**2 / self.matrix.diagonal())[missing].sum())
         if gain <= WORTH_PRESSING * (other_energy + self.energy(s)):
@@ -309,7 +309,7 @@ class AdmissibleStresses:
 
     def _descended(self, subspace: _Subspace, s: Array, other_energy: float) -> tuple[Array, int]:
         """Conjugate gradients in equilibrium."""
-        gradient, z = subspace.projected(self.matrix @ s - self._work)
+        gradient, z = subspace.projected(self.matrix @ s - self.work)
         direction, square = -z, float(gradient @ z)
         energy, first, step = self.energy(s), square, 0
         gains: list[float] = []
@@ -328,7 +328,7 @@ class AdmissibleStresses:
         return s, step
 
     def _found(self, subspace: _Subspace, s: Array, steps: int) -> Found:
-        pressure = np.where(self._contact, self._load - s, 0.0)
+        pressure = np.where(self.contact, self._load - s, 0.0)
         faces = [
             pressure[self.space.rows_on_face(number // 2, number)]
             for number in range(2 * self.space.dimension)

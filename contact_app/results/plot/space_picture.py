@@ -138,10 +138,12 @@ def draw_space(
     rows = np.concatenate([owners for _, owners in skin])
     moved = stored.points + exaggeration * stored.point_data.get("displacement", 0.0)
     seen = np.unique(np.concatenate([sides.ravel() for sides in faces]))
-    outline = _sharp_edges(stored.points, faces)
+    outline = sharp_edges(stored.points, faces)
     direction = _towards(stored) if camera is None else np.asarray(camera, dtype=float)
-    view = _view(direction, np.concatenate([stored.points[seen], moved[seen]]))
-    panels = [_panel(stored, name, labels.get(name, name), faces, rows, between) for name in fields]
+    view = view_from(direction, np.concatenate([stored.points[seen], moved[seen]]))
+    panels = [
+        panel_of(stored, name, labels.get(name, name), faces, rows, between) for name in fields
+    ]
 
     wide = WIDTH
     tall = min(max(wide * view.half[1] / view.half[0], 0.35 * wide), 1.6 * wide)
@@ -172,7 +174,7 @@ def draw_space(
     return note
 
 
-def _panel(
+def panel_of(
     stored: Stored,
     name: str,
     label: str,
@@ -180,6 +182,7 @@ def _panel(
     rows: NDArray[np.int64],
     between: bool,
 ) -> Panel:
+    """What is drawn of a field: its values and colours on the skin, and its caption."""
     at_nodes = name in stored.point_data
     values = stored.point_data[name] if at_nodes else stored.cell_data[name]
     if values.ndim == 2:
@@ -230,7 +233,7 @@ def _towards(stored: Stored) -> NDArray[np.float64]:
     return direction
 
 
-def _view(direction: NDArray[np.float64], points: NDArray[np.float64]) -> View:
+def view_from(direction: NDArray[np.float64], points: NDArray[np.float64]) -> View:
     """The closest look from a direction that shows all points; z is up where it can be."""
     direction = direction / np.linalg.norm(direction)
     upwards = np.array([0.0, 0.0, 1.0] if abs(direction[2]) < 1.0 - 1e-9 else [0.0, 1.0, 0.0])
@@ -245,7 +248,7 @@ def _view(direction: NDArray[np.float64], points: NDArray[np.float64]) -> View:
     return View(direction, up, right, centre, np.maximum(0.51 * (high - low), 1e-12))
 
 
-def _sharp_edges(points: NDArray[np.float64], faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+def sharp_edges(points: NDArray[np.float64], faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Edges (n, 2) between faces at an angle of more than `SHARP`, or of one face alone."""
     pairs, owners, normals = [], [], []
     start = 0

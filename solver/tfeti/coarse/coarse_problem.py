@@ -82,6 +82,11 @@ class CoarseProblem:
         W of the problems that `weighted` makes, one on contact rows; in this one W = I.
     patterns
         Of the rows of B.
+
+    Attributes
+    ----------
+    by_patterns : bool
+        Whether G is applied pattern by pattern.
     """
 
     def __init__(
@@ -104,15 +109,16 @@ class CoarseProblem:
         self._inequality = inequality
         rows = KernelRows(B, kernels, options.chunk)
         repeats = pays(self.comm, patterns, B.rows, options)
-        self._patterns = patterns if repeats else ()
+        self.patterns = patterns if repeats else ()
         self._contact = list(rows.alike(np.flatnonzero(inequality)))
         self._weighed = self._gram(rows, metric)
         self._oblique = False
         self._own_factor: CoarseFactor | None = None  # of G W Gᵀ; else that of G Gᵀ
         self._spare: list[CoarseFactor] = []
         self._product: Restriction
-        if repeats and self._layout.whole:
-            self._product = PatternProduct(rows, self._patterns, self._layout.total, metric)
+        self.by_patterns = repeats and self._layout.whole
+        if self.by_patterns:
+            self._product = PatternProduct(rows, self.patterns, self._layout.total, metric)
         else:
             self._product = _ThroughInterface(B, kernels, self._layout, metric)
         self._coarse = np.empty(self._layout.rows)
@@ -120,7 +126,7 @@ class CoarseProblem:
 
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
         """What G W Gᵀ is without contact rows, which are summed from `_contact` (collective)."""
-        repeated, inside = blocks_of(self._patterns, rows.motions, metric)
+        repeated, inside = blocks_of(self.patterns, rows.motions, metric)
         single = np.flatnonzero(~inside & ~self._inequality)
         singles = Blocks.of(rows.alike(single), rows.motions, metric)
         others = self._layout.brought(Blocks.join([repeated, singles]))
@@ -130,7 +136,8 @@ class CoarseProblem:
         return _Gram(others, self._layout.places(others))
 
     @property
-    def _factor(self) -> CoarseFactor:
+    def factor(self) -> CoarseFactor:
+        """Of G W Gᵀ, made when it is first asked for."""
         if self._own_factor is not None:
             return self._own_factor
         return self._symmetric
@@ -145,7 +152,7 @@ class CoarseProblem:
     @property
     def entries(self) -> int:
         """Stored entries of G W Gᵀ, over all ranks."""
-        return self._factor.entries
+        return self.factor.entries
 
     def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
         """The coarse problem of the rows of B times weights, with W the metric.
@@ -183,7 +190,7 @@ class CoarseProblem:
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G W Gᵀ)⁻¹ times a coarse vector."""
-        self._factor.solve(self._layout.spread(rhs), self._solution)
+        self.factor.solve(self._layout.spread(rhs), self._solution)
         out[:] = self._solution[self._layout.own]
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
@@ -197,7 +204,7 @@ class CoarseProblem:
 
     def carry(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector: the least multipliers whose G is that."""
-        self._factor.solve(self._layout.spread(coarse), self._solution)
+        self.factor.solve(self._layout.spread(coarse), self._solution)
         self._product.extend(self._solution, out, self._oblique)
 
     def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -229,7 +236,7 @@ class CoarseProblem:
     def _solved(self, dual: NDArray[np.float64], metric: bool) -> NDArray[np.float64]:
         """(G W Gᵀ)⁻¹ G, or with the metric G W, times a dual vector; overwritten by the next."""
         self._product.restrict(dual, self._coarse, metric)
-        self._factor.solve(self._coarse, self._solution)
+        self.factor.solve(self._coarse, self._solution)
         return self._solution
 
 

@@ -281,13 +281,13 @@ class SymmetricInverse:
         self._comm = comm
         regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
         self._split = symmetry.split(np.arange(stiffness.shape[0]))
-        self._factors: list[CholeskyFactor | DenseFactor] = []
+        self.factors: list[CholeskyFactor | DenseFactor] = []
         bases = self._split.bases(stiffness.shape[0])
         for V, (first, orbit) in zip(bases, self._split.orbits, strict=True):
             # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
             matrix = sparse.diags(orbit) @ (regular[first] @ V)
             dense = 0.0 < dense_share * matrix.shape[0] ** 2 <= matrix.nnz
-            self._factors.append(DenseFactor(matrix) if dense else CholeskyFactor(matrix))
+            self.factors.append(DenseFactor(matrix) if dense else CholeskyFactor(matrix))
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
@@ -298,7 +298,7 @@ class SymmetricInverse:
             part = slice(begin, begin + COLUMNS_AT_ONCE)
             rows = loads.T[part][:, order]
             coordinates = self._split.forward(rows)
-            for factor, place in zip(self._factors, self._split.places, strict=True):
+            for factor, place in zip(self.factors, self._split.places, strict=True):
                 coordinates[:, place] = factor.solve(coordinates[:, place].T).T
             self._split.backward(coordinates, rows)
             result.T[part] = rows[:, back]
@@ -311,7 +311,7 @@ class SymmetricInverse:
         chosen = [np.flatnonzero(inside[first]) for first, _ in self._split.orbits]
         blocks = made_together(
             self._comm,
-            [partial(f.restricted, c) for f, c in zip(self._factors, chosen, strict=True)],
+            [partial(f.restricted, c) for f, c in zip(self.factors, chosen, strict=True)],
             [(len(c), len(c)) for c in chosen],
         )
         return SymmetricBlock(blocks, self.symmetry.split(unknowns), self._comm)

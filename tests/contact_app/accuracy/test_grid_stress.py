@@ -201,11 +201,11 @@ def test_the_search_finds_the_least_energy() -> None:
     values = np.concatenate([*map(np.ravel, found.stress.faces), found.stress.edges[0, 1].ravel()])
     pressed = np.zeros(len(values), bool)
     pressed[stresses.space.rows_on_face(0, 1)] = found.pressures[1] > 0.0
-    free = (~stresses._known & ~stresses._contact) | pressed
+    free = (~stresses.known & ~stresses.contact) | pressed
     fixed = np.where(free, 0.0, values)
     size, rows = free.sum(), len(B)
     saddle = np.block([[A[np.ix_(free, free)], B[:, free].T], [B[:, free], np.zeros((rows, rows))]])
-    right = np.concatenate([(stresses._work - A @ fixed)[free], stresses.wanted - B @ fixed])
+    right = np.concatenate([(stresses.work - A @ fixed)[free], stresses.wanted - B @ fixed])
     least = fixed.copy()
     least[free] = np.linalg.lstsq(saddle, right, rcond=None)[0][:size]
     assert values == pytest.approx(least, abs=1e-3 * np.abs(least).max())

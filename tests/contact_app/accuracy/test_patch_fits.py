@@ -49,11 +49,11 @@ def at_nodes(recovery: StressRecovery, degree: int) -> list[tuple[Array, Array]]
         own = np.einsum("qg,cgi->cqi", cells.samples.places, cells.places[cells.geometry])
         own = own.reshape(-1, 1, d) + np.array(shifts)
         samples.append(field(own, degree))
-    found = recovery._fits.at_vertices(samples)
-    spread = recovery._copies.spread(found)
+    found = recovery.patches.fits.at_vertices(samples)
+    spread = recovery.patches.copies.spread(found)
     result = []
     for cells, shifts, part in zip(recovery.cells, offsets, spread, strict=True):
-        shape = (*part.shape[:2], recovery._fits.kept, COMPONENTS)
+        shape = (*part.shape[:2], recovery.patches.fits.kept, COMPONENTS)
         result.append(
             (cells.places[:, None] + np.array(shifts), cells.at_nodes(part.reshape(shape)))
         )

@@ -19,10 +19,10 @@ def apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(caches.tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setattr(caches.tempfile, "tempdir", str(tmp_path))
     caches.usable_caches.cache_clear()
-    caches._own_directory.cache_clear()
+    caches.own_directory.cache_clear()
     yield
     caches.usable_caches.cache_clear()
-    caches._own_directory.cache_clear()
+    caches.own_directory.cache_clear()
 
 
 def test_a_home_that_can_be_written_is_used(tmp_path: Path) -> None:

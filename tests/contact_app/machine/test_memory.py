@@ -41,14 +41,14 @@ def test_the_tightest_of_nested_control_groups_counts(
     own.write_text(groups)
     (tmp_path / mount / "job" / "task").mkdir(parents=True)
     here = tmp_path / mount / level
-    assert memory._control_group(tmp_path, own) == float("inf")
+    assert memory.control_group(tmp_path, own) == float("inf")
     (tmp_path / mount / "job" / "task" / limit).write_text("max\n")
     (here / limit).write_text("5000\n")
     (here / used).write_text("3000\n")
     (here / "memory.stat").write_text("anon 2000\ninactive_file 500\n")
-    assert memory._control_group(tmp_path, own) == 2500.0
+    assert memory.control_group(tmp_path, own) == 2500.0
     (here / used).write_text("9000\n")
-    assert memory._control_group(tmp_path, own) == 0.0
+    assert memory.control_group(tmp_path, own) == 0.0
 
 
 def test_a_limit_on_address_space_is_seen() -> None:

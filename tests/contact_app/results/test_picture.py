@@ -112,7 +112,7 @@ def test_the_outline_of_a_block_is_its_edges(tmp_path: Path) -> None:
     """Edges of cells within flat faces are none of it: 12 edges, four of them in two pieces."""
     block(tmp_path)
     stored = read(tmp_path)
-    outline = space_picture._sharp_edges(stored.points, stored.boundary())
+    outline = space_picture.sharp_edges(stored.points, stored.boundary())
     assert len(outline) == 16
     lengths = np.linalg.norm(np.diff(stored.points[outline], axis=1), axis=2)
     assert lengths.sum() == pytest.approx(4 * (2 + 1 + 1))
@@ -121,7 +121,7 @@ def test_the_outline_of_a_block_is_its_edges(tmp_path: Path) -> None:
 @pytest.mark.parametrize("direction", [[1.2, -1.0, 0.6], [0.0, 0.0, -1.0], [-3.0, 0.1, 0.0]])
 def test_a_view_shows_all_points(direction: list[float]) -> None:
     points = np.random.default_rng(3).normal(size=(50, 3))
-    view = space_picture._view(np.array(direction), points)
+    view = space_picture.view_from(np.array(direction), points)
     frame = np.stack([view.right, view.up, view.direction])
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(frame) == pytest.approx(1.0)  # not a mirror image
@@ -135,10 +135,10 @@ def test_pressure_lies_only_on_what_may_touch(tmp_path: Path) -> None:
     stored = read(tmp_path)
     faces = stored.boundary()
     rows = np.concatenate([rows for _, rows in stored.skin()])
-    panel = space_picture._panel(stored, "contact_pressure", "", faces, rows, True)
+    panel = space_picture.panel_of(stored, "contact_pressure", "", faces, rows, True)
     assert panel.through
     np.testing.assert_array_equal(np.isfinite(panel.values), stored.points[:, 0] > 1.5)
-    stress = space_picture._panel(stored, "von_mises", "", faces, rows, True)
+    stress = space_picture.panel_of(stored, "von_mises", "", faces, rows, True)
     assert not stress.through
     middle = stored.points[np.concatenate(faces)].mean(axis=1)[:, 0]
     np.testing.assert_array_equal(stress.values, np.where(middle > 1.0, 2.0, 1.0))

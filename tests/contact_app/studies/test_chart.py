@@ -298,9 +298,7 @@ def test_only_the_same_chart_goes_on(tmp_path: Path) -> None:
     assert not same.reference(0).exists()
 
 
-def test_an_interrupted_chart_leaves_what_it_had(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_chart_leaves_what_it_had(tmp_path: Path) -> None:
     config = CONFIGS / "block_2d.yaml"
     sweep = chart.plan(config, largest=1000, peers=False)
     done = []
@@ -317,10 +315,8 @@ def test_an_interrupted_chart_leaves_what_it_had(
         yield chart.Progress("reference")
         return ReferenceAnswer(None, None, np.ones(3), np.ones(3), np.ones(3))
 
-    monkeypatch.setattr(chart, "_point", point)
-    monkeypatch.setattr(chart, "_reference", reference)
     with pytest.raises(KeyboardInterrupt):
-        list(chart.chart(config, tmp_path, sweep))
+        list(chart.chart(config, tmp_path, sweep, runs=chart.Runs(reference, point)))
     assert len(chart.read(tmp_path / "frontier.csv")) == 4
     assert (tmp_path / "frontier.png").exists()
 

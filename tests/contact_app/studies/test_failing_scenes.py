@@ -115,47 +115,44 @@ def test_rods_stay_whole_and_end(cells: list[int], parts: int) -> None:
     assert solved["solver"]["hessian_multiplications"] < 1500
 
 
-def test_a_wrong_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_answer_is_told() -> None:
     """The judge itself."""
     from dataclasses import replace
 
     from contact_app.studies import stability
 
-    case, honest = CASES[1], stability._solve
+    case, honest = CASES[1], stability.solve_by
 
     def lies(*arguments):
         outcome = honest(*arguments)
         return replace(outcome, energy=1.00001 * outcome.energy)
 
-    monkeypatch.setattr(stability, "_solve", lies)
-    assert run_case(case, [OURS])[OURS].verdict == "WRONG"
+    assert run_case(case, [OURS], lies)[OURS].verdict == "WRONG"
 
 
-def test_a_wrong_answer_of_one_body_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_answer_of_one_body_is_told() -> None:
     from dataclasses import replace
 
     from contact_app.studies import stability
 
     case = next(c for c in CASES if c.name.startswith("weak body"))
-    honest = stability._solve
+    honest = stability.solve_by
 
     def lies(method, made, subdomains):
         outcome = honest(method, made, subdomains)
         strong, weak = outcome.strains
         return replace(outcome, strains=(strong, weak if subdomains == 1 else 1.01 * weak))
 
-    monkeypatch.setattr(stability, "_solve", lies)
-    outcome = run_case(case, [OURS])[OURS]
+    outcome = run_case(case, [OURS], lies)[OURS]
     assert (outcome.verdict, "body" in outcome.detail) == ("WRONG", True)
 
 
-def test_an_invented_equilibrium_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invented_equilibrium_is_told() -> None:
     from contact_app.studies import stability
 
     case = next(c for c in CASES if c.expected == REFUSED)
     answer = stability.Outcome("", "", 3, -1.0, 0.0)
-    monkeypatch.setattr(stability, "_solve", lambda *_: answer)
-    assert run_case(case, [OURS])[OURS].verdict == "WRONG"
+    assert run_case(case, [OURS], lambda *_: answer)[OURS].verdict == "WRONG"
 
 
 def test_the_document_has_every_case_and_method() -> None:

@@ -115,10 +115,10 @@ def test_a_factor_takes_the_place_of_one_that_is_no_longer_in_use(problem: DualP
         return float(np.abs(back - rhs).max())
 
     first, second = made(), made()
-    assert first._factor is not second._factor
-    freed = id(first._factor)
+    assert first.factor is not second.factor
+    freed = id(first.factor)
     del first
     third = made()
-    assert id(third._factor) == freed
+    assert id(third.factor) == freed
     for weighted in (second, third, coarse):
         assert residual(weighted) < 1e-9

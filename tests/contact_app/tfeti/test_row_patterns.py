@@ -82,7 +82,7 @@ def error_of(problem: DualProblem) -> float:
 @pytest.mark.parametrize("case", CASES)
 def test_it_is_g(case: str) -> None:
     problem = problem_of(case, options=ALWAYS)
-    assert isinstance(coarse_of(problem)._product, PatternProduct)
+    assert coarse_of(problem).by_patterns
     assert error_of(problem) < 1e-13
 
 
@@ -96,7 +96,7 @@ def test_on_ranks(ranks: int) -> None:
         "from tests.contact_app.tfeti.test_row_patterns import error_of, problem_of\n"
         "for case in CASES:\n"
         "    problem = problem_of(case, MPI.COMM_WORLD, ALWAYS)\n"
-        "    assert isinstance(coarse_of(problem)._product, PatternProduct), case\n"
+        "    assert coarse_of(problem).by_patterns, case\n"
         "    error = error_of(problem)\n"
         "    assert error < 1e-13, (case, error)\n"
     )
@@ -185,7 +185,7 @@ def patterns_in(split: int) -> tuple[list[RowPattern], DualProblem]:
     """Of a cube in so many sub-boxes along each edge, of two cells an edge each."""
     scene = scenes.build(scenes.wall("hexahedron", 2 * split), [split, split, split])
     problem = build_model(scene, MPI.COMM_SELF, options=ALWAYS).problem
-    return list(coarse_of(problem)._patterns), problem
+    return list(coarse_of(problem).patterns), problem
 
 
 def test_patterns_do_not_grow_with_the_number_of_subdomains() -> None:
@@ -198,4 +198,4 @@ def test_patterns_do_not_grow_with_the_number_of_subdomains() -> None:
 
 
 def test_bodies_without_repetition_keep_their_interface() -> None:
-    assert not isinstance(coarse_of(problem_of("tetrahedra"))._product, PatternProduct)
+    assert not coarse_of(problem_of("tetrahedra")).by_patterns

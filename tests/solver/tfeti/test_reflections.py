@@ -131,7 +131,7 @@ def test_split_inverse_is_the_inverse(cells: tuple[int, ...], dense: float) -> N
     assert symmetry is not None
     split = SymmetricInverse(K, R, fixing, symmetry, dense_share=dense)
     kind = CholeskyFactor if dense > 1.0 else DenseFactor
-    assert all(isinstance(factor, kind) for factor in split._factors)
+    assert all(isinstance(factor, kind) for factor in split.factors)
     plain = GeneralisedInverse(K, R, symmetry.closure(fixing))
     load = np.asfortranarray(np.random.default_rng(1).normal(size=(K.shape[0], 300)))
     np.testing.assert_allclose(split.solve(load), plain.solve(load), atol=1e-10)
