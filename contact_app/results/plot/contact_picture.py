@@ -82,7 +82,7 @@ def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64
         from it along the undeformed boundary.
     """
     (sides,) = stored.boundary()
-    sides = _sides_in_contact(stored, sides)
+    sides = sides_in_contact(stored, sides)
     found = []
     for piece in _connected(sides, len(stored.points)):
         nodes, ends = np.unique(piece, return_inverse=True)
@@ -106,7 +106,7 @@ def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64
     return found
 
 
-def _sides_in_contact(stored: Stored, sides: NDArray[np.int64]) -> NDArray[np.int64]:
+def sides_in_contact(stored: Stored, sides: NDArray[np.int64]) -> NDArray[np.int64]:
     """Sides that may touch; where only a line or a node is pressed, all sides about it."""
     may = touchable(stored)[sides].all(axis=1)
     pressed = (stored.point_data["contact_pressure"][sides] > 0.0).any(axis=1)
@@ -130,7 +130,7 @@ def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None
     corners = np.concatenate(
         [sides[:, pick] for sides in stored.boundary() for pick in _CORNERS[sides.shape[1]]]
     )
-    corners = _sides_in_contact(stored, corners)
+    corners = sides_in_contact(stored, corners)
     pieces = [
         piece for piece in _connected(corners, len(stored.points)) if (pressure[piece] > 0.0).any()
     ]

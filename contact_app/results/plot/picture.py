@@ -29,6 +29,8 @@ LABELS = {
     "displacement": "displacement, magnitude",
     "von_mises": "von Mises stress",
     "stress": "stress, Frobenius norm",
+    "nodal_von_mises": "von Mises stress",
+    "nodal_stress": "stress, Frobenius norm",
     "contact_pressure": "contact pressure",
     "gap": "gap to the obstacle",
 }
@@ -98,7 +100,7 @@ def plot(
             between = bool(summary.get("solution", {}).get("pair_forces"))
             note = draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
             if note is not None:
-                remarks.append(f"bodies.png is drawn by matplotlib: {note}")
+                remarks.append(f"bodies.png is drawn without VTK: {note}")
     pictures = [bodies]
     pressure = target / "contact_pressure.png"
     try:

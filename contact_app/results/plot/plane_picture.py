@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.results.plot.stored import Stored
+from contact_app.results.plot.contact_picture import sides_in_contact
+from contact_app.results.plot.node_values import (
+    copies,
+    limits,
+    node_values,
+    shifts,
+    smooth_name,
+)
+from contact_app.results.plot.stored import STRESSES, Stored
 
 EDGES_UP_TO = 5_000
 """Cells beyond which their edges would blacken the picture."""
@@ -41,7 +49,7 @@ def draw_plane(
             pressure = stored.point_data[name]
             axes.tripcolor(*moved.T, triangles, np.zeros(len(moved)), cmap="Greys", vmin=-1, vmax=5)
             axes.add_collection(LineCollection(rim, colors="black", linewidths=0.5))
-            pressed = sides[(pressure[sides] > 0.0).any(axis=1)]
+            pressed = sides_in_contact(stored, sides)
             shades: Any = LineCollection(
                 moved[pressed], array=pressure[pressed].mean(axis=1), cmap="magma_r", linewidths=5
             )
@@ -76,17 +84,24 @@ def _shades(
     rows: NDArray[np.int64],
 ) -> Any:
     """Cells or nodes coloured by a field; of vectors and tensors the magnitude."""
-    at_cells = name in stored.cell_data
-    values = stored.cell_data[name] if at_cells else stored.point_data[name]
+    colours = "viridis" if name in STRESSES else "magma_r"
+    name = smooth_name(stored, name)
+    if name in stored.cell_data:
+        values, few = stored.field(name), len(rows) <= EDGES_UP_TO
+        return axes.tripcolor(
+            *moved.T, triangles, facecolors=values[rows], cmap="viridis", rasterized=not few,
+            vmin=limits(values)[0], vmax=limits(values)[1],
+        )  # fmt: skip
+    values = node_values(stored, name)
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)
-    if at_cells:
-        few = len(rows) <= EDGES_UP_TO
-        return axes.tripcolor(
-            *moved.T, triangles, facecolors=values[rows], cmap="viridis", rasterized=not few
-        )
-    known = np.isfinite(values[triangles]).all(axis=1)
-    axes.tripcolor(*moved.T, triangles, np.zeros(len(moved)), cmap="Greys", vmin=-1, vmax=5)
+    corners = triangles + shifts(stored, rows)[:, None]
+    places = np.tile(moved, (copies(stored), 1)).T
+    corners = corners[np.isfinite(values[corners]).all(axis=1)]
+    if len(corners) < len(triangles):
+        axes.tripcolor(*moved.T, triangles, np.zeros(len(moved)), cmap="Greys", vmin=-1, vmax=5)
+    low, high = limits(values[corners])
     return axes.tripcolor(
-        *moved.T, triangles[known], np.nan_to_num(values), shading="gouraud", cmap="magma_r"
-    )
+        *places, corners, np.nan_to_num(values), shading="gouraud", cmap=colours,
+        vmin=low, vmax=high,
+    )  # fmt: skip

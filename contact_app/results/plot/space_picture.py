@@ -4,8 +4,8 @@ What is seen is the skin of the cells, looked at along one direction without per
 it, by way of pyvista, in a process of its own (`contact_app.results.plot.vtk_panels`): beside
 dolfinx it aborts (both bring a std::regex, one for each of libstdc++'s two kinds of strings, and
 the linker takes one for the other), and a graphics library of the system may take it down, too.
-Where that fails matplotlib draws the faces from the farthest to the nearest, each in one colour.
-Titles and scales are matplotlib's in both cases.
+Where that fails a renderer of this application draws (`contact_app.results.plot.raster`). Titles
+and scales are matplotlib's in both cases.
 """
 
 from __future__ import annotations
@@ -23,23 +23,39 @@ from numpy.typing import NDArray
 
 from contact_app.results.plot import vtk_panels
 from contact_app.results.plot.contact_picture import touchable
-from contact_app.results.plot.stored import Stored
+from contact_app.results.plot.node_values import (
+    copies,
+    limits,
+    node_values,
+    shifts,
+    smooth_name,
+)
+from contact_app.results.plot.raster import (
+    WIRE,
+    DepthBuffer,
+    Triangles,
+    visible_share,
+    wires,
+)
+from contact_app.results.plot.stored import STRESSES, Stored
 
 #: Faces beyond which their edges would blacken the picture.
 EDGES_UP_TO = 40_000
 #: Angle between faces, in degrees, from which the edge between them is drawn as an outline.
 SHARP = 30.0
-#: Relative spread below which a field counts as the same everywhere.
-UNIFORM = 1e-4
 #: Share of the faces whose extreme values may leave the scale, where they would squeeze the rest.
-EXTREME = 0.002
+EXTREME = 0.01
+#: Pixels along the picture where it is asked whether something is hidden.
+COARSE = 300
 #: Seconds that VTK may take.
 PATIENCE = 300.0
 #: Width of a panel in inches, and its pixels for each.
 WIDTH, SHARPNESS = 6.0, 200
+#: Dots an inch of the own renderer: twice those of the picture, which smooths edges.
+OWN_SHARPNESS = 300
 #: Light that falls on every face, and what comes from one side.
 AMBIENT, DIFFUSE = 0.72, 0.30
-BARE = (0.82, 0.82, 0.82)
+BARE, GREY = (0.82, 0.82, 0.82), (0.5, 0.5, 0.5)
 #: How much of what is behind a bare face it hides, where it has to be looked through.
 VEIL = 0.12
 
@@ -106,6 +122,36 @@ class View:
         return towards / np.linalg.norm(towards)
 
 
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The pixels of a view.
+
+    Attributes
+    ----------
+    scale
+        Pixels a length of the bodies.
+    size
+        Width and height in pixels.
+    """
+
+    view: View
+    scale: float
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, view: View, inches: tuple[float, float], dots: int) -> Frame:
+        """As many dots an inch as fit."""
+        wide, tall = 2 * view.half
+        scale = dots * min(inches[0] / wide, inches[1] / tall)
+        return cls(view, scale, (max(int(scale * wide), 50), max(int(scale * tall), 50)))
+
+    def places(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels to the right and downwards, and depth in pixels, of points (…, 3)."""
+        view = self.view
+        across = (points - view.centre) @ np.stack([view.right, -view.up, view.direction], axis=1)
+        return self.scale * (across + np.array([*view.half, 0.0]))
+
+
 def draw_space(
     stored: Stored,
     fields: tuple[str, ...],
@@ -121,7 +167,8 @@ def draw_space(
     Parameters
     ----------
     between
-        Whether bodies touch each other: then they are translucent where pressure is shown.
+        Whether bodies touch each other: then they are translucent where pressure is shown, as
+        where most of what is pressed is hidden from the eye.
 
     Returns
     -------
@@ -134,34 +181,33 @@ def draw_space(
     from matplotlib.figure import Figure
 
     skin = stored.skin()
-    faces = [sides for sides, _ in skin]
     rows = np.concatenate([owners for _, owners in skin])
+    outline = stored.points[sharp_edges(stored.points, [sides for sides, _ in skin])]
     moved = stored.points + exaggeration * stored.point_data.get("displacement", 0.0)
-    seen = np.unique(np.concatenate([sides.ravel() for sides in faces]))
-    outline = sharp_edges(stored.points, faces)
+    seen = np.unique(np.concatenate([sides.ravel() for sides, _ in skin]))
     direction = _towards(stored) if camera is None else np.asarray(camera, dtype=float)
     view = view_from(direction, np.concatenate([stored.points[seen], moved[seen]]))
+    inside = between or mostly_hidden(stored, [sides for sides, _ in skin], moved, view)
+    faces = [sides + shifts(stored, owners)[:, None] for sides, owners in skin]
+    moved = np.tile(moved, (copies(stored), 1))
     panels = [
-        panel_of(stored, name, labels.get(name, name), faces, rows, between) for name in fields
+        panel_of(stored, name, labels.get(name, name), faces, rows, inside) for name in fields
     ]
 
     wide = WIDTH
     tall = min(max(wide * view.half[1] / view.half[0], 0.35 * wide), 1.6 * wide)
     try:
-        images = _by_vtk(
-            moved, faces, stored.points[outline], panels, view, (wide, tall), SHARPNESS
-        )
+        images = _by_vtk(moved, faces, outline, panels, view, (wide, tall), SHARPNESS)
         note = None
     except VTKError as error:
-        images, note = None, str(error)
+        frame = Frame.of(view, (wide, tall), OWN_SHARPNESS)
+        images = [_by_depth_buffer(moved, faces, outline, panel, frame) for panel in panels]
+        note = str(error)
     figure = Figure(figsize=(wide * len(panels), tall + 1.3), layout="constrained")
     FigureCanvasAgg(figure)
     places = np.ravel(figure.subplots(1, len(panels)))
     for number, (axes, panel) in enumerate(zip(places, panels, strict=True)):
-        if images is not None:
-            axes.imshow(images[number], interpolation="antialiased")
-        else:
-            _by_matplotlib(axes, moved, faces, stored.points[outline], panel, view)
+        axes.imshow(images[number], interpolation="antialiased")
         axes.set_axis_off()
         shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
         bar = figure.colorbar(
@@ -180,43 +226,50 @@ def panel_of(
     label: str,
     faces: list[NDArray[np.int64]],
     rows: NDArray[np.int64],
-    between: bool,
+    inside: bool,
 ) -> Panel:
     """What is drawn of a field: its values and colours on the skin, and its caption."""
+    stress = name in STRESSES
+    name = smooth_name(stored, name)
     at_nodes = name in stored.point_data
-    values = stored.point_data[name] if at_nodes else stored.cell_data[name]
+    values = node_values(stored, name) if at_nodes else stored.cell_data[name][rows]
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)
-    largest = float(np.nanmax(values, initial=-np.inf))
-    if not at_nodes:
-        values = values[rows]
-        shown = values
-    else:
-        values = np.array(values, dtype=float)
-        if name == "contact_pressure":
-            values[~touchable(stored)] = np.nan
+    if name == "contact_pressure":
+        values = np.where(np.tile(touchable(stored), copies(stored)), values, np.nan)
+    shown = means = values
+    if at_nodes:
         shown = values[np.unique(np.concatenate([sides.ravel() for sides in faces]))]
+        means = np.concatenate([values[sides].mean(axis=1) for sides in faces])
+    largest = float(np.nanmax(stored.field(name), initial=-np.inf))
     low, high = limits(shown)
-    most = float(np.quantile(shown, 1.0 - EXTREME)) if not at_nodes else high
+    most = float(np.nanquantile(means, 1.0 - EXTREME)) if stress or not at_nodes else high
     if high - low > 1.3 * (most - low) > 0.0:
         high = most
     beyond = bool(np.isfinite(largest) and largest > high * (1.0 + 1e-12))
     if beyond:
         label = f"{label} (largest {largest:.4g})"
-    colours = "magma_r" if at_nodes else "viridis"
-    through = between and name in ("contact_pressure", "gap")
+    colours = "viridis" if stress or not at_nodes else "magma_r"
+    through = inside and name in ("contact_pressure", "gap")
     return Panel(values, (low, high), beyond, colours, label, through)
 
 
-def limits(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Range of the colours; of a field that is the same everywhere, from 0, not its round-off."""
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return 0.0, 1.0
-    low, high = float(known.min()), float(known.max())
-    if high - low > UNIFORM * max(abs(low), abs(high)):
-        return low, high
-    return min(low, 0.0), max(high, 0.0) or 1.0
+def mostly_hidden(
+    stored: Stored, faces: list[NDArray[np.int64]], points: NDArray[np.float64], view: View
+) -> bool:
+    """Whether most of what is pressed lies behind something."""
+    pressure = stored.point_data.get("contact_pressure")
+    if pressure is None or not (pressure > 0.0).any():
+        return False
+    frame = Frame.of(view, (1.0, 1.0), COARSE)
+    places, may = frame.places(points), touchable(stored)
+    corners, pressed = [], []
+    for sides in faces:
+        on = may[sides].all(axis=1) & (pressure[sides] > 0.0).any(axis=1)
+        for pick, _ in _HALVES[sides.shape[1]]:
+            corners.append(places[sides[:, pick]])
+            pressed.append(on)
+    return visible_share(np.concatenate(corners), np.concatenate(pressed), *frame.size) < 0.5
 
 
 def _towards(stored: Stored) -> NDArray[np.float64]:
@@ -298,14 +351,12 @@ def _by_vtk(
         raise VTKError(f"pyvista, which draws smoother, is not installed ({HOW_TO_GET_PYVISTA})")
     with tempfile.TemporaryDirectory(prefix="contact-plot-") as name:
         folder = Path(name)
-        wide, tall = 2 * view.half
-        scale = dots * min(inches[0] / wide, inches[1] / tall)
         arrays: dict[str, NDArray[Any]] = {"points": points, "outline": outline}
         arrays |= {f"faces{i}": sides for i, sides in enumerate(faces)}
         arrays |= {f"values{i}": panel.values for i, panel in enumerate(panels)}
         np.savez(folder / "skin.npz", **arrays)  # type: ignore[arg-type]
         instructions = {
-            "size": [max(int(scale * wide), 50), max(int(scale * tall), 50)],
+            "size": Frame.of(view, inches, dots).size,
             "centre": view.centre.tolist(),
             "direction": view.direction.tolist(),
             "up": view.up.tolist(),
@@ -346,52 +397,98 @@ def _what_went_wrong(ran: subprocess.CompletedProcess[str]) -> str:
     )
 
 
-def _by_matplotlib(
-    axes: Any,
+def _by_depth_buffer(
     points: NDArray[np.float64],
     faces: list[NDArray[np.int64]],
     outline: NDArray[np.float64],
     panel: Panel,
-    view: View,
-) -> None:
-    """Draw the faces that look to the eye, each in its mean colour, the farthest first."""
+    frame: Frame,
+) -> NDArray[np.float64]:
+    """Image (height, width, 3) of a panel by this application's own renderer."""
     from matplotlib import colormaps
-    from matplotlib.collections import LineCollection, PolyCollection
 
-    plane = np.stack([view.right, view.up], axis=1)
-    corners, colours, depths = [], [], []
+    triangles = _triangles(points, faces, panel, frame)
+    bare = triangles.bare
+    toward = triangles.towards
+    veiled = bare & toward if panel.through else np.zeros(len(bare), bool)
+    opaque = triangles.some(~bare if panel.through else toward)
+    buffer = DepthBuffer(*frame.size)
+    buffer.add(opaque.corners)
+    pixel, triangle, shares = buffer.seen()
+    values = np.einsum("ni,ni->n", shares, opaque.values[triangle])
+    low, high = panel.limits
+    colours = colormaps[panel.colours](np.clip((values - low) / (high - low), 0.0, 1.0))[:, :3]
+    colours[np.isnan(values)] = BARE
+    bright = opaque.bright[triangle]
+    bright = np.where(wires(opaque, triangle, shares), WIRE * bright, bright)
+    image = np.ones((frame.size[0] * frame.size[1], 3))
+    image[pixel] = np.minimum(colours * bright[:, None], 1.0)
+    image[_line_pixels(frame.places(outline), buffer)] = GREY
+    if veiled.any():
+        veil = triangles.some(veiled)
+        count, bright = buffer.in_front(veil.corners, veil.bright)
+        left = ((1.0 - VEIL) ** count)[:, None]
+        image = left * image + (1.0 - left) * np.minimum(np.outer(bright, BARE), 1.0)
+    return image.reshape(frame.size[1], frame.size[0], 3)
+
+
+def _triangles(
+    points: NDArray[np.float64], faces: list[NDArray[np.int64]], panel: Panel, frame: Frame
+) -> Triangles:
+    """The skin as the eye sees it; quadrilaterals in two halves."""
+    places, view = frame.places(points), frame.view
+    corners, values, bright, wired = [], [], [], []
     start = 0
     for sides in faces:
         normals = _normals(points, sides)
-        if len(panel.values) == len(points):
-            values = panel.values[sides].mean(axis=1)
-        else:
-            values = panel.values[start : start + len(sides)]
+        light = AMBIENT + DIFFUSE * np.maximum(normals @ view.light, 0.0)
+        own = _at_corners(panel, points, sides, start)
+        if panel.through:  # seen from both sides, its colours as in the scale
+            light = np.where(np.isfinite(own).all(axis=1), 1.0, light)
+        for pick, edges in _HALVES[sides.shape[1]]:
+            corners.append(places[sides[:, pick]])
+            values.append(own[:, pick])
+            bright.append(light)
+            wired.append(np.broadcast_to(edges, (len(sides), 3)))
         start += len(sides)
-        # What is looked through is seen from both sides.
-        seen = (normals @ view.direction > 0.0) | (panel.through & np.isfinite(values))
-        near = np.flatnonzero(seen)
-        values = values[near]
-        bright = AMBIENT + DIFFUSE * np.maximum(normals[near] @ view.light, 0.0)
-        low, high = panel.limits
-        shades = colormaps[panel.colours](np.clip((values - low) / (high - low), 0.0, 1.0))[:, :3]
-        bare = ~np.isfinite(values)
-        shades[bare] = BARE
-        hides = np.where(bare & panel.through, VEIL, 1.0)
-        colours.append(np.column_stack([np.minimum(shades * bright[:, None], 1.0), hides]))
-        shape = (points - view.centre)[sides[near]] @ plane
-        # One array for triangles and quadrilaterals: a triangle has its last corner twice.
-        corners.append(shape if sides.shape[1] == 4 else shape[:, [0, 1, 2, 2]])
-        depths.append(points[sides[near]].mean(axis=1) @ view.direction)
-    order = np.argsort(np.concatenate(depths))
-    shapes, shades = np.concatenate(corners)[order], np.concatenate(colours)[order]
-    lines = {"edgecolors": shades * (0.8, 0.8, 0.8, 1.0), "linewidths": 0.3}
-    if sum(map(len, faces)) > EDGES_UP_TO:
-        lines = {"edgecolors": shades, "linewidths": 0.1}
-    axes.add_collection(
-        LineCollection((outline - view.centre) @ plane, colors="grey", linewidths=0.8)
-    )
-    axes.add_collection(PolyCollection(shapes, facecolors=shades, zorder=2, **lines))
-    axes.set_xlim(-view.half[0], view.half[0])
-    axes.set_ylim(-view.half[1], view.half[1])
-    axes.set_aspect("equal")
+    few = sum(map(len, faces)) <= EDGES_UP_TO
+    return Triangles(
+        np.concatenate(corners), np.concatenate(values), np.concatenate(bright),
+        np.concatenate(wired) & few,
+    )  # fmt: skip
+
+
+_HALVES = {
+    3: (([0, 1, 2], (True, True, True)),),
+    4: (([0, 1, 2], (True, False, True)), ([0, 2, 3], (True, True, False))),
+}
+"""Corners of the triangles of a face, and whether the edge opposite each is one of the face."""
+
+
+def _at_corners(
+    panel: Panel, points: NDArray[np.float64], sides: NDArray[np.int64], start: int
+) -> NDArray[np.float64]:
+    """Values at the corners of faces, of which `start` is the first, (faces, corners)."""
+    if len(panel.values) == len(points):
+        return panel.values[sides]
+    own = panel.values[start : start + len(sides), None]
+    return np.broadcast_to(own, sides.shape)
+
+
+def _line_pixels(ends: NDArray[np.float64], buffer: DepthBuffer) -> NDArray[np.int64]:
+    """Pixels of lines (n, 2, 3) where they are not hidden."""
+    if not len(ends):
+        return np.zeros(0, np.int64)
+    length = np.linalg.norm(ends[:, 1, :2] - ends[:, 0, :2], axis=1)
+    counts = np.ceil(1.5 * length).astype(np.int64) + 1
+    line = np.repeat(np.arange(len(ends)), counts)
+    step = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts, counts)
+    along = (step / np.maximum(counts[line] - 1, 1))[:, None]
+    at = (1.0 - along) * ends[line, 0] + along * ends[line, 1]
+    found = []
+    for shift in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        column, row = (np.floor(at[:, :2]).astype(np.int64) + shift).T
+        inside = (column >= 0) & (column < buffer.width) & (row >= 0) & (row < buffer.height)
+        pixel = row[inside] * buffer.width + column[inside]
+        found.append(pixel[at[inside, 2] > buffer.depth[pixel] - 0.5 * buffer.level])
+    return np.concatenate(found)

@@ -30,6 +30,10 @@ SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
 """Vertices of the sides of a cell, seen from outside against the clock in space."""
 
 
+STRESSES = ("von_mises", "stress", "nodal_von_mises", "nodal_stress")
+"""Fields that are stresses, whose extremes may be those of a singularity."""
+
+
 class StoredError(ContactError):
     """There is no result, or not one of this application."""
 
@@ -58,6 +62,11 @@ class Stored:
     def plane(self) -> bool:
         """Whether the cells are of the plane."""
         return all(_base(name) in ("triangle", "quadrilateral") for name in self.cells)
+
+    def field(self, name: str) -> NDArray[np.float64]:
+        """The values of a scalar, the magnitudes of vectors and tensors, (n,)."""
+        values = self.point_data[name] if name in self.point_data else self.cell_data[name]
+        return values if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
 
     def boundary(self) -> list[NDArray[np.int64]]:
         """Sides that only one cell has, one array for each number of nodes, cut at middle nodes.

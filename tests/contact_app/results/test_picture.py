@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from contact_app.cli import app
-from contact_app.results.plot import picture, space_picture, vtk_panels
+from contact_app.results.plot import node_values, picture, space_picture, vtk_panels
 from contact_app.results.plot.contact_picture import draw_contact, flattened, profiles
 from contact_app.results.plot.stored import Stored, StoredError, read
 from contact_app.results.report import write_summary
@@ -102,7 +102,7 @@ def test_where_vtk_fails_matplotlib_draws_and_it_is_said(
     monkeypatch.setattr("importlib.util.find_spec", lambda name: name)
     block(tmp_path)
     made, (remark,) = picture.plot(tmp_path)
-    assert remark.startswith("bodies.png is drawn by matplotlib: VTK could not draw (")
+    assert remark.startswith("bodies.png is drawn without VTK: VTK could not draw (")
     assert ("signal 6" in remark) == ("abort" in ending)
     assert ("no display" in remark) == ("abort" not in ending)
     assert shows_two_halves(made[0])
@@ -145,7 +145,7 @@ def test_pressure_lies_only_on_what_may_touch(tmp_path: Path) -> None:
 
 
 def test_a_uniform_field_is_not_coloured_by_its_round_off() -> None:
-    limits = space_picture.limits
+    limits = node_values.limits
     assert limits(np.array([1.0, 3.0, np.nan])) == (1.0, 3.0)
     assert limits(np.array([5.0, 5.0 + 1e-9])) == (0.0, 5.0 + 1e-9)
     assert limits(np.array([-5.0, -5.0])) == (-5.0, 1.0)
@@ -324,3 +324,53 @@ def test_the_view_in_paraview(tmp_path: Path) -> None:
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     assert not plain(tmp_path / "view.png")
+
+
+def test_stresses_of_pictures_are_those_at_nodes_on_the_side_of_each_material(
+    tmp_path: Path,
+) -> None:
+    """Two hexahedra of two materials: the shared nodes have two stresses."""
+    block(tmp_path)
+    stored = read(tmp_path)
+    x = stored.points[:, 0]
+    assert node_values.smooth_name(stored, "von_mises") == "von_mises"
+    stored.point_data["nodal_von_mises"] = np.where(x < 0.5, 1.0, 2.0)
+    assert node_values.smooth_name(stored, "von_mises") == "nodal_von_mises"
+    assert node_values.copies(stored) == 1
+    stored.cell_data["material"] = np.array([0.0, 1.0])
+    stored.point_data["nodal_von_mises_material_0"] = np.where(x < 1.5, 1.0, np.nan)
+    stored.point_data["nodal_von_mises_material_1"] = np.where(x > 0.5, 2.0, np.nan)
+    assert node_values.copies(stored) == 2
+    ((sides, rows),) = stored.skin()
+    values = node_values.node_values(stored, "nodal_von_mises")
+    shown = values[sides + node_values.shifts(stored, rows)[:, None]]
+    np.testing.assert_array_equal(shown, np.broadcast_to(rows[:, None] + 1.0, shown.shape))
+    panel = space_picture.panel_of(
+        stored, "von_mises", "", [sides + node_values.shifts(stored, rows)[:, None]], rows, True
+    )
+    assert panel.limits == (1.0, 2.0)
+    assert panel.colours == "viridis"
+    assert not panel.through
+
+
+@pytest.mark.parametrize(("direction", "hidden"), [([1.0, 0.1, 0.1], False), ([-1, 0.1, 0], True)])
+def test_contact_behind_the_body_is_seen_through_it(
+    direction: list[float], hidden: bool, tmp_path: Path
+) -> None:
+    """The block is pressed at its far end alone."""
+    block(tmp_path)
+    stored = read(tmp_path)
+    view = space_picture.view_from(np.array(direction), stored.points)
+    assert space_picture.mostly_hidden(stored, stored.boundary(), stored.points, view) == hidden
+
+
+@pytest.mark.parametrize("camera", [(1.0, 0.2, 0.1), (-1.0, 0.2, 0.1)])
+def test_the_pressed_face_has_its_colour_from_both_sides(
+    camera: tuple[float, float, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    block(tmp_path)
+    made, _ = picture.plot(tmp_path, fields=("contact_pressure",), camera=camera)
+    image = matplotlib.image.imread(made[0])[:, :, :3]
+    bodies = image[int(0.1 * len(image)) : int(0.75 * len(image))]
+    assert (bodies.max(axis=2) < 0.25).mean() > 0.03  # the scale ends in black

@@ -1,0 +1,59 @@
+"""Values at nodes as pictures take them: smooth where stresses at nodes were written.
+
+Where materials of one body meet, a node has a stress for each. Pictures then have a copy of all
+nodes for each material: copy k of node i is node k n + i of n, and the cells and sides of material
+k go with copy k.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.results.plot.stored import Stored
+
+UNIFORM = 1e-4
+"""Relative spread below which a field counts as the same everywhere."""
+
+OF_MATERIAL = "_material_"
+"""What stands before a material's number in the name of its field."""
+
+
+def smooth_name(stored: Stored, name: str) -> str:
+    """The field at nodes of a stress in cells, if the result holds it; else the name itself."""
+    return f"nodal_{name}" if f"nodal_{name}" in stored.point_data else name
+
+
+def copies(stored: Stored) -> int:
+    """Copies of all nodes: as many as materials have fields of their own, 1 if none has."""
+    numbers = [
+        int(name.rpartition(OF_MATERIAL)[2]) for name in stored.point_data if OF_MATERIAL in name
+    ]
+    return 1 + max(numbers, default=0) if "material" in stored.cell_data else 1
+
+
+def shifts(stored: Stored, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """What is added to nodes of sides that belong to cells, (sides,)."""
+    if copies(stored) == 1:
+        return np.zeros(len(rows), np.int64)
+    return len(stored.points) * stored.cell_data["material"][rows].astype(np.int64)
+
+
+def node_values(stored: Stored, name: str) -> NDArray[np.float64]:
+    """A field at all copies of nodes, (copies · nodes, …)."""
+    fields = (
+        stored.point_data.get(f"{name}{OF_MATERIAL}{k}", stored.point_data[name])
+        for k in range(copies(stored))
+    )
+    return np.concatenate(list(fields))
+
+
+def limits(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Range of the colours; of a field that is the same everywhere, from 0, not its round-off."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 0.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    if high - low > UNIFORM * max(abs(low), abs(high)):
+        return low, high
+    return min(low, 0.0), max(high, 0.0) or 1.0
