@@ -10,6 +10,9 @@ from contact_app.scene.obstacles import SHAPES
 MOST = 12
 """Lines of a kind that the table shows; the others are in ``summary.json``."""
 
+ROUND_OFF = 1e-9
+"""Component of a vector over its largest that is shown as 0."""
+
 Row = tuple[str, str]
 
 
@@ -69,6 +72,8 @@ def _several(head: str, rows: Sequence[Row]) -> Iterator[Row]:
 
 
 def _vector(values: Sequence[float] | float) -> str:
-    if isinstance(values, Sequence):
-        return f"({', '.join(number(component) for component in values)})"
-    return number(values)
+    """Components in brackets, round-off beside the largest as 0; a single number as it is."""
+    if not isinstance(values, Sequence):
+        return number(values)
+    none = ROUND_OFF * max(map(abs, values), default=0.0)
+    return f"({', '.join(number(v if abs(v) > none else 0.0) for v in values)})"

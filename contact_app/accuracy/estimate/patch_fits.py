@@ -324,17 +324,25 @@ class LinearFits:
     ----------
     cells
         Of each class.
+    flat
+        Determinant from which the cells around a vertex determine a polynomial.
     """
 
     kept = 1
     """Coefficients that `at_vertices` gives."""
 
-    def __init__(self, comm: MPI.Intracomm, cells: Sequence[Cells], copies: Copies) -> None:
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        cells: Sequence[Cells],
+        copies: Copies,
+        flat: float = FLAT,
+    ) -> None:
         self._cells, self._copies = cells, copies
         self._size = 1 + cells[0].dimension
         A, kind, root = scaled_moments(cells, copies, self._size)
         fit = np.zeros(A.shape)
-        determined = np.linalg.det(A) > FLAT
+        determined = np.linalg.det(A) > flat
         fit[determined] = np.linalg.inv(A[determined])
         done = determined[kind]
         continued: list[Helped] = []

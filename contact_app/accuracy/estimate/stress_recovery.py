@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.accuracy.estimate.patch_fits import (
+    FLAT,
     WEAK,
     Copies,
     LinearFits,
@@ -109,6 +110,8 @@ class Patches:
     material
         Number of a material within its body: σ* is fitted in the cells of that material alone and
         holds at their nodes. All cells unless given.
+    flat
+        Determinant of the moments of a patch from which it determines a linear polynomial.
 
     Attributes
     ----------
@@ -120,7 +123,7 @@ class Patches:
         Fits polynomials to samples around each vertex.
     """
 
-    def __init__(self, model: Model, material: int | None = None) -> None:
+    def __init__(self, model: Model, material: int | None = None, flat: float = FLAT) -> None:
         made: dict[int, Cells] = {}
         for element in model.elements:
             if id(element) not in made:
@@ -129,8 +132,11 @@ class Patches:
         self.cells = [made[id(element)] for element in model.elements]
         self.copies = Copies(model, [c.vertices for c in self.cells])
         degree = max(body.degree for body in model.scene.bodies)
-        fits = LinearFits if degree == 1 else QuadraticFits
-        self.fits = fits(model.comm, self.cells, self.copies)
+        self.fits: LinearFits | QuadraticFits = (
+            LinearFits(model.comm, self.cells, self.copies, flat)
+            if degree == 1
+            else QuadraticFits(model.comm, self.cells, self.copies)
+        )
 
     @cached_property
     def surface_nodes(self) -> list[NDArray[np.int64]]:

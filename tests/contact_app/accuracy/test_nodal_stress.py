@@ -97,6 +97,29 @@ def test_the_stress_of_heat_across_the_plane() -> None:
     np.testing.assert_allclose(answer.nodal_stress, expected, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("cell", "largest"),
+    [("triangle", 0.2), ("quadrilateral", 0.1), ("tetrahedron", 0.2), ("hexahedron", 0.05)],
+)
+def test_no_node_of_a_distorted_mesh_runs_away(cell: str, largest: float, tmp_path: Path) -> None:
+    """Pure bending, σ = -12 (y - ½) M: the error at the worst node, over the largest stress."""
+    d = scenes.dimension(cell)
+    file = meshfiles.write(meshfiles.block(cell, 6), tmp_path / "block.msh")
+    answer = contact_app.solve({
+        "dimension": d,
+        "bodies": [{"name": "b", "mesh": {"file": str(file)},
+                    "material": {"young": 1000, "poisson": 0.0}}],
+        "conditions": [
+            {"on": "b.x-", "displacement": [0] * d},
+            {"on": "b.x+", "total_moment": 1.0 if d == 2 else [0, 0, 1.0]},
+        ],
+    })  # fmt: skip
+    assert answer.nodal_stress is not None
+    error = answer.nodal_stress.copy()
+    error[:, 0] += 12.0 * (answer.points[:, 1] - 0.5)
+    assert np.abs(error).max() < 6.0 * largest
+
+
 def test_the_whole_of_a_half_has_the_stress_of_the_whole() -> None:
     """Shears change their sign across the planes; near these the fit knows cells of one side only.
 

@@ -119,15 +119,19 @@ def test_reactions_sections_and_probes_have_lines() -> None:
     lines = printed(
         {
             **SUMMARY,
-            "reactions": [{"on": "cube.z-", "force": [1.0, 2.0, 3.0]}],
+            "reactions": [
+                {"on": "cube.z-", "force": [1.0, 2.0, 3.0]},
+                {"on": "cube.x-", "force": [1e-12, 2.0, -3e-10]},
+            ],
             "sections": {"neck": {"force": [4.0, 5.0, 6.0], "moment": [7.0, 8.0, 9.0]}},
             "probes": {"tip": {"displacement": [0.5, 0.25]}},
         }
     )
     assert line_with(lines, "  cube.z-").split("z-")[1].strip() == "(1, 2, 3)"
+    assert line_with(lines, "  cube.x-").split("x-")[1].strip() == "(0, 2, 0)"
     assert line_with(lines, "  neck").split("neck")[1].strip() == "(4, 5, 6), (7, 8, 9)"
     assert line_with(lines, "  tip").split("tip")[1].strip() == "(0.5, 0.25)"
-    assert len(lines) == len(printed(SUMMARY)) + 6
+    assert len(lines) == len(printed(SUMMARY)) + 7
     flat = {"neck": {"force": [4.0, 5.0, 0.0], "moment": 7.5}}
     assert line_with(printed({**SUMMARY, "sections": flat}), "  neck").endswith("(4, 5, 0), 7.5")
 
