@@ -56,7 +56,7 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
     if not conditions:
         return []
     size, place = exchange.last - exchange.first, exchange.nodes - exchange.first
-    held = [_held_copies(model, condition) for condition in conditions]
+    held = [_held_copies(model, condition, place) for condition in conditions]
     of_supports = _residual(model, solution, held)
     arrived = exchange.to_owners(of_supports)
     force = np.zeros((size, 3))
@@ -98,8 +98,14 @@ class _Copies:
     weight: Array
 
 
-def _held_copies(model: Model, condition: DisplacementCondition) -> _Copies:
-    """In the order of the exchange of all nodes."""
+def _held_copies(
+    model: Model, condition: DisplacementCondition, place: NDArray[np.int64]
+) -> _Copies:
+    """In the order of the exchange of all nodes (collective).
+
+    A subdomain may meet a held node by an edge or a corner and have none of the facets about it:
+    its copy counts, too.
+    """
     body = model.scene.bodies[condition.body]
     on, weight = [], []
     for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True):
@@ -112,7 +118,10 @@ def _held_copies(model: Model, condition: DisplacementCondition) -> _Copies:
                 share = model.elements[cls].traction(rows, one)[:: model.scene.dimension]
         on.append(mask)
         weight.append(share)
-    return _Copies(np.concatenate(on), np.concatenate(weight))
+    exchange = model.node_exchange
+    some = np.zeros(exchange.last - exchange.first, bool)
+    some[place[exchange.to_owners(np.concatenate(on))]] = True
+    return _Copies(exchange.from_owners(some[place]), np.concatenate(weight))
 
 
 def _residual(model: Model, solution: Solution, held: list[_Copies]) -> Array:

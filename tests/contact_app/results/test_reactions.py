@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
@@ -50,6 +51,26 @@ def test_reactions_contacts_and_loads_are_in_balance(name: str, cell: str, degre
     size = max(np.abs(r["force"]).max() for r in summary["reactions"])
     np.testing.assert_allclose(force, 0.0, atol=1e-6 * size)
     np.testing.assert_allclose(moment, 0.0, atol=1e-6 * size)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_a_subdomain_that_meets_a_support_in_a_corner_has_its_share(cell: str) -> None:
+    """Such a subdomain has a copy of a held node and no facet of the support."""
+    made = scenes.wall(cell, 4)
+    made["contacts"] = []
+    made["conditions"][1]["traction"] = scenes.vector(cell, 3.0, 0.0, 7.0)
+    scene = scenes.build(made, 11)
+    solved = solve_scene(scene)
+    up, body = scene.dimension - 1, scene.bodies[0]
+    without_facet = sum(
+        len(np.setdiff1d(np.flatnonzero(s.points()[:, up] < 1e-9), boundary_nodes(s, body, foot)))
+        for s in solved.model.partition.subdomains
+        for foot in [scenes.down(cell)]
+    )
+    assert without_facet > 0
+    (reaction,) = solved.summary["reactions"]
+    np.testing.assert_allclose(reaction["force"][0], -3.0, rtol=1e-9)
+    np.testing.assert_allclose(reaction["force"][up], -7.0, rtol=1e-9)
 
 
 def column(cell: str) -> Config:
