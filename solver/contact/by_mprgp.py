@@ -39,6 +39,7 @@ def solve_by_mprgp(
     problem, rule, checkpoint = task.problem, task.rule, task.checkpoint
     qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0
     inner, before = replace(task.inner, atol=problem.round_off), Counts()
+    from_zero = False
     restart = checkpoint.load(problem) if checkpoint else None
     warm = start is not None
     if restart is not None:
@@ -48,6 +49,7 @@ def solve_by_mprgp(
         inner = replace(inner, max_iterations=min(inner.max_iterations, steps))
         if start is None:
             start, columns = on_columns(problem)
+            from_zero = columns == 0
     if start is not None and problem.coarse is not None:
         start = start - problem.offset
         problem.coarse.project(start, start)
@@ -67,7 +69,12 @@ def solve_by_mprgp(
             saver(without_outer_iterations(problem.offset + it.x, none, replace(it.counts)))
 
     result = inner.solve(
-        qp, x0=start, monitor=task.monitor, accept=lambda x: certify(x).converged, watch=watch
+        qp,
+        x0=start,
+        monitor=task.monitor,
+        accept=lambda x: certify(x).converged,
+        watch=watch,
+        from_zero=from_zero,
     )
     if answer is None or not answer.converged:
         answer = certify(result.x)

@@ -71,6 +71,7 @@ class MPRGP:
         monitor: Monitor | None = None,
         accept: AcceptIterate | None = None,
         watch: Watch | None = None,
+        from_zero: bool = False,
     ) -> Result:
         """Minimise from x0 (projected into the box; zeros if None).
 
@@ -81,6 +82,9 @@ class MPRGP:
             its directions kept, to a tolerance of `TIGHTEN` times that.
         watch : callable of Iterate
             Sees the iterate after each step, after the monitor.
+        from_zero : bool
+            Whether x0 is zero and feasible. Its gradient is -b, so that no product is spent on it;
+            the paper's counts include one.
 
         Raises
         ------
@@ -91,7 +95,10 @@ class MPRGP:
         it.watch = watch
         it.measure_b()
         self.strategy.prepare(it)
-        it.evaluate()
+        if from_zero:
+            it.begin()
+        else:
+            it.evaluate()
         scale = it.b_norm if it.b_norm > 0.0 else it.reduction.norm(it.g)
         tolerance = max(self.rtol * scale, self.atol)
 

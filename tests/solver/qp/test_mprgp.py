@@ -207,3 +207,10 @@ def test_a_rerun_from_the_solution_needs_one_product():
     qp = membrane(8)
     first = MPRGP().solve(qp)
     assert MPRGP().solve(qp, first.x).counts.hessian == 1
+
+
+def test_a_solve_from_zero_can_do_without_its_first_product():
+    qp = membrane(8)
+    usual, spared = MPRGP().solve(qp), MPRGP().solve(qp, from_zero=True)
+    assert spared.counts.hessian == usual.counts.hessian - 1
+    np.testing.assert_array_equal(spared.x, usual.x)
