@@ -4,7 +4,8 @@ All cases have the meshes, the subdomains, the rows and the factors of one model
 contact row if any of the cases may need it. Later cases begin with the multipliers of the earlier
 case whose loads are nearest, scaled to theirs: with d = B K⁺ f - c, the gaps that the loads of a
 case open without forces of constraints, that is the case k and the factor a ≥ 0 of least
-‖d - a d_k‖.
+‖d - a d_k‖. Where loads are combined of a few, d is a sum of those of earlier cases, and the
+multipliers begin with the same sum.
 """
 
 from __future__ import annotations
@@ -30,6 +31,18 @@ Array = NDArray[np.float64]
 
 FAR = 0.7
 """‖d - a d_k‖ over ‖d‖ above which an earlier case is no better to begin with than nothing."""
+
+NEAR = 1e-6
+"""‖d - Σ a_k d_k‖ over ‖d‖ below which no further case joins."""
+
+GAINED = 0.5
+"""A further case joins where it brings the sum nearer by at least this factor."""
+
+MOST = 4
+"""Cases in a sum."""
+
+LARGEST = 3.0
+"""Factors of cases in a sum of several."""
 
 
 def outlines_of_cases(
@@ -132,17 +145,63 @@ class CaseModels:
 
     def on(self, model: Model) -> Array | None:
         """Multipliers to begin with, (dual,); None where no earlier case is near (collective)."""
-        d = model.problem.d
         alike = [e for e in self._earlier if e.problem.B is model.problem.B]
         if not alike:
             return None
-        own = np.array([e.problem.d for e in alike])
-        sums = np.stack([own @ d, np.einsum("ij,ij->i", own, own), np.full(len(own), d @ d)])
-        products, squares, square = self._comm.allreduce(sums)
-        share = np.divide(products, squares, out=np.zeros(len(own)), where=squares > 0.0)
-        share = np.maximum(share, 0.0)
-        left = square[0] - 2.0 * share * products + share**2 * squares
-        best = int(np.argmin(left))
-        if left[best] > FAR**2 * square[0]:
+        vectors = np.array([e.problem.d for e in alike] + [model.problem.d])
+        shares = nearest_combination(self._comm.allreduce(vectors @ vectors.T))
+        if shares is None:
             return None
-        return np.asarray(share[best] * alike[best].multiplier)
+        return np.asarray(shares @ np.array([e.multiplier for e in alike]))
+
+
+def nearest_combination(products: Array) -> Array | None:
+    """Factors a_k of earlier cases for which Σ a_k d_k is near to the last vector d.
+
+    The nearest earlier case comes first, with a factor a ≥ 0. Others join while each brings the sum
+    nearer: of those that bring it about as near as any, the one nearest to d, for the answer
+    depends on the loads linearly only as long as contact stays as it is.
+
+    Parameters
+    ----------
+    products : (cases + 1, cases + 1)
+        Inner products of the vectors d_1, …, d.
+
+    Returns
+    -------
+    (cases,) or None where no earlier case is near.
+    """
+    inner, own, square = products[:-1, :-1], products[:-1, -1], products[-1, -1]
+    squares = np.diag(inner)
+    share = np.divide(own, squares, out=np.zeros(len(own)), where=squares > 0.0)
+    share = np.maximum(share, 0.0)
+    left = square - 2.0 * share * own + share**2 * squares
+    best = int(np.argmin(left))
+    if left[best] > FAR**2 * square:
+        return None
+    chosen, found, rest = [best], share[[best]], max(float(left[best]), 0.0)
+    apart = square - 2.0 * own + squares
+    while rest > NEAR**2 * square and len(chosen) < min(MOST, len(own)):
+        joined = [_joined(inner, own, square, [*chosen, k]) for k in range(len(own))]
+        after = np.array([one[1] for one in joined])
+        after[chosen] = np.inf
+        if after.min() > GAINED**2 * rest:
+            break
+        alike = after <= max(2.0 * after.min(), NEAR**2 * square)
+        k = int(np.argmin(np.where(alike, apart, np.inf)))
+        chosen, found, rest = [*chosen, k], joined[k][0], float(after[k])
+    result = np.zeros(len(own))
+    result[chosen] = found
+    return result
+
+
+def _joined(inner: Array, own: Array, square: float, some: list[int]) -> tuple[Array, float]:
+    """Least ‖d - Σ a_k d_k‖² over some cases: the factors, and what is left.
+
+    Factors above `LARGEST` lead far away from the cases: infinite.
+    """
+    factors = np.linalg.lstsq(inner[np.ix_(some, some)], own[some], rcond=1e-10)[0]
+    left = square - 2.0 * factors @ own[some] + factors @ inner[np.ix_(some, some)] @ factors
+    if np.abs(factors).max() > LARGEST:
+        return factors, np.inf
+    return factors, max(float(left), 0.0)
