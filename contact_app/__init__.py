@@ -1,19 +1,35 @@
 """Contact mechanics with error certificates: scenes, runs, studies and the command line.
 
-`contact_app.solve` takes a YAML file or a mapping of the same keys and returns the answer.
+`contact_app.solve` takes a YAML file or a mapping of the same keys and returns the answer;
+`contact_app.ContactProblem` solves contact for a dolfinx user's own forms.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
-__all__ = ["Answer", "CaseAnswers", "solve"]
+_MODULES = {
+    "Answer": "contact_app.run.answer",
+    "CaseAnswers": "contact_app.run.answer",
+    "Contact": "contact_app.forms.contacts",
+    "ContactProblem": "contact_app.forms.problem",
+    "Cylinder": "contact_app.scene.obstacles",
+    "Plane": "contact_app.scene.obstacles",
+    "SignedDistance": "contact_app.forms.contacts",
+    "Sphere": "contact_app.scene.obstacles",
+    "solve": "contact_app.run.answer",
+}
+"""Where each name of the interface is defined."""
+
+__all__ = [
+    "Answer", "CaseAnswers", "Contact", "ContactProblem", "Cylinder", "Plane", "SignedDistance",
+    "Sphere", "solve",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     """The interface; dolfinx is imported when it is used, so that other commands start at once."""
-    if name in __all__:
-        from contact_app.run import answer
-
-        return getattr(answer, name)
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

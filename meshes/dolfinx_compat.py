@@ -6,7 +6,7 @@ Everything else in the project calls these functions and knows one dolfinx only.
 from __future__ import annotations
 
 import os
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -159,6 +159,49 @@ def _lagrange(cell: str, degree: int) -> Any:
     )
 
 
+def lagrange_degree(space: Any) -> int | None:
+    """Degree of a continuous Lagrange space, of any number of components; None of other spaces."""
+    element = space.ufl_element()
+    if _MODERN:
+        family = getattr(element, "family_name", "")
+        continuous = family == "P" and not getattr(element.basix_element, "discontinuous", True)
+        return int(element.degree) if continuous else None
+    if element.family() not in ("Lagrange", "P", "CG", "Q"):
+        return None
+    return int(element.degree())
+
+
+def torn_space(space: Any, blocks: NDArray[np.int32], count: int) -> Any:
+    """A space with the element of another one and nodes of its own in each part of the mesh.
+
+    Forms over it are integrated as over the other; a matrix has no entries between parts, and
+    none between ranks. Collective.
+
+    Parameters
+    ----------
+    blocks : (cells of this rank, ghosts among them, nodes a cell)
+        Number of each node of a cell among those of this rank.
+    count
+        Nodes of this rank.
+    """
+    own, comm, size = space._cpp_object, space.mesh.comm, space.dofmap.index_map_bs
+    links = dolfinx.cpp.graph.AdjacencyList_int32(np.ascontiguousarray(blocks, np.int32))
+    numbers = dolfinx.cpp.common.IndexMap(comm, count)
+    dofmap = dolfinx.cpp.fem.DofMap(own.dofmap.dof_layout, numbers, size, links, size)
+    made = getattr(dolfinx.cpp.fem, "FunctionSpace_float64" if _MODERN else "FunctionSpace")
+    torn = made(own.mesh, own.element, dofmap)
+    return fem.FunctionSpace(space.mesh, space.ufl_element(), torn)
+
+
+def set_values(conditions: Sequence[Any], values: NDArray[np.float64]) -> None:
+    """Write the values of Dirichlet conditions into an array of all unknowns, (unknowns,)."""
+    if _MODERN:
+        for condition in conditions:
+            condition.set(values)
+    else:
+        fem.set_bc(values, list(conditions))
+
+
 def compile_form(form: Any) -> Any:
     """Compiled form."""
     with _remembering():
@@ -169,6 +212,11 @@ def meshtags(mesh: Any, dimension: int, entities: NDArray[np.int32], value: int)
     """One value on sorted entities."""
     values = np.full(len(entities), value, dtype=np.int32)
     return dolfinx.mesh.meshtags(mesh, dimension, np.sort(entities).astype(np.int32), values)
+
+
+def tagged(tags: Any) -> NDArray[np.int32]:
+    """Entities of mesh tags."""
+    return np.asarray(tags.indices)
 
 
 def adjacency(links: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -18,8 +18,8 @@ SOLVER = ("errors", "vectors", "openmp", "qp", "backend", "tfeti", "primal", "co
 """Rooms and modules of `solver`, lower ones first; each may import those before it."""
 
 APPLICATION = (
-    "errors", "machine", "scene", "model", "results", "accuracy", "run", "studies", "cli",
-    "__main__",
+    "errors", "machine", "scene", "model", "results", "accuracy", "run", "forms", "studies",
+    "cli", "__main__",
 )  # fmt: skip
 """The same of `contact_app`."""
 

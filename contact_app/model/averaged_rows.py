@@ -18,6 +18,8 @@ multipliers of lower order than the displacement).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,8 @@ from contact_app.scene.conditions import Contact
 from meshes import Partition
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactEntries, ContactRows
+
+GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 def has_averaged_rows(body: Body) -> bool:
@@ -57,20 +61,47 @@ def averaged_rows(
     ConfigurationError
         The obstacle has no normal at a node.
     """
-    d = partition.dimension
+    parts = []
+    for s, rows in zip(partition.subdomains, chosen, strict=True):
+        if len(rows):  # another body's facets may have other nodes
+            facets = s.reference.facets[rows]
+            parts.append((s.nodes[facets], s.points()[facets]))
+    return rows_about_vertices(exchange, partition.dimension, parts, contact.gap_and_normal, source)
+
+
+def rows_about_vertices(
+    exchange: NodeExchange,
+    d: int,
+    facets: Iterable[tuple[NDArray[np.int64], NDArray[np.float64]]],
+    gap_and_normal: GapAndNormal,
+    source: int,
+) -> ContactRows:
+    """Rows about the vertices of facets at the vertices this rank owns (collective).
+
+    Parameters
+    ----------
+    exchange
+        Where copies of nodes meet.
+    d
+        Dimension.
+    facets
+        Facets of this rank: global nodes (facets, nodes a facet), vertices first, and coordinates
+        (facets, nodes a facet, 3).
+    gap_and_normal
+        Of the obstacle at points (n, 3): gaps (n,) and unit normals (n, 3) out of it.
+    source
+        Index of the contact.
+    """
     vertices, nodes = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     weights, points = [np.zeros(0)], [np.zeros((0, 3))]
-    for s, rows in zip(partition.subdomains, chosen, strict=True):
-        if len(rows) == 0:  # another body's facets may have other nodes
-            continue
-        facets, x = s.reference.facets[rows], s.points()
-        integrals = moments(x[facets], d)
+    for numbers, x in facets:
+        integrals = moments(x, d)
         shape = integrals.shape
-        vertices.append(np.broadcast_to(s.nodes[facets[:, : shape[1], None]], shape).ravel())
-        nodes.append(np.broadcast_to(s.nodes[facets[:, None]], shape).ravel())
+        vertices.append(np.broadcast_to(numbers[:, : shape[1], None], shape).ravel())
+        nodes.append(np.broadcast_to(numbers[:, None], shape).ravel())
         weights.append(integrals.ravel())
-        points.append(np.broadcast_to(x[facets[:, None]], (*shape, 3)).reshape(-1, 3))
-    meeting = NodeExchange(partition.comm, np.concatenate(vertices), exchange.total)
+        points.append(np.broadcast_to(x[:, None], (*shape, 3)).reshape(-1, 3))
+    meeting = NodeExchange(exchange.comm, np.concatenate(vertices), exchange.total)
     pair = np.stack([meeting.nodes, meeting.to_owners(np.concatenate(nodes))], axis=1)
     weight = meeting.to_owners(np.concatenate(weights))
     point = meeting.to_owners(np.concatenate(points))
@@ -82,7 +113,7 @@ def averaged_rows(
     count = len(vertex)
     area = np.bincount(row, weight, minlength=count).astype(np.float64)
     mean = weight / area[row]
-    gap, normal = contact.gap_and_normal(point)
+    gap, normal = gap_and_normal(point)
     means = [np.bincount(row, mean * part, minlength=count) for part in (gap, *normal.T)]
     entry, component = np.nonzero(np.abs(normal[:, :d]) > 1e-14)
     located = np.empty((count, 3))

@@ -21,6 +21,7 @@ from contact_app.results.ties import in_order_of_file, tie_records
 from solver.contact.driver import reason_text
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.rows import RowKind
+from solver.tfeti.dual import DualProblem
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,7 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
     """`summary.json`, but for what only fields at all nodes and cells can tell (collective)."""
     problem, scene, comm = model.problem, model.scene, model.comm
     multiplier = solution.multiplier[problem.inequality]
-    classes = comm.allreduce(len(problem.classes))
-    counts, certificate = solution.counts, solution.certificate.as_dict()
+    certificate = solution.certificate.as_dict()
     decides = solution.certificate.deciding(solution.tolerance)
     if decides is not None:
         certificate["decided_by"] = scene.bodies[decides].name
@@ -90,27 +90,8 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
             "nodes": model.partition.nodes,
             "dofs": model.dofs,
         },
-        "decomposition": {
-            "subdomains": model.partition.count,
-            "congruence_classes": classes,
-            "dual": comm.allreduce(problem.size),
-            "gluing": problem.count(RowKind.GLUING),
-            "dirichlet": problem.count(RowKind.DIRICHLET) + problem.count(RowKind.SUPPORT),
-            "contact": problem.count(RowKind.CONTACT),
-            **({"tied": problem.count(RowKind.TIED)} if scene.ties else {}),
-        },
-        "solver": {
-            "method": solution.method,
-            "converged": solution.converged,
-            "tolerance": solution.tolerance,
-            "reason": reason_text(solution),
-            "outer_iterations": counts.outer,
-            "hessian_multiplications": counts.hessian,
-            "cg_steps": counts.cg,
-            "expansion_steps": counts.expansion,
-            "proportioning_steps": counts.proportioning,
-            "norm_estimation_multiplications": counts.norm_estimation,
-        },
+        "decomposition": decomposition_record(problem, model.partition.count),
+        "solver": solver_record(solution),
         "solution": {
             "energy": solution.measures.energy,
             "max_displacement": totals.max_displacement,
@@ -122,4 +103,41 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
         "certificate": certificate,
         "timings": timings.as_dict(),
         "environment": environment(comm),
+    }
+
+
+def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any]:
+    """`decomposition` of a summary: sizes of the dual problem (collective).
+
+    Parameters
+    ----------
+    subdomains
+        On all ranks.
+    """
+    tied = problem.count(RowKind.TIED)
+    return {
+        "subdomains": subdomains,
+        "congruence_classes": problem.comm.allreduce(len(problem.classes)),
+        "dual": problem.comm.allreduce(problem.size),
+        "gluing": problem.count(RowKind.GLUING),
+        "dirichlet": problem.count(RowKind.DIRICHLET) + problem.count(RowKind.SUPPORT),
+        "contact": problem.count(RowKind.CONTACT),
+        **({"tied": tied} if tied else {}),
+    }
+
+
+def solver_record(solution: Solution) -> dict[str, Any]:
+    """`solver` of a summary: method, why it ended, and its work."""
+    counts = solution.counts
+    return {
+        "method": solution.method,
+        "converged": solution.converged,
+        "tolerance": solution.tolerance,
+        "reason": reason_text(solution),
+        "outer_iterations": counts.outer,
+        "hessian_multiplications": counts.hessian,
+        "cg_steps": counts.cg,
+        "expansion_steps": counts.expansion,
+        "proportioning_steps": counts.proportioning,
+        "norm_estimation_multiplications": counts.norm_estimation,
     }

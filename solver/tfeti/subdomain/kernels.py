@@ -62,7 +62,7 @@ def check_kernel(stiffness: sparse.csr_matrix, kernel: NDArray[np.float64]) -> N
     ValueError
         The stiffness resists a rigid motion, so the mesh or the assembly is wrong.
     """
-    resistance = np.abs(stiffness @ kernel).max()
+    resistance = np.abs(stiffness @ kernel).max(initial=0.0)
     scale = np.abs(stiffness.diagonal()).max()
     if not resistance <= 1e-9 * scale:
         raise ValueError(

@@ -1,0 +1,271 @@
+"""Bodies of a mesh, the motions that a form does not resist, and whether something else does.
+
+Of a form whose energy is that of strains, rigid motions have none. Springs, or a term like
+∫ c u·v, resist some of them or all. Which ones is read from the matrix: with R the rigid motions of
+a body and G = RᵀR, the motions R z of no energy are the null vectors of
+
+    RᵀKR z = λ G z.
+
+The form is not asked for motions that are not rigid: a body whose parts hang together at a point or
+a line can turn about it, and the coarse problem is found to be singular.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+from scipy.linalg import block_diag
+from scipy.sparse.csgraph import connected_components
+
+from contact_app.errors import NoEquilibriumError
+from contact_app.forms.parts import Parts
+from contact_app.model.equilibrium import directions_in_words
+from solver.contact.equilibrium import balance, by_body, holds
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import ContactRows, HeldRows
+from solver.tfeti.subdomain.kernels import MOTIONS, orthonormal_kernel, rigid_motions
+
+Array = NDArray[np.float64]
+
+RESISTED = 1e-12
+"""Stiffness against a motion over the largest entry of K, from which on the form resists it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The bodies of a mesh: what hangs together through nodes.
+
+    Attributes
+    ----------
+    of_part : (parts,)
+        Body of each part of this rank.
+    of_node : (owned nodes,)
+        Body of each node this rank owns, as the exchange counts owners.
+    first : (bodies,)
+        Number of the first part of each body, among those of all ranks.
+    sizes : (bodies,)
+        Number of parts of each body.
+    centres, lengths : (bodies, 3), (bodies,)
+        To which rigid motions refer.
+    """
+
+    of_part: NDArray[np.int64]
+    of_node: NDArray[np.int64]
+    first: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    centres: Array
+    lengths: Array
+
+    @property
+    def count(self) -> int:
+        """Bodies of the mesh."""
+        return len(self.first)
+
+    def motions(self, body: int, points: Array, d: int) -> Array:
+        """Rigid motions of a body at points (n, 3), (n, d, motions)."""
+        return rigid_motions(points, d, self.centres[body], float(self.lengths[body]))
+
+
+def bodies_of(parts: Parts, exchange: NodeExchange) -> Bodies:
+    """Find them (collective)."""
+    comm = parts.comm
+    before = comm.exscan(parts.count) or 0
+    total = comm.allreduce(parts.count)
+    part = np.repeat(before + np.arange(parts.count), np.diff(parts.starts))
+    arrived = exchange.to_owners(part)
+    order = np.argsort(exchange.nodes, kind="stable")
+    same = exchange.nodes[order][1:] == exchange.nodes[order][:-1]
+    links = np.stack([arrived[order][:-1][same], arrived[order][1:][same]], axis=1)
+    label = _connected(comm, links, total)
+    count = int(label.max()) + 1
+    of_part = label[before : before + parts.count]
+    of_node = np.zeros(exchange.last - exchange.first, np.int64)
+    of_node[exchange.nodes - exchange.first] = label[arrived]
+    lower, upper = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    for number in range(parts.count):
+        points = parts.points[parts.copies(number)]
+        body = of_part[number]
+        lower[body] = np.minimum(lower[body], points.min(axis=0))
+        upper[body] = np.maximum(upper[body], points.max(axis=0))
+    lower, upper = np.min(comm.allgather(lower), axis=0), np.max(comm.allgather(upper), axis=0)
+    return Bodies(
+        of_part, of_node, np.unique(label, return_index=True)[1], np.bincount(label),
+        0.5 * (lower + upper), (upper - lower).max(axis=1),
+    )  # fmt: skip
+
+
+def groups_of(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDArray[np.int64]:
+    """The group of each body, (bodies,): bodies that rows connect (collective)."""
+    body = _of_entries(bodies, exchange, rows)
+    lowest = np.full(len(rows.nodes), bodies.count)
+    np.minimum.at(lowest, rows.entries.row, body)
+    links = np.stack([lowest[rows.entries.row], body], axis=1)
+    return _connected(exchange.comm, np.unique(links, axis=0), bodies.count)
+
+
+def _connected(comm: MPI.Intracomm, links: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Component of each of some things that all ranks' links (n, 2) connect (collective)."""
+    links = np.concatenate(comm.allgather(np.unique(links, axis=0).reshape(-1, 2)))
+    graph = sparse.coo_matrix((np.ones(len(links)), links.T), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _of_entries(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDArray[np.int64]:
+    """The body of each entry of contact rows, (entries,) (collective)."""
+    query = NodeExchange(exchange.comm, rows.entries.node, exchange.total)
+    return query.from_owners(bodies.of_node[query.nodes - exchange.first])
+
+
+def kernel_of(K: sparse.csr_matrix, points: Array, d: int) -> Array:
+    """Orthonormal rigid motions of a part that its stiffness does not resist, (n, k).
+
+    Raises
+    ------
+    ValueError
+        The energy of a rigid motion is negative.
+    """
+    rigid = orthonormal_kernel(points, d)
+    values, vectors = np.linalg.eigh(rigid.T @ (K @ rigid))
+    round_off = RESISTED * K.diagonal().max()
+    if values[0] < -round_off:
+        raise ValueError("a is not elliptic: the energy of some rigid motion is negative")
+    free = values <= round_off
+    return rigid @ vectors[:, free]
+
+
+def resisted(
+    parts: Parts, bodies: Bodies, stiffness: list[sparse.csr_matrix]
+) -> list[NDArray[np.float64]]:
+    """Motions that the form resists in each body, (resisted, motions) (collective).
+
+    As rows that hold them: orthonormal and perpendicular to those it does not resist.
+    """
+    d, m = parts.dimension, MOTIONS[parts.dimension]
+    grams, scale = np.zeros((2, bodies.count, m, m)), np.zeros(bodies.count)
+    for number, (K, body) in enumerate(zip(stiffness, bodies.of_part, strict=True)):
+        points = parts.points[parts.copies(number)]
+        R = bodies.motions(int(body), points, d).reshape(K.shape[0], m)
+        grams[0, body] += R.T @ (K @ R)
+        grams[1, body] += R.T @ R
+        scale[body] = max(scale[body], K.diagonal().max())
+    grams, scale = parts.comm.allreduce(grams), np.max(parts.comm.allgather(scale), axis=0)
+    rows = []
+    for energy, gram, size in zip(*grams, scale, strict=True):
+        values, vectors = linalg.eigh(energy, gram)
+        free = vectors[:, values <= RESISTED * size]
+        q = np.linalg.qr(np.hstack([free, np.eye(m)]))[0]
+        rows.append(q[:, free.shape[1] :].T)
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Holding:
+    """What holds the bodies.
+
+    Attributes
+    ----------
+    free_motions : one (motions, k) array a body
+        What nothing holds and no load works on.
+    held : (bodies,)
+        Whether conditions and springs stop every rigid motion of a body by itself.
+    without_contact
+        Whether they do so of all bodies.
+    """
+
+    free_motions: list[Array]
+    held: NDArray[np.bool_]
+    without_contact: bool
+
+
+def holding(
+    parts: Parts,
+    bodies: Bodies,
+    exchange: NodeExchange,
+    stiffness: list[sparse.csr_matrix],
+    loads: list[Array],
+    rows: tuple[HeldRows, ContactRows, NDArray[np.int64]],
+) -> Holding:
+    """What holds each body, by rigid motions alone (collective).
+
+    Parameters
+    ----------
+    rows
+        Held nodes and contact rows this rank owns, and the group of each body.
+
+    Raises
+    ------
+    NoEquilibriumError
+        A load drives a body away.
+    """
+    d, m, comm = parts.dimension, MOTIONS[parts.dimension], parts.comm
+    held, contact, groups = rows
+    work, scale = np.zeros((bodies.count, m)), np.zeros(bodies.count)
+    for number, (f, body) in enumerate(zip(loads, bodies.of_part, strict=True)):
+        points = parts.points[parts.copies(number)]
+        work[body] += f @ bodies.motions(int(body), points, d).reshape(len(f), m)
+        scale[body] += np.abs(f).sum()
+    work, scale = comm.allreduce(work), comm.allreduce(scale)
+    springs = resisted(parts, bodies, stiffness)
+    body_of_held = bodies.of_node[held.nodes - exchange.first]
+    seen = _contact_motions(bodies, exchange, contact, d)
+    free: list[Array] = [np.zeros((m, 0))] * bodies.count
+    alone, steady = np.zeros(bodies.count, bool), True
+    for number in np.unique(groups):
+        group = np.flatnonzero(groups == number)
+        holds_body = []
+        for b in group:
+            mine = body_of_held == b
+            motions = bodies.motions(int(b), held.points[mine], d)[held.held[mine]]
+            holds_body.append(np.concatenate([motions, springs[b]]))
+            alone[b] = holds(comm, holds_body[-1])
+        columns = (group[:, None] * m + np.arange(m)).ravel()
+        of_group = seen[:, columns]
+        of_group = of_group[np.diff(of_group.indptr) > 0].toarray()
+        size = float(scale[group].sum())
+        found = balance(comm, block_diag(*holds_body), of_group, work[group].ravel(), size)
+        if found.escape is not None:
+            raise NoEquilibriumError(_leaving(bodies, group, found.escape, d))
+        steady &= found.held
+        for b, motion in zip(group, by_body(found.free_motions, m), strict=True):
+            free[b] = motion
+    return Holding(free, alone, steady)
+
+
+def _contact_motions(
+    bodies: Bodies, exchange: NodeExchange, contact: ContactRows, d: int
+) -> sparse.csr_matrix:
+    """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
+    m, entries = MOTIONS[d], contact.entries
+    body = _of_entries(bodies, exchange, contact)
+    values = np.zeros((len(entries.row), m))
+    for b in np.unique(body):
+        mine = np.flatnonzero(body == b)
+        motions = bodies.motions(int(b), entries.points[mine], d)
+        values[mine] = motions[np.arange(len(mine)), entries.component[mine]]
+    values *= entries.value[:, None]
+    column = body[:, None] * m + np.arange(m)
+    row = np.broadcast_to(entries.row[:, None], column.shape)
+    return sparse.csr_matrix(
+        (values.ravel(), (row.ravel(), column.ravel())),
+        shape=(len(contact.nodes), bodies.count * m),
+    )
+
+
+def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, d: int) -> str:
+    """Which bodies leave and where to, as an error says it."""
+    motions = escape.reshape(len(group), -1)
+    size = np.abs(motions).max(axis=1)
+    said = []
+    for b, motion, s in zip(group, motions, size, strict=True):
+        if s > 1e-6 * size.max():
+            middle = ", ".join(f"{v:.3g}" for v in bodies.centres[b][:d])
+            which = "the body" if bodies.count == 1 else f"the body about ({middle})"
+            said.append(f"{which} from leaving along {directions_in_words(motion[:, None])}")
+    return (
+        f"the problem has no equilibrium: nothing stops {' and '.join(said)} under its loads; add "
+        "a Dirichlet condition, a spring or a contact"
+    )

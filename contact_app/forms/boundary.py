@@ -1,0 +1,78 @@
+"""Tagged facets of a mesh as facets of the parts, with nodes in dolfinx's order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import dolfinx
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.forms.parts import Parts
+from contact_app.model.facets import moments
+from meshes import dolfinx_compat as versions
+from meshes.mortar import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """Facets of this rank on the surface of the bodies.
+
+    Attributes
+    ----------
+    copies : (facets, nodes a facet)
+        Copies of the nodes, vertices first.
+    numbers : (facets, nodes a facet)
+        Nodes, as all ranks number them.
+    points : (facets, nodes a facet, 3)
+    inside : (facets, 3)
+        Middle of the cell behind each facet.
+    """
+
+    copies: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    points: NDArray[np.float64]
+    inside: NDArray[np.float64]
+
+    def shares(self, dimension: int, count: int) -> NDArray[np.float64]:
+        """∫ φ_k over these facets at the copies, (copies,)."""
+        result = np.zeros(count)
+        if len(self.copies):
+            share = moments(self.points, dimension).sum(axis=1)
+            np.add.at(result, self.copies, share)
+        return result
+
+
+def surface_facets(parts: Parts, tags: Any, values: tuple[int, ...]) -> Facets:
+    """The facets with one of some values that lie on the surface (collective)."""
+    mesh = parts.space.mesh
+    d = mesh.topology.dim
+    chosen = np.isin(np.asarray(tags.values), values)
+    entities = versions.tagged(tags)[chosen]
+    mesh.topology.create_connectivity(d - 1, d)
+    mesh.topology.create_connectivity(d, d - 1)
+    outside = np.asarray(dolfinx.mesh.exterior_facet_indices(mesh.topology))
+    entities = np.intersect1d(entities, outside)
+    links, offsets = versions.adjacency(mesh.topology.connectivity(d - 1, d))
+    cell = links[offsets[entities]]
+    mine = cell < len(parts.of_cell)
+    entities, cell = entities[mine], cell[mine]
+    facets, starts = versions.adjacency(mesh.topology.connectivity(d, d - 1))
+    of_cell = facets[starts[cell][:, None] + np.arange(starts[1] if len(starts) > 1 else 0)]
+    place = (of_cell == entities[:, None]).argmax(axis=1)
+    closures = versions.lagrange_nodes(
+        mesh.topology.cell_name(), versions.lagrange_degree(parts.space) or 1
+    )[2]
+    copies = np.take_along_axis(parts.cells[cell], closures[place].astype(np.int64), axis=1)
+    corners = mesh.geometry.x[versions.cell_nodes(mesh)[cell]]
+    return Facets(copies, parts.numbers[copies], parts.points[copies], corners.mean(axis=1))
+
+
+def gathered_surface(parts: Parts, facets: Facets) -> Surface:
+    """The facets of all ranks, oriented (collective)."""
+    mine = (facets.numbers, facets.points, facets.inside)
+    nodes, points, inside = (
+        np.concatenate(of_ranks) for of_ranks in zip(*parts.comm.allgather(mine), strict=True)
+    )
+    return Surface.of(parts.dimension, nodes, points, inside)

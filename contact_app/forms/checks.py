@@ -1,0 +1,224 @@
+"""What is refused before anything is assembled, and the sentences that say why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import ufl
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy import linalg, sparse
+
+from contact_app.errors import ContactError
+from contact_app.forms.contacts import Contact, SignedDistance, values_of
+from contact_app.scene.obstacles import Cylinder, Plane, Sphere
+from meshes import dolfinx_compat as versions
+
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+
+DEGREES = (1, 2)
+
+UNSYMMETRIC = 1e-10
+"""Difference of K and its transpose over the largest entry that is more than round-off."""
+
+LANCZOS = 20
+"""Products with K that the search for a negative energy takes."""
+
+
+@contextmanager
+def together(comm: MPI.Intracomm) -> Iterator[None]:
+    """Raise the error of any rank on all ranks, of the first one (collective)."""
+    fault: Exception | None = None
+    try:
+        yield
+    except (ContactError, ArithmeticError, TypeError, ValueError) as error:
+        fault = error
+    told = None if fault is None else (type(fault), str(fault))
+    found = [said for said in comm.allgather(told) if said is not None]
+    if found:
+        kind, text = found[0]
+        raise kind(text) from fault
+
+
+def check_forms(a: Any, L: Any, bcs: Sequence[Any]) -> Any:
+    """The vector Lagrange space of the forms.
+
+    Raises
+    ------
+    TypeError
+        Something is not what dolfinx's `LinearProblem` takes, or PETSc is complex.
+    ValueError
+        The forms have other arguments, the space is another one, or a condition is on another.
+    """
+    if np.issubdtype(PETSc.ScalarType, np.complexfloating):
+        raise TypeError("contact needs real numbers: this PETSc is built for complex ones")
+    if not isinstance(a, ufl.Form) or not isinstance(L, ufl.Form):
+        raise TypeError("a and L must be forms of ufl (not yet compiled by dolfinx.fem.form)")
+    rank = [len(form.arguments()) for form in (a, L)]
+    if rank != [2, 1]:
+        raise ValueError(
+            f"a must be bilinear and L linear; they have {rank[0]} and {rank[1]} arguments"
+        )
+    space = a.arguments()[0].ufl_function_space()
+    for argument in (*a.arguments(), *L.arguments()):
+        if argument.ufl_function_space() != space:
+            raise ValueError("trial and test functions of a and L must be of one space")
+    _check_space(space)
+    for form, name in ((a, "a"), (L, "L")):
+        kinds = {integral.integral_type() for integral in form.integrals()}
+        if not kinds <= {"cell", "exterior_facet"}:
+            raise ValueError(
+                f"{name} has integrals over {', '.join(sorted(kinds))}; those over cells (dx) and "
+                "facets of the surface (ds) are allowed, since others join cells of several ranks"
+            )
+    for number, condition in enumerate(bcs):
+        if not hasattr(condition, "dof_indices"):
+            raise TypeError(f"bcs[{number}] is no Dirichlet condition of dolfinx.fem.dirichletbc")
+        own = condition.function_space
+        if not space._cpp_object.contains(getattr(own, "_cpp_object", own)):
+            raise ValueError(f"bcs[{number}] is of another space than the forms")
+    return space
+
+
+def _check_space(space: Any) -> None:
+    mesh, degree = space.mesh, versions.lagrange_degree(space)
+    d, components = mesh.geometry.dim, space.dofmap.index_map_bs
+    if degree is None or components == 1 or components != space.dofmap.bs:
+        raise ValueError(
+            f"the forms are over {space.ufl_element()}; contact needs a continuous vector Lagrange "
+            "space of displacements"
+        )
+    cell = mesh.topology.cell_name()
+    if mesh.topology.dim != d or cell not in CELLS:
+        raise ValueError(f"the mesh has cells {cell} in {d}D; contact needs {', '.join(CELLS)}")
+    if components != d:
+        raise ValueError(f"the space has {components} components in {d}D; displacements have {d}")
+    if degree not in DEGREES:
+        raise ValueError(f"the space is of degree {degree}; contact needs degree 1 or 2")
+
+
+def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
+    """Check what the contacts are made of; which facets there are is another matter.
+
+    Raises
+    ------
+    TypeError, ValueError
+    """
+    for number, contact in enumerate(contacts):
+        at = f"contacts[{number}]"
+        if not isinstance(contact, Contact):
+            raise TypeError(f"{at} must be a Contact, not {type(contact).__name__}")
+        tags, d = contact.facet_tags, mesh.topology.dim
+        if not (hasattr(tags, "dim") and hasattr(tags, "values")):
+            raise TypeError(f"{at}.facet_tags must be dolfinx's mesh tags of facets")
+        if tags.dim != d - 1:
+            raise ValueError(f"{at}.facet_tags are of dimension {tags.dim}; facets have {d - 1}")
+        if (contact.obstacle is None) == (contact.against is None):
+            raise ValueError(f"{at} needs an obstacle or `against`, and not both")
+        for tag in (contact.tag, contact.against):
+            if tag is not None and not np.issubdtype(np.asarray(tag).dtype, np.integer):
+                raise TypeError(f"{at}: a value of facet tags is an integer, not {tag!r}")
+        if contact.against is not None:
+            both = set(values_of(contact.tag)) & set(values_of(contact.against))
+            if both:
+                raise ValueError(f"{at}: facets with the tag {min(both)} are on both sides")
+        if not np.isfinite(contact.interference):
+            raise ValueError(f"{at}.interference must be a number")
+        if contact.obstacle is not None:
+            _check_obstacle(contact.obstacle, f"{at}.obstacle", d)
+
+
+def _check_obstacle(obstacle: Any, at: str, d: int) -> None:
+    """Numbers and dimensions of an obstacle."""
+    if isinstance(obstacle, SignedDistance) or callable(obstacle):
+        return
+    if not isinstance(obstacle, Plane | Sphere | Cylinder):
+        raise TypeError(
+            f"{at} must be a Plane, Sphere, Cylinder, SignedDistance or a function of points, not "
+            f"{type(obstacle).__name__}"
+        )
+    if d == 2 and obstacle.not_in_plane:
+        raise ValueError(f"{at}: a {type(obstacle).__name__} {obstacle.not_in_plane}")
+    for name in ("point", "normal", "center", "axis"):
+        if not hasattr(obstacle, name):
+            continue
+        vector = np.asarray(getattr(obstacle, name), np.float64)
+        flat = vector.shape == (3,) and d == 2 and vector[2] == 0.0
+        if not (vector.shape == (d,) or flat) or not np.isfinite(vector).all():
+            raise ValueError(f"{at}.{name} must be {d} numbers, not {getattr(obstacle, name)!r}")
+        if name in obstacle.directions and not vector.any():
+            raise ValueError(f"{at}.{name} is zero; a direction has a length")
+    radius = getattr(obstacle, "radius", 1.0)
+    if not (np.isfinite(radius) and radius > 0.0):
+        raise ValueError(f"{at}.radius must be positive, not {radius!r}")
+
+
+def check_facets(comm: MPI.Intracomm, counts: tuple[int, int], at: str, tags: str) -> None:
+    """Refuse a side of a contact without facets, or with facets inside of the body (collective).
+
+    Parameters
+    ----------
+    counts
+        Tagged facets of this rank, and those of them on the surface.
+    at, tags
+        What the side is called, and its values.
+    """
+    tagged, outside = comm.allreduce(np.array(counts))
+    if outside == 0:
+        found = f"{tagged} facets have it inside of the bodies" if tagged else "no facet has it"
+        raise ValueError(
+            f"{at}: no facet of the surface has the tag {tags} ({found}); contact is on the surface"
+        )
+
+
+def check_matrices(stiffness: Sequence[sparse.csr_matrix]) -> None:
+    """Refuse a form that is not symmetric, or gives some displacement a negative energy."""
+    for K in stiffness:
+        size = np.abs(K.data).max(initial=0.0)
+        if not np.isfinite(size):
+            raise ValueError("a has entries that are not finite; look at its coefficients")
+        off = np.abs((K - K.T).data).max(initial=0.0)
+        if off > UNSYMMETRIC * size:
+            raise ValueError(
+                f"a is not symmetric: a(u, v) and a(v, u) differ by {off / size:.1e} of the "
+                "largest entry of its matrix; contact is solved as a minimum of energy, which "
+                "needs a symmetric form"
+            )
+        if not (K.diagonal() > 0.0).all():
+            raise ValueError(
+                "a is not elliptic: some displacement of a single node has no positive energy; "
+                "look at its sign, and whether it has a part on every cell"
+            )
+        lowest = lowest_ritz_value(K)
+        if lowest < -UNSYMMETRIC * size:
+            raise ValueError(
+                "a is not elliptic: the energy of some displacement is negative "
+                f"(|K| = {size:.1e}, an eigenvalue below {lowest:.1e}); look at its moduli"
+            )
+
+
+def lowest_ritz_value(K: sparse.csr_matrix) -> float:
+    """An upper bound of the smallest eigenvalue of a symmetric matrix, by Lanczos's method.
+
+    A negative one proves that the matrix is indefinite, which a factor of it need not notice. It
+    finds the negative energies of moduli that are wrong, which displacements of all wavelengths
+    have; a single one may escape it.
+    """
+    n = K.shape[0]
+    q, before, beta = np.cos(np.arange(1.0, n + 1.0)), np.zeros(n), 0.0
+    q /= np.linalg.norm(q)
+    diagonal, beside = [], []
+    for _ in range(min(LANCZOS, n)):
+        r = K @ q - beta * before
+        diagonal.append(float(q @ r))
+        r -= diagonal[-1] * q
+        beta = float(np.linalg.norm(r))
+        if beta <= UNSYMMETRIC * abs(diagonal[0]):
+            break
+        beside.append(beta)
+        before, q = q, r / beta
+    values = linalg.eigvalsh_tridiagonal(diagonal, beside[: len(diagonal) - 1])
+    return float(values[0])

@@ -1,0 +1,192 @@
+"""Contacts of tagged facets, with rigid obstacles or with other tagged facets.
+
+An obstacle is a plane, a sphere, a cylinder or the zero set of a function φ that is negative inside
+of it. The condition φ(x + u) ≥ 0, linearised at the undeformed point, is
+
+    φ(x) + ∇φ(x) · u ≥ 0,   so   -n · u ≤ g   with   n = ∇φ / |∇φ|,   g = φ / |∇φ|.
+
+Of a signed distance, |∇φ| = 1, g is the distance itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+from contact_app.scene.obstacles import SHAPES, Cylinder, Obstacle, Plane, Sphere
+
+Array = NDArray[np.float64]
+
+STEP = 1e-5
+"""Step of difference quotients over the size of the mesh: half the digits of a smooth function."""
+
+FLAT = 1e-12
+"""Slope of a distance, over its difference quotients' scale, below which it has no direction."""
+
+
+@dataclass(frozen=True)
+class SignedDistance:
+    """An obstacle of any smooth shape: where a function is negative.
+
+    Attributes
+    ----------
+    distance
+        Points (n, dimension) to values (n,): positive outside, negative inside of the obstacle.
+    gradient
+        Points (n, dimension) to gradients (n, dimension); difference quotients unless given.
+
+    Notes
+    -----
+    The gap is the value over the length of the gradient, the distance to first order.
+    """
+
+    directions: ClassVar[tuple[str, ...]] = ()
+    not_in_plane: ClassVar[str] = ""
+
+    distance: Callable[[Array], Array]
+    gradient: Callable[[Array], Array] | None = None
+
+    def gap_and_normal(self, points: Array, d: int, step: float) -> tuple[Array, Array]:
+        """Gap (n,) and normal (n, 3) at points (n, 3).
+
+        Parameters
+        ----------
+        d
+            Dimension of the points that the functions are given.
+        step
+            Of difference quotients.
+
+        Raises
+        ------
+        ConfigurationError
+            The functions return something else, or a point has no normal.
+        """
+        x = np.ascontiguousarray(points[:, :d])
+        if len(x) == 0:
+            return np.zeros(0), np.zeros((0, 3))
+        value = _called("distance", self.distance, x, (len(x),))
+        if self.gradient is not None:
+            slope = _called("gradient", self.gradient, x, x.shape)
+        else:
+            slope = np.empty_like(x)
+            for axis, e in enumerate(step * np.eye(d)):
+                high = _called("distance", self.distance, x + e, (len(x),))
+                low = _called("distance", self.distance, x - e, (len(x),))
+                slope[:, axis] = (high - low) / (2.0 * step)
+        length = np.linalg.norm(slope, axis=1)
+        flat = ~(length > FLAT)
+        if flat.any():
+            at = ", ".join(f"{v:g}" for v in x[np.argmax(flat)])
+            raise ConfigurationError(
+                f"the signed distance has no gradient at the contact node ({at}), and the obstacle "
+                "no normal there; make the contact boundary smaller"
+            )
+        normal = np.zeros((len(x), 3))
+        normal[:, :d] = slope / length[:, None]
+        return value / length, normal
+
+    def describe(self, dimension: int = 3) -> str:
+        """One sentence part."""
+        return f"signed distance {getattr(self.distance, '__name__', 'function')}"
+
+
+def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tuple) -> Array:
+    """Values of a user's function at points (n, dimension), of a shape."""
+    found = np.asarray(function(x), np.float64)
+    if found.shape != shape:
+        raise ConfigurationError(
+            f"the {name} of a SignedDistance returned an array of shape {found.shape} for points "
+            f"of shape {x.shape}; it must return one of shape {shape}"
+        )
+    if not np.isfinite(found).all():
+        raise ConfigurationError(f"the {name} of a SignedDistance is not finite at a contact node")
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Facets that an obstacle or other facets keep from moving on, without friction.
+
+    Attributes
+    ----------
+    facet_tags
+        dolfinx's mesh tags of facets.
+    tag
+        Value of the facets that may touch, or several values.
+    obstacle
+        `Plane`, `Sphere`, `Cylinder`, `SignedDistance`, or a function that takes points
+        (n, dimension) and returns signed distances (n,).
+    against
+        Instead of an obstacle the value (or values) of the facets on the other side. The pressure
+        lives on `tag`: let that be the side with the finer mesh or the softer body.
+    interference
+        Length along the normal by which the gap is smaller than the geometry has it.
+    name
+        For messages and the summary; ``facets 3`` unless given.
+    """
+
+    facet_tags: Any
+    tag: int | Sequence[int]
+    obstacle: Plane | Sphere | Cylinder | SignedDistance | Callable[[Array], Array] | None = None
+    against: int | Sequence[int] | None = None
+    interference: float = 0.0
+    name: str = ""
+
+    @property
+    def on(self) -> str:
+        """What it is called."""
+        return self.name or f"facets {_listed(self.tag)}"
+
+    @property
+    def other(self) -> str:
+        """What it touches, as the summary calls it."""
+        if self.against is not None:
+            return f"facets {_listed(self.against)}"
+        for kind, shape in SHAPES.items():
+            if isinstance(self.obstacle, shape):
+                return kind
+        return "signed distance"
+
+    def gap_and_normal(self, points: Array, d: int, size: float) -> tuple[Array, Array]:
+        """Gap (n,) and outward normal of the obstacle (n, 3) at points (n, 3).
+
+        Parameters
+        ----------
+        size
+            Of the mesh.
+        """
+        obstacle = self.obstacle
+        if callable(obstacle):
+            obstacle = SignedDistance(obstacle)
+        if isinstance(obstacle, SignedDistance):
+            gap, normal = obstacle.gap_and_normal(points, d, STEP * size)
+        else:
+            assert obstacle is not None
+            gap, normal = in_space(obstacle).gap_and_normal(points)
+        return gap - self.interference, normal
+
+
+def in_space(obstacle: Obstacle) -> Obstacle:
+    """An obstacle whose vectors have three components, from one that may have two."""
+    assert isinstance(obstacle, Plane | Sphere | Cylinder)
+    padded = {}
+    for entry in fields(obstacle):
+        value = getattr(obstacle, entry.name)
+        if np.ndim(value) == 1:
+            vector = tuple(float(v) for v in value)
+            padded[entry.name] = vector + (0.0,) * (3 - len(vector))
+    return replace(obstacle, **padded)  # type: ignore[arg-type]
+
+
+def values_of(tag: int | Sequence[int]) -> tuple[int, ...]:
+    """Values of a tag or of several."""
+    return tuple(int(t) for t in np.atleast_1d(np.asarray(tag)))
+
+
+def _listed(tag: int | Sequence[int]) -> str:
+    return ", ".join(map(str, values_of(tag)))

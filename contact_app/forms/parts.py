@@ -1,0 +1,144 @@
+"""A dolfinx space cut into the parts of a decomposition, and forms assembled on each part.
+
+A part is a set of cells of one rank that hang together through facets, so that a kernel of the
+elasticity form on it consists of rigid motions. Each part has copies of its nodes of its own. A
+form is assembled once over a space whose nodes are these copies (`dolfinx_compat.torn_space`): the
+matrix falls apart into the stiffness matrices of the parts, which no condition has changed, and
+loads are the shares of the parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix, create_matrix
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from meshes import dolfinx_compat as versions
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The cells of this rank in parts, and the copies of nodes that these have.
+
+    Attributes
+    ----------
+    space
+        The vector space whose nodes are copied.
+    torn
+        The space over the copies.
+    of_cell : (cells,)
+        Part of each cell this rank owns.
+    cells : (cells, nodes a cell)
+        Copies of the nodes of each cell, in dolfinx's order.
+    starts : (parts + 1,)
+        First copy of each part, and the number of copies.
+    blocks, numbers : (copies,)
+        Node of each copy in the space, as this rank and as all ranks number it.
+    points : (copies, 3)
+    """
+
+    space: Any
+    torn: Any
+    of_cell: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    points: NDArray[np.float64]
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the mesh."""
+        return self.space.mesh.comm
+
+    @property
+    def dimension(self) -> int:
+        """Components of a node."""
+        return int(self.space.dofmap.index_map_bs)
+
+    @property
+    def count(self) -> int:
+        """Parts of this rank."""
+        return len(self.starts) - 1
+
+    @property
+    def nodes(self) -> int:
+        """Nodes on all ranks."""
+        return int(self.space.dofmap.index_map.size_global)
+
+    def copies(self, part: int) -> slice:
+        """Copies of one part."""
+        return slice(int(self.starts[part]), int(self.starts[part + 1]))
+
+    def unknowns(self, part: int) -> slice:
+        """Unknowns of one part among those of all copies."""
+        d = self.dimension
+        return slice(int(self.starts[part]) * d, int(self.starts[part + 1]) * d)
+
+    def stiffness(self, form: Any) -> list[sparse.csr_matrix]:
+        """K of each part, (n, n) with unknown ``node * dimension + component`` (collective)."""
+        trial, test = ufl.TrialFunction(self.torn), ufl.TestFunction(self.torn)
+        first, second = form.arguments()
+        compiled = versions.compile_form(ufl.replace(form, {first: test, second: trial}))
+        matrix = create_matrix(compiled, "baij")
+        assemble_matrix(matrix, compiled)
+        matrix.assemble()
+        matrix.convert("aij")
+        own = matrix if self.comm.size == 1 else matrix.getDiagonalBlock()
+        pointers, columns, values = own.getValuesCSR()
+        whole = sparse.csr_matrix((values, columns, pointers), shape=own.getSize())
+        matrix.destroy()
+        parts = [self.unknowns(part) for part in range(self.count)]
+        return [whole[part, part].sorted_indices() for part in parts]
+
+    def loads(self, form: Any) -> list[NDArray[np.float64]]:
+        """f of each part, (n,) (collective)."""
+        (test,) = form.arguments()
+        compiled = versions.compile_form(ufl.replace(form, {test: ufl.TestFunction(self.torn)}))
+        whole = fem.assemble_vector(compiled).array
+        return [whole[self.unknowns(part)].copy() for part in range(self.count)]
+
+
+def parts_of(space: Any) -> Parts:
+    """Cut the cells of each rank into parts that hang together through facets (collective)."""
+    mesh, dofmap = space.mesh, space.dofmap
+    every = versions.dof_nodes(space)
+    of_cell = pieces(mesh)
+    owned, ghosts = len(of_cell), len(every) - len(of_cell)
+    count = int(of_cell.max(initial=-1)) + 1
+    here = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
+    # cells of other ranks come last, in a part that no form is integrated over
+    part = np.concatenate([of_cell, np.full(ghosts, count)])
+    key, cells = np.unique(part[:, None] * here + every, return_inverse=True)
+    cells = cells.reshape(every.shape)
+    torn = versions.torn_space(space, cells, len(key))
+    starts = np.searchsorted(key, np.arange(count + 1) * here)
+    blocks = key[: starts[-1]] % here
+    numbers = dofmap.index_map.local_to_global(blocks.astype(np.int32)).astype(np.int64)
+    return Parts(
+        space, torn, of_cell, cells[:owned].astype(np.int64), starts, blocks, numbers,
+        space.tabulate_dof_coordinates()[blocks],
+    )  # fmt: skip
+
+
+def pieces(mesh: Any) -> NDArray[np.int64]:
+    """Number of the piece that hangs together through facets, of each cell this rank owns."""
+    d = mesh.topology.dim
+    mesh.topology.create_connectivity(d, d - 1)
+    owned = mesh.topology.index_map(d).size_local
+    facets, offsets = versions.adjacency(mesh.topology.connectivity(d, d - 1))
+    facets = facets[: offsets[owned]]
+    cells = np.repeat(np.arange(owned), np.diff(offsets[: owned + 1]))
+    shape = (owned, int(facets.max(initial=-1)) + 1)
+    links = sparse.csr_matrix((np.ones(len(cells), np.int8), (cells, facets)), shape=shape)
+    both = sparse.bmat([[None, links], [links.T, None]], format="csr")
+    label = connected_components(both, directed=False)[1][:owned]
+    return np.unique(label, return_inverse=True)[1].reshape(-1).astype(np.int64)

@@ -1,0 +1,213 @@
+"""`ContactProblem`: contact for a dolfinx user's own forms, used like dolfinx's `LinearProblem`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from contact_app.errors import CouldNotRunError
+from contact_app.forms.checks import check_contacts, check_forms
+from contact_app.forms.contacts import Contact
+from contact_app.forms.model import FormModel, build_model
+from contact_app.forms.results import (
+    Owners,
+    contact_at_nodes,
+    contact_records,
+    nearest_gap,
+    summary_of,
+)
+from contact_app.machine.environment import slow_blas_warning
+from contact_app.machine.timings import Timings
+from contact_app.run.fallback import FAILURES, failure_text
+from solver.contact.certificate import Certificate
+from solver.contact.driver import reason_text, solve
+from solver.contact.options import Method, SolverOptions
+from solver.contact.solution import Solution
+from solver.qp.result import Monitor
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """What a solve leaves."""
+
+    solution: Solution
+    pressure: Any
+    gap: Any
+    summary: dict[str, Any]
+
+
+class ContactProblem:
+    """Find u with a(u, v - u) ≥ L(v - u) for all v that no contact forbids.
+
+    That is, the minimum of ½ a(u, u) - L(u) among the displacements that meet the Dirichlet
+    conditions and do not penetrate.
+
+    Parameters
+    ----------
+    a, L
+        ufl forms over one continuous vector Lagrange space of degree 1 or 2: a symmetric elliptic
+        bilinear form and a linear one, with integrals over cells (`ufl.dx`) and facets of the
+        surface (`ufl.ds`). The form is taken as it is: any material, springs, thermal strains.
+    bcs
+        Dirichlet conditions, of the space or of components of it.
+    contacts
+        Frictionless contacts of tagged facets.
+    tolerance
+        The solve ends when penetration, equilibrium, complementarity and duality gap are below
+        it, relative to displacement, load and energy.
+    method
+        ``auto``, or an algorithm by name, as `solver.method` of a scene.
+    max_iterations
+        Of the solver.
+    u
+        The Function for the displacement; made if not given.
+
+    Attributes
+    ----------
+    u
+        The displacement.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A form, a condition or a contact is of no use; the message says why.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        L: Any,
+        bcs: Sequence[Any] = (),
+        contacts: Sequence[Contact] = (),
+        tolerance: float = 1e-6,
+        method: Method = "auto",
+        max_iterations: int = 10_000,
+        u: Any = None,
+    ) -> None:
+        self.a, self.L, self.bcs, self.contacts = a, L, list(bcs), list(contacts)
+        self._space = check_forms(a, L, self.bcs)
+        check_contacts(self.contacts, self._space.mesh)
+        if not 0.0 < tolerance < 1.0:
+            raise ValueError(f"tolerance must lie between 0 and 1, not {tolerance!r}")
+        self.options = SolverOptions(
+            method=method, tolerance=float(tolerance), max_iterations=max_iterations
+        )
+        if u is not None and u.function_space != self._space:
+            raise ValueError("u must be a Function of the space of the forms")
+        self.u = fem.Function(self._space) if u is None else u
+        self._answer: _Answer | None = None
+
+    def solve(self, monitor: Monitor | None = None) -> Any:
+        """Solve and certify (collective); coefficients and conditions are taken as they are now.
+
+        Parameters
+        ----------
+        monitor
+            Called with each step of the solver.
+
+        Returns
+        -------
+        The displacement `u`. Where the tolerance is not reached a `RuntimeWarning` says why, and
+        `converged` is False.
+
+        Raises
+        ------
+        ValueError, ConfigurationError
+            A form or a contact is of no use; the message says why.
+        NoEquilibriumError
+            A body would move away under its loads.
+        CouldNotRunError
+            The solver found no answer; the message says why.
+        """
+        self._answer = None
+        timings = Timings()
+        with timings.measure("setup"):
+            try:
+                model = build_model(
+                    self._space, (self.a, self.L), self.bcs, self.contacts, timings.measure
+                )
+            except FAILURES as error:
+                raise _no_answer(error) from error
+        with timings.measure("solve"):
+            try:
+                solution = solve(model.problem, self.options, monitor)
+            except FAILURES as error:
+                raise _no_answer(error) from error
+        said = [*model.notes, *filter(None, [slow_blas_warning()])]
+        solution = replace(
+            solution, certificate=replace(solution.certificate, warnings=tuple(said))
+        )
+        self._answer = self._evaluated(model, solution, timings)
+        if not solution.converged and model.parts.comm.rank == 0:
+            warnings.warn(f"not certified: {reason_text(solution)}", RuntimeWarning, stacklevel=2)
+        return self.u
+
+    def _evaluated(self, model: FormModel, solution: Solution, timings: Timings) -> _Answer:
+        """Fields and summary (collective)."""
+        parts, d = model.parts, model.parts.dimension
+        with timings.measure("output"):
+            owners = Owners(parts, model.exchange)
+            copies = [np.zeros((0, d)), *(u.reshape(-1, d) for u in solution.displacements)]
+            displacement = owners.mean(np.concatenate(copies))
+            self.u.x.array[:] = owners.on_space(displacement).ravel()
+            found = [
+                contact_at_nodes(model, solution, owners, i) for i in range(len(model.contacts))
+            ]
+            pressure = np.max([np.zeros(owners.count), *(c.pressure for c in found)], axis=0)
+            gap = nearest_gap(found, owners.count)
+            scalars, of_space = self._space.sub(0).collapse()
+            nodes = np.asarray(of_space) // d
+
+            def function(values: NDArray[np.float64], name: str) -> Any:
+                result = fem.Function(scalars, name=name)
+                result.x.array[:] = owners.on_space(values)[nodes]
+                return result
+
+            fields = function(pressure, "contact_pressure"), function(gap, "gap")
+            records = contact_records(model, owners, found)
+        summary = summary_of(model, solution, displacement, records, timings)
+        return _Answer(solution, *fields, summary)
+
+    @property
+    def _solved(self) -> _Answer:
+        if self._answer is None:
+            raise RuntimeError("there is no answer yet: call solve() first")
+        return self._answer
+
+    @property
+    def certificate(self) -> Certificate:
+        """How far the answer may be off; `certificate.passed` says whether it is certified."""
+        return self._solved.solution.certificate
+
+    @property
+    def converged(self) -> bool:
+        """Whether every number of the certificate is below the tolerance."""
+        return self._solved.solution.converged
+
+    @property
+    def contact_pressure(self) -> Any:
+        """Function of the pressure on the side of `tag`, 0 away from contact."""
+        return self._solved.pressure
+
+    @property
+    def gap(self) -> Any:
+        """Function of the distance left at contact nodes, NaN at others."""
+        return self._solved.gap
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What `summary.json` has of a scene: mesh, solver, solution, contacts, certificate."""
+        return self._solved.summary
+
+
+def _no_answer(error: Exception) -> CouldNotRunError:
+    return CouldNotRunError(
+        f"the solver found no answer: {failure_text(error)} The form must be elliptic, with no "
+        "motions of zero energy but rigid ones, and bodies must hang together through facets"
+    )

@@ -1,0 +1,254 @@
+"""From an answer at the parts to fields at the nodes of the mesh, resultants and a summary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.forms.boundary import Facets
+from contact_app.forms.model import FormModel, largest
+from contact_app.forms.parts import Parts
+from contact_app.forms.rows import in_the_mean
+from contact_app.machine.environment import environment
+from contact_app.machine.timings import Timings
+from contact_app.model.facets import between_vertices
+from contact_app.results.alternation import LINES, Lines, alternation
+from contact_app.run.summary import decomposition_record, solver_record
+from meshes.mortar import VERTICES
+from solver.contact.solution import Solution
+from solver.tfeti.constraints.exchange import NodeExchange
+
+Array = NDArray[np.float64]
+
+
+class Owners:
+    """Values at copies of nodes and at their owners; all methods are collective."""
+
+    def __init__(self, parts: Parts, exchange: NodeExchange) -> None:
+        self._exchange = exchange
+        self.count = exchange.last - exchange.first
+        self._at = exchange.nodes - exchange.first
+        dofmap = parts.space.dofmap
+        here = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
+        numbers = dofmap.index_map.local_to_global(np.arange(here, dtype=np.int32))
+        self._space = NodeExchange(exchange.comm, numbers.astype(np.int64), exchange.total)
+        self.points = np.zeros((self.count, 3))
+        self.points[self._at] = exchange.to_owners(parts.points)
+
+    def sums(self, copies: Array) -> Array:
+        """Values (copies, …) summed over the copies of a node, (owned, …)."""
+        arrived = self._exchange.to_owners(copies)
+        result = np.zeros((self.count, *copies.shape[1:]))
+        np.add.at(result, self._at, arrived)
+        return result
+
+    def copies(self, owned: Array) -> Array:
+        """Values (owned, …) at the copies."""
+        return self._exchange.from_owners(owned[self._at])
+
+    def mean(self, copies: Array, among: NDArray[np.bool_] | None = None) -> Array:
+        """Mean over the copies of a node, or over some of them; zero where there is none."""
+        among = np.ones(len(copies), bool) if among is None else among
+        shape = (-1, *(1,) * (copies.ndim - 1))
+        count = self.sums(among.astype(float)).reshape(shape)
+        total = self.sums(np.where(among.reshape(shape), copies, 0.0))
+        return np.divide(total, count, out=np.zeros(total.shape), where=count > 0.0)
+
+    def on_space(self, owned: Array) -> Array:
+        """Values (owned, …) at the nodes of the space that this rank knows, ghosts among them."""
+        return self._space.from_owners(owned[self._space.nodes - self._exchange.first])
+
+
+@dataclass(frozen=True, eq=False)
+class ContactAtNodes:
+    """One contact at the nodes this rank owns; zero away from it.
+
+    Attributes
+    ----------
+    pressure, gap : (owned,)
+        The gap is NaN where there is no row.
+    shares : (owned,)
+        ∫ φ_k over the boundary.
+    carriers, closed : (owned,)
+        Nodes where the contact law is kept, and those of them with a contact force.
+    areas : (owned,)
+        On which the force of a closed node acts.
+    forces, moments : (owned, 3)
+        Force on the side of `tag`, and its moment about the node.
+    """
+
+    pressure: Array
+    gap: Array
+    shares: Array
+    carriers: NDArray[np.bool_]
+    closed: NDArray[np.bool_]
+    areas: Array
+    forces: Array
+    moments: Array
+
+
+def contact_at_nodes(
+    model: FormModel, solution: Solution, owners: Owners, number: int
+) -> ContactAtNodes:
+    """Pressure, gap and forces of one contact (collective)."""
+    problem, rows, d = model.problem, model.problem.contact, model.parts.dimension
+    facets, count = model.facets[number], len(model.parts.points)
+    shares = owners.sums(facets.shares(d, count))
+    mine = rows.sources == number
+    at = rows.nodes[mine] - model.exchange.first
+    force = (solution.multiplier[problem.inequality] * rows.spread)[mine]
+    jump = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
+    area = np.where(np.isnan(rows.areas[mine]), shares[at], rows.areas[mine])
+
+    def at_owned(values: Array, empty: float = 0.0) -> Array:
+        result = np.full((owners.count, *values.shape[1:]), empty)
+        result[at] = values
+        return result
+
+    closed = force > 0.0
+    pressure = at_owned(np.divide(force, area, out=np.zeros(len(force)), where=area > 0.0))
+    gap = np.full(owners.count, np.nan)
+    np.fmin.at(gap, at, (-jump / rows.spread)[mine])
+    at_nodes = model.contacts[number].against is None and not in_the_mean(model.parts)
+    if facets.copies.shape[1] != VERTICES[d, facets.copies.shape[1]]:
+        if at_nodes:
+            pressure = _without_alternation(model, facets, owners, pressure, shares)
+        else:
+            pressure = _to_middles(facets, owners, pressure, count)
+            gap = _to_middles(facets, owners, gap, count)
+    vectors, moments = np.zeros((len(force), 3)), force[:, None] * rows.moments[mine]
+    vectors[:, :d] = force[:, None] * rows.normals[mine]
+    carriers = shares > 0.0 if at_nodes else at_owned(np.ones(len(force))) > 0.0
+    return ContactAtNodes(
+        pressure, gap, shares, carriers,
+        at_owned(closed.astype(float)) > 0.0, at_owned(np.where(closed, area, 0.0)),
+        at_owned(vectors), at_owned(moments),
+    )  # fmt: skip
+
+
+def _to_middles(facets: Facets, owners: Owners, values: Array, count: int) -> Array:
+    """Values (owned,) at vertices, continued to the middles of facets (collective)."""
+    copies = owners.copies(values)
+    on = np.zeros(count, bool)
+    on[facets.copies.ravel()] = True
+    if len(facets.copies):
+        between_vertices(facets.copies, copies)
+    found = owners.mean(np.where(on, copies, 0.0), on)
+    some = owners.sums(on.astype(float)) > 0.0
+    return np.where(some, found, values)
+
+
+def _without_alternation(
+    model: FormModel, facets: Facets, owners: Owners, pressure: Array, shares: Array
+) -> Array:
+    """A pressure at all nodes of degree 2 without what alternates in it (collective)."""
+    own = [facets.copies] if facets.copies.shape[1] in LINES and len(facets.copies) else []
+    lines = Lines.of(own, model.parts.points)
+    q = owners.copies(pressure)
+    off = owners.mean(alternation(lines, q, lambda v: owners.copies(owners.sums(v))))
+    found = np.maximum(pressure - off, 0.0)
+    force, left = model.parts.comm.allreduce(np.stack([pressure, found]) @ shares)
+    return found * (force / left if left > 0.0 else 1.0)
+
+
+def contact_records(
+    model: FormModel, owners: Owners, found: list[ContactAtNodes]
+) -> list[dict[str, Any]]:
+    """The list `contacts` of the summary (collective)."""
+    records = []
+    for contact, nodes in zip(model.contacts, found, strict=True):
+        x = owners.points
+        sums = np.concatenate([
+            [nodes.shares.sum(), nodes.areas.sum(), (nodes.carriers & ~nodes.closed).sum(),
+             (nodes.carriers & nodes.closed).sum()],
+            nodes.shares @ x, nodes.forces.sum(axis=0),
+            (np.cross(x, nodes.forces) + nodes.moments).sum(axis=0),
+        ])  # fmt: skip
+        share, area, left, closed, *rest = model.parts.comm.allreduce(sums)
+        weighted, force, moment = np.array(rest).reshape(3, 3)
+        point = weighted / share
+        moment = moment - np.cross(point, force)
+        records.append({
+            "on": contact.on, "with": contact.other,
+            "force": force.tolist(),
+            "moment": float(moment[2]) if model.parts.dimension == 2 else moment.tolist(),
+            "point": point.tolist(), "area": float(area),
+            "max_pressure": largest(model.parts.comm, nodes.pressure),
+            "nodes": {"open": int(left), "stick": 0, "slip": int(closed)},
+        })  # fmt: skip
+    return records
+
+
+def reactions(model: FormModel, solution: Solution, owners: Owners) -> Array:
+    """Force of the conditions on each node, (owned, d), zero where nothing is held (collective).
+
+    The residual K u - f of a node is the force of conditions and contacts on it; of contact rows
+    only the part in components that are held is there beside a condition.
+    """
+    d, problem = model.parts.dimension, model.problem
+    residual = [
+        (cls.stiffness @ u - f).reshape(-1, d)
+        for cls, u, f in zip(problem.classes, solution.displacements, problem.forces, strict=True)
+    ]
+    force = owners.sums(np.concatenate([np.zeros((0, d)), *residual]))
+    rows, held = problem.contact, problem.contact.held
+    of_rows = solution.multiplier[problem.inequality] * rows.spread
+    query = NodeExchange(model.parts.comm, held.node, model.exchange.total)
+    at = query.to_owners(held.component)
+    pushed = query.to_owners(of_rows[held.row] * held.value)
+    np.add.at(force, (query.nodes - model.exchange.first, at), pushed)
+    return force
+
+
+def summary_of(
+    model: FormModel,
+    solution: Solution,
+    displacement: Array,
+    contacts: list[dict[str, Any]],
+    timings: Timings,
+) -> dict[str, Any]:
+    """What `summary.json` has of a scene, as far as forms have it (collective).
+
+    Parameters
+    ----------
+    displacement : (owned, dimension)
+    """
+    comm, parts = model.parts.comm, model.parts
+    magnitude = np.linalg.norm(displacement, axis=1)
+    mesh = parts.space.mesh
+    multiplier = solution.multiplier[model.problem.inequality]
+    certificate = solution.certificate.as_dict()
+    forces = [c["force"] for c, own in zip(contacts, model.contacts, strict=True)
+              if own.against is None]  # fmt: skip
+    return {
+        "mesh": {
+            "cells": int(mesh.topology.index_map(mesh.topology.dim).size_global),
+            "nodes": parts.nodes,
+            "dofs": parts.nodes * parts.dimension,
+        },
+        "decomposition": decomposition_record(model.problem, comm.allreduce(parts.count)),
+        "solver": solver_record(solution),
+        "solution": {
+            "energy": solution.measures.energy,
+            "max_displacement": largest(comm, magnitude),
+            "mean_displacement": comm.allreduce(float(magnitude.sum())) / parts.nodes,
+            "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
+            "contact_force": np.sum([np.zeros(3), *forces], axis=0).tolist(),
+            "max_contact_pressure": max((c["max_pressure"] for c in contacts), default=0.0),
+        },
+        "contacts": contacts,
+        "certificate": certificate,
+        "timings": timings.as_dict(),
+        "environment": environment(comm),
+    }
+
+
+def nearest_gap(found: list[ContactAtNodes], count: int) -> Array:
+    """The smallest gap over the contacts of a node, (owned,); NaN where there is none."""
+    gap = np.full(count, np.nan)
+    for nodes in found:
+        gap = np.fmin(gap, nodes.gap)
+    return gap

@@ -1,0 +1,184 @@
+"""Held nodes and contact rows of Dirichlet conditions and contacts of forms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.errors import NoEquilibriumError
+from contact_app.forms.boundary import Facets, gathered_surface, surface_facets
+from contact_app.forms.checks import check_facets, together
+from contact_app.forms.contacts import Contact, values_of
+from contact_app.forms.parts import Parts
+from contact_app.model.averaged_rows import rows_about_vertices
+from contact_app.model.pairs import owned_rows
+from meshes import dolfinx_compat as versions
+from meshes.mortar import SurfacesApartError, mean_gaps
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import (
+    ContactRows,
+    ContradictionError,
+    HeldRows,
+    NodeConditions,
+    cut_held,
+    drop_parallel,
+    merge_contact,
+    merge_held,
+)
+
+Array = NDArray[np.float64]
+
+
+def tagged_facets(parts: Parts, contact: Contact, number: int) -> Facets:
+    """The facets of `tag`; refuses a side without any (collective)."""
+    return side_of(parts, contact, contact.tag, f"contacts[{number}]")
+
+
+def side_of(parts: Parts, contact: Contact, tag: Any, at: str) -> Facets:
+    """The facets of one side of a contact (collective)."""
+    values = values_of(tag)
+    found = surface_facets(parts, contact.facet_tags, values)
+    tagged = int(np.isin(np.asarray(contact.facet_tags.values), values).sum())
+    check_facets(parts.comm, (tagged, len(found.copies)), at, ", ".join(map(str, values)))
+    return found
+
+
+def rows_of(
+    parts: Parts,
+    exchange: NodeExchange,
+    bcs: Sequence[Any],
+    contacts: Sequence[Contact],
+    facets: Sequence[Facets],
+) -> tuple[HeldRows, ContactRows, ContactRows]:
+    """Held nodes, contact rows, and rows that are redundant beside these (collective).
+
+    Raises
+    ------
+    ValueError, ConfigurationError
+        A contact is of no use.
+    NoEquilibriumError
+        Conditions exclude each other.
+    """
+    size = _size(parts)
+    at_nodes, means = [_no_contact(parts.dimension)], []
+    for i, (contact, own) in enumerate(zip(contacts, facets, strict=True)):
+        if contact.against is not None:
+            means.append(_mortar_rows(parts, exchange, contact, own, i))
+        elif in_the_mean(parts):
+            means.append(_mean_rows(parts, exchange, (contact, own), i, size))
+        else:
+            at_nodes.append(_node_rows(parts, contact, own, i, size))
+    joined = [np.concatenate(values) for values in zip(*at_nodes, strict=True)]
+    conditions = NodeConditions(*_held(parts, bcs), *joined)
+    try:
+        held = merge_held(exchange, conditions)
+        rows, merged = merge_contact(exchange, conditions, held, size)
+        if means:
+            cut = [cut_held(exchange, mean, held, size) for mean in means]
+            rows, redundant = drop_parallel(exchange, ContactRows.join([rows, *cut]), size)
+            merged = ContactRows.join([merged, redundant])
+    except ContradictionError as error:
+        raise _contradiction(contacts, error) from error
+    return held, rows, merged
+
+
+def _size(parts: Parts) -> float:
+    """Longest side of the box about the mesh (collective)."""
+    lower = parts.points.min(axis=0, initial=np.inf)
+    upper = parts.points.max(axis=0, initial=-np.inf)
+    sides = np.max(parts.comm.allgather(upper), axis=0) - np.min(
+        parts.comm.allgather(lower), axis=0
+    )
+    return float(sides.max())
+
+
+_AtNodes = tuple[NDArray[np.int64], Array, Array, Array, NDArray[np.int64]]
+"""What `NodeConditions` has of contacts."""
+
+
+def _no_contact(d: int) -> _AtNodes:
+    none = np.zeros(0, np.int64)
+    return none, np.zeros((0, 3)), np.zeros((0, d)), np.zeros(0), none
+
+
+def _node_rows(parts: Parts, contact: Contact, own: Facets, number: int, size: float) -> _AtNodes:
+    """A row at each node of a contact with an obstacle (collective)."""
+    copies, first = np.unique(own.copies, return_index=True)
+    points = own.points.reshape(-1, 3)[first]
+    with together(parts.comm):
+        gap, normal = contact.gap_and_normal(points, parts.dimension, size)
+    source = np.full(len(copies), number)
+    return parts.numbers[copies], points, -normal[:, : parts.dimension], gap, source
+
+
+def _mean_rows(
+    parts: Parts, exchange: NodeExchange, contact: tuple[Contact, Facets], number: int, size: float
+) -> ContactRows:
+    """Rows about the vertices of a contact with an obstacle (collective)."""
+    touching, own = contact
+    pieces = [(own.numbers, own.points)] if len(own.copies) else []
+
+    def gap_and_normal(points: Array) -> tuple[Array, Array]:
+        return touching.gap_and_normal(points, parts.dimension, size)
+
+    with together(parts.comm):
+        return rows_about_vertices(exchange, parts.dimension, pieces, gap_and_normal, number)
+
+
+def in_the_mean(parts: Parts) -> bool:
+    """Whether contact with obstacles is kept in the mean about vertices, not at nodes."""
+    tetrahedra = parts.space.mesh.topology.cell_name() == "tetrahedron"
+    return tetrahedra and versions.lagrange_degree(parts.space) == 2
+
+
+def _mortar_rows(
+    parts: Parts, exchange: NodeExchange, contact: Contact, own: Facets, number: int
+) -> ContactRows:
+    """Mortar rows of a pair (collective)."""
+    at = f"contacts[{number}]"
+    other = side_of(parts, contact, contact.against, f"{at}.against")
+    try:
+        found = mean_gaps(gathered_surface(parts, own), gathered_surface(parts, other))
+    except SurfacesApartError as error:
+        raise ValueError(f"{at}: {error}") from error
+    found = replace(found, gaps=found.gaps - contact.interference)
+    return owned_rows(exchange, found, number)
+
+
+def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Array, NDArray]:
+    """Held nodes as `NodeConditions` takes them; the last of several values, as in dolfinx."""
+    d, dofmap = parts.dimension, parts.space.dofmap
+    size = d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
+    value, mask = np.zeros(size), np.zeros(size, bool)
+    for condition in bcs:
+        mask[np.asarray(condition.dof_indices()[0])] = True
+    versions.set_values(bcs, value)
+    mask, value = mask.reshape(-1, d)[parts.blocks], value.reshape(-1, d)[parts.blocks]
+    some = np.flatnonzero(mask.any(axis=1))
+    return (
+        parts.numbers[some], parts.points[some], mask[some],
+        np.where(mask[some], value[some], 0.0), np.zeros(len(some), np.int64),
+    )  # fmt: skip
+
+
+def _contradiction(contacts: Sequence[Contact], error: ContradictionError) -> Exception:
+    """Which conditions exclude each other."""
+    if error.kind == "held twice":
+        return ValueError(
+            f"ranks hold one node at displacements {abs(error.amount):.6g} apart; the value of a "
+            "Dirichlet condition must be the same on all of them (scatter_forward)"
+        )
+    first = contacts[error.first].on
+    if error.kind == "squeezed":
+        return NoEquilibriumError(
+            f"the contacts of {first} and {contacts[error.second].on} leave a node no room: they "
+            f"overlap by {error.amount:.6g} in the direction in which it can move"
+        )
+    return NoEquilibriumError(
+        f"the Dirichlet conditions push held nodes of {first} into what they touch, by up to "
+        f"{error.amount:.6g}: no displacement satisfies both"
+    )

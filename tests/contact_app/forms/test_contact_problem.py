@@ -1,0 +1,144 @@
+"""Contact for forms of a user's own, beside scenes and an independent solution."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+import contact_app
+from contact_app import Contact, ContactProblem, Plane
+from tests import form_problems as problems
+from tests.ranks import python
+
+
+def nodes_of(u: fem.Function) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and values at nodes."""
+    d = u.function_space.dofmap.index_map_bs
+    return u.function_space.tabulate_dof_coordinates(), u.x.array.reshape(-1, d)
+
+
+def in_order(points: np.ndarray) -> np.ndarray:
+    return np.lexsort(np.round(points, 9).T)
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree"),
+    [("hexahedron", 1), ("hexahedron", 2), ("tetrahedron", 1), ("tetrahedron", 2),
+     ("quadrilateral", 1), ("triangle", 2)],
+)  # fmt: skip
+def test_a_form_and_a_scene_have_one_answer(cell: str, degree: int) -> None:
+    d = 2 if cell in ("quadrilateral", "triangle") else 3
+    mesh = problems.box(cell, (4, 3, 2)[:d], (1.0, 0.8, 0.6)[:d], MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, degree)
+    tags = problems.facet_tags(
+        mesh, {1: problems.right, 2: lambda x: np.isclose(x[1], 0.8)}
+    )  # fmt: skip
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    rule = degree if cell in ("triangle", "tetrahedron") else 2 * degree
+    dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": rule})
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+    a = ufl.inner(problems.isotropic(u, 200.0, 0.3), problems.strain(v)) * dx
+    push = np.array([0.0, -5.0, 0.0][:d])
+    L = ufl.inner(fem.Constant(mesh, push), v) * ds(2)
+    wall = Plane(point=(1.001, 0, 0)[:d], normal=(-1, -0.005, 0)[:d])
+    problem = ContactProblem(
+        a, L, [problems.held(V, problems.bottom)], [Contact(tags, 1, wall)], tolerance=1e-11
+    )
+    uh = problem.solve()
+    scene = contact_app.solve({
+        "dimension": d,
+        "bodies": [{
+            "name": "body", "degree": degree, "material": {"young": 200.0, "poisson": 0.3},
+            "mesh": {"box": {"lower": [0] * d, "upper": [1.0, 0.8, 0.6][:d],
+                             "cells": [4, 3, 2][:d], "cell": cell}},
+        }],
+        "conditions": [{"on": "body.y-", "displacement": [0] * d},
+                       {"on": "body.y+", "traction": push.tolist()}],
+        "contacts": [{"on": "body.x+", "obstacle": {"plane": {
+            "point": [1.001, 0, 0][:d], "normal": [-1, -0.005, 0][:d]}}}],
+        "solver": {"tolerance": 1e-11},
+    })  # fmt: skip
+    assert problem.converged
+    assert scene.converged
+    for key in ("energy", "max_displacement", "mean_displacement", "max_contact_pressure"):
+        found, wanted = (s["solution"][key] for s in (problem.summary, scene.summary))
+        assert found == pytest.approx(wanted, rel=1e-9), key
+    assert problem.summary["solution"]["active_contacts"] > 0
+    one, other = problem.summary["contacts"][0], scene.summary["contacts"][0]
+    assert one["nodes"] == other["nodes"]
+    for key in ("force", "moment", "point", "area"):
+        assert one[key] == pytest.approx(other[key], rel=1e-8, abs=1e-8), key
+    x, values = nodes_of(uh)
+    mine, theirs = in_order(x), in_order(scene.points)
+    assert x[mine] == pytest.approx(scene.points[theirs], abs=1e-12)
+    scale = np.abs(values).max()
+    assert values[mine] == pytest.approx(scene.displacement[theirs], abs=1e-9 * scale)
+    pressure, gap = (f.x.array for f in (problem.contact_pressure, problem.gap))
+    at = problem.gap.function_space.tabulate_dof_coordinates()
+    mine = in_order(at)
+    assert pressure[mine] == pytest.approx(
+        scene.contact_pressure[theirs], abs=1e-7 * pressure.max()
+    )
+    assert gap[mine] == pytest.approx(scene.gap[theirs], abs=1e-9, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "kind"),
+    [("hexahedron", 1, "orthotropic"), ("tetrahedron", 1, "springs"), ("triangle", 1, "heat"),
+     ("quadrilateral", 2, "orthotropic"), ("hexahedron", 1, "sphere"),
+     ("tetrahedron", 1, "prescribed")],
+)  # fmt: skip
+def test_any_elliptic_form_has_the_answer_of_the_undecomposed_reference(
+    cell: str, degree: int, kind: str
+) -> None:
+    forms = problems.block(cell, degree, MPI.COMM_SELF, kind)
+    problem = forms.problem()
+    uh = problem.solve()
+    u, energy = problems.solved_alone(forms)
+    assert problem.certificate.passed
+    assert problem.summary["solution"]["active_contacts"] > 0
+    assert problem.summary["solution"]["energy"] == pytest.approx(energy, rel=1e-8)
+    assert nodes_of(uh)[1] == pytest.approx(u, abs=1e-7 * np.abs(u).max())
+
+
+def test_a_ball_is_a_sphere_or_a_signed_distance() -> None:
+    one, other = (
+        problems.block("tetrahedron", 2, kind=kind).problem() for kind in ("sphere", "distance")
+    )
+    u, w = one.solve(), other.solve()
+    assert one.summary["solution"]["active_contacts"] > 0
+    assert w.x.array == pytest.approx(u.x.array, abs=1e-8 * np.abs(u.x.array).max())
+    assert other.summary["contacts"][0]["with"] == "signed distance"
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("triangle", 2)])
+def test_tagged_facets_press_on_each_other(cell: str, degree: int) -> None:
+    problem = problems.two_blocks(cell, degree).problem()
+    problem.solve()
+    d = 3 if cell == "hexahedron" else 2
+    pushed = 0.05 * (0.7 * 0.6 if d == 3 else 0.7)
+    force = problem.summary["contacts"][0]["force"]
+    assert force[d - 1] == pytest.approx(pushed, rel=1e-8)
+    assert problem.certificate.passed
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", problems.PROBLEMS)
+def test_the_answer_is_the_same_on_1_2_and_3_ranks(name: str) -> None:
+    answers = []
+    for ranks in (1, 2, 3):
+        ended = python("-m", "tests.form_problems", name, ranks=ranks, limit=300.0)
+        assert ended.returncode == 0, ended.stderr
+        answers.append(json.loads(ended.stdout.splitlines()[-1]))
+    first = answers[0]
+    assert first["passed"]
+    for other in answers[1:]:
+        assert other["passed"]
+        assert other["nodes"] == first["nodes"]
+        for key in ("sums", "energy", "force", "area"):
+            assert other[key] == pytest.approx(first[key], rel=2e-7, abs=1e-9), key

@@ -1,0 +1,48 @@
+"""The examples of the guide for forms of dolfinx run and say what theory says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.ranks import ROOT, python
+
+GUIDE = ROOT / "docs" / "guide"
+
+
+def said(name: str, *arguments: str, ranks: int = 1) -> dict[str, list[float]]:
+    """Numbers of each line that an example prints."""
+    ended = python(str(GUIDE / name), *arguments, ranks=ranks, limit=300.0)
+    assert ended.returncode == 0, ended.stderr
+    lines = dict(line.split(": ", 1) for line in ended.stdout.splitlines() if ": " in line)
+    assert lines["certified"] == "True"
+    return {name: [float(n) for n in re.findall(r"-?\d+\.\d+", text)]
+            for name, text in lines.items()}  # fmt: skip
+
+
+@pytest.mark.mpi
+def test_hertz_in_forms() -> None:
+    found = said("hertz_with_forms.py")
+    force, given = found["force on a quarter"]
+    assert force == pytest.approx(given, rel=1e-6)
+    peak, hertz = found["largest pressure"]
+    assert peak == pytest.approx(hertz, rel=0.03)
+    radius, hertz = found["contact radius"]
+    assert radius == pytest.approx(hertz, rel=0.15)
+    assert len((GUIDE / "hertz_with_forms.py").read_text(encoding="utf-8").splitlines()) <= 50
+    assert said("hertz_with_forms.py", ranks=2) == found
+
+
+def test_orthotropic_block() -> None:
+    found = said("orthotropic_block.py")
+    along, across = found["half length of the contact"]
+    assert across > 1.5 * along
+    assert found["force"][0] > 0.0
+
+
+def test_the_notebook_plots(tmp_path: Path) -> None:
+    picture = tmp_path / "layers.png"
+    assert said("contact_of_layers.py", str(picture))["force per thickness"][0] > 0.0
+    assert picture.stat().st_size > 10_000

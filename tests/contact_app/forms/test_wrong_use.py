@@ -1,0 +1,214 @@
+"""What `ContactProblem` refuses, and what it says; what has no equilibrium, and what is held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from contact_app import Contact, ContactProblem, Cylinder, Plane, SignedDistance, Sphere
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from tests import form_problems as problems
+
+FLOOR = Plane(point=(0, 0), normal=(0, 1))
+
+
+@pytest.fixture(scope="module")
+def square() -> Any:
+    return problems.box("triangle", (3, 3), (1.0, 1.0), MPI.COMM_WORLD)
+
+
+@pytest.fixture(scope="module")
+def tags(square: Any) -> Any:
+    return problems.facet_tags(square, {1: problems.bottom, 2: problems.left})
+
+
+class Square:
+    """A space on the square with the forms of an elastic body."""
+
+    def __init__(self, space: Any) -> None:
+        self.space = space
+        self.u, self.v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        self.a = ufl.inner(problems.strain(self.u), problems.strain(self.v)) * ufl.dx
+        self.L = self.load(0.0, -1.0)
+
+    def load(self, *force: float) -> Any:
+        return ufl.inner(fem.Constant(self.space.mesh, np.array(force)), self.v) * ufl.dx
+
+
+@pytest.fixture(scope="module")
+def body(square: Any) -> Square:
+    return Square(problems.vector_space(square, 1))
+
+
+WRONG_FORMS: dict[str, tuple[Callable[[Square], tuple], type, str]] = {
+    "compiled": (lambda b: (fem.form(b.a), b.L), TypeError, "not yet compiled"),
+    "swapped": (lambda b: (b.L, b.a), ValueError, "have 1 and 2 arguments"),
+    "scalar": (lambda b: scalar_forms(b), ValueError, "continuous vector Lagrange"),
+    "discontinuous": (
+        lambda b: forms_over(problems.vector_space(b.space.mesh, 1, "DG")), ValueError,
+        "continuous vector Lagrange",
+    ),
+    "cubic": (
+        lambda b: forms_over(problems.vector_space(b.space.mesh, 3)), ValueError, "degree 3"
+    ),
+    "other space": (
+        lambda b: (b.a, Square(problems.vector_space(b.space.mesh, 2)).L), ValueError, "one space"
+    ),
+    "interior facets": (
+        lambda b: (b.a + ufl.inner(ufl.jump(b.u), ufl.jump(b.v)) * ufl.dS, b.L), ValueError,
+        "interior_facet",
+    ),
+}  # fmt: skip
+
+
+def scalar_forms(body: Square) -> tuple:
+    space = problems.scalar_space(body.space.mesh, 1)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    return ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, v * ufl.dx
+
+
+def forms_over(space: Any) -> tuple:
+    other = Square(space)
+    return other.a, other.L
+
+
+@pytest.mark.parametrize("name", WRONG_FORMS)
+def test_forms_that_are_refused(name: str, body: Square) -> None:
+    make, kind, text = WRONG_FORMS[name]
+    with pytest.raises(kind, match=text):
+        ContactProblem(*make(body))
+
+
+def test_forms_that_are_found_out_when_assembled(body: Square) -> None:
+    u, v = body.u, body.v
+    skew = u[0].dx(0) * v[1] * ufl.dx
+    for a, text in (
+        (body.a + skew, "not symmetric"),
+        (-body.a, "not elliptic: some displacement"),
+        (body.a - ufl.inner(u, v) * ufl.dx, "not elliptic: the energy of some rigid motion"),
+        (body.a - 0.8 * ufl.div(u) * ufl.div(v) * ufl.dx, "not elliptic: the energy of some disp"),
+        (fem.Constant(body.space.mesh, np.nan) * body.a, "not finite"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            ContactProblem(a, body.L).solve()
+
+
+def test_conditions_that_are_refused(body: Square) -> None:
+    other = problems.held(problems.vector_space(body.space.mesh, 2), problems.left)
+    with pytest.raises(ValueError, match=r"bcs\[0\] is of another space"):
+        ContactProblem(body.a, body.L, [other])
+    with pytest.raises(TypeError, match=r"bcs\[0\] is no Dirichlet"):
+        ContactProblem(body.a, body.L, [3])
+
+
+def contacts_of(tags: Any) -> dict[str, tuple[Any, type, str]]:
+    cells = dolfinx.mesh.meshtags(
+        tags_mesh(tags), 2, np.array([0], np.int32), np.array([1], np.int32)
+    )
+    return {
+        "no contact": (FLOOR, TypeError, "must be a Contact"),
+        "no tags": (Contact(None, 1, FLOOR), TypeError, "mesh tags of facets"),
+        "cell tags": (Contact(cells, 1, FLOOR), ValueError, "of dimension 2"),
+        "nothing": (Contact(tags, 1), ValueError, "obstacle or `against`"),
+        "both": (Contact(tags, 1, FLOOR, against=2), ValueError, "not both"),
+        "itself": (Contact(tags, 1, against=1), ValueError, "on both sides"),
+        "word": (Contact(tags, "floor", FLOOR), TypeError, "integer"),
+        "number": (Contact(tags, 1, 3.0), TypeError, "Plane, Sphere"),
+        "bar": (Contact(tags, 1, Cylinder((0, 0), (0, 1), 1)), ValueError, "needs 3D"),
+        "in space": (Contact(tags, 1, Plane((0, 0, 1), (0, 1, 0))), ValueError, "point must be 2"),
+        "no normal": (Contact(tags, 1, Plane((0, 0), (0, 0))), ValueError, "normal is zero"),
+        "radius": (Contact(tags, 1, Sphere((0, 0), -1.0)), ValueError, "radius must be positive"),
+        "gap": (Contact(tags, 1, FLOOR, interference=np.nan), ValueError, "interference"),
+    }
+
+
+def tags_mesh(tags: Any) -> Any:
+    return problems.box("triangle", (3, 3), (1.0, 1.0), MPI.COMM_WORLD)
+
+
+def test_contacts_that_are_refused(body: Square, tags: Any) -> None:
+    for name, (contact, kind, text) in contacts_of(tags).items():
+        with pytest.raises(kind, match=text):
+            ContactProblem(body.a, body.L, contacts=[contact])
+            pytest.fail(name)
+
+
+def test_facets_that_are_not_there(body: Square, tags: Any) -> None:
+    with pytest.raises(ValueError, match=r"contacts\[0\]: .* tag 7 \(no facet has it\)"):
+        ContactProblem(body.a, body.L, contacts=[Contact(tags, 7, FLOOR)]).solve()
+    with pytest.raises(ValueError, match=r"contacts\[0\].against: .* tag 8"):
+        ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, against=8)]).solve()
+    mesh = body.space.mesh
+    inside = dolfinx.mesh.locate_entities(
+        mesh, 1, lambda x: np.isclose(x[0], 1 / 3)
+    )  # fmt: skip
+    within = dolfinx.mesh.meshtags(mesh, 1, np.sort(inside), np.full(len(inside), 5, np.int32))
+    with pytest.raises(ValueError, match="3 facets have it inside of the bodies"):
+        ContactProblem(body.a, body.L, contacts=[Contact(within, 5, FLOOR)]).solve()
+
+
+def test_distances_that_are_of_no_use(body: Square, tags: Any) -> None:
+    for distance, text in (
+        (lambda x: x, "returned an array of shape"),
+        (lambda x: 0.0 * x[:, 0], "no gradient"),
+        (lambda x: np.log(x[:, 1] - 1.0), "not finite"),
+    ):
+        with np.errstate(invalid="ignore"), pytest.raises(ConfigurationError, match=text):
+            ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, distance)]).solve()
+    wrong = SignedDistance(lambda x: x[:, 1], lambda x: x[:, 1])
+    with pytest.raises(ConfigurationError, match="the gradient"):
+        ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, wrong)]).solve()
+
+
+def test_a_body_that_leaves_is_refused(body: Square, tags: Any) -> None:
+    floor = Contact(tags, 1, FLOOR)
+    with pytest.raises(NoEquilibriumError, match=r"leaving along \+y"):
+        ContactProblem(body.a, body.load(0.0, 1.0), contacts=[floor]).solve()
+    with pytest.raises(NoEquilibriumError, match=r"leaving along \+x"):
+        ContactProblem(body.a, body.load(1.0, -1.0), contacts=[floor]).solve()
+    springs = 1e-3 * body.u[0] * body.v[0] * ufl.dx
+    problem = ContactProblem(body.a + springs, body.load(1.0, -1.0), contacts=[floor])
+    problem.solve()
+    assert problem.certificate.passed
+    assert problem.summary["contacts"][0]["force"] == pytest.approx([0, 1, 0], abs=1e-6)
+
+
+def test_motions_that_no_load_works_on_are_held(body: Square, tags: Any) -> None:
+    problem = ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, FLOOR)], tolerance=1e-9)
+    uh = problem.solve()
+    assert problem.certificate.passed
+    assert "can move freely" in problem.certificate.warnings[0]
+    x, u = body.space.tabulate_dof_coordinates(), uh.x.array.reshape(-1, 2)
+    bottom = np.isclose(x[:, 1], 0.0)
+    assert u[bottom, 1] == pytest.approx(0.0, abs=1e-9)
+    assert problem.summary["contacts"][0]["force"] == pytest.approx([0, 1, 0], abs=1e-8)
+
+
+def test_conditions_that_exclude_each_other(body: Square, tags: Any) -> None:
+    above = Contact(tags, 1, Plane(point=(0, 0.1), normal=(0, 1)), name="floor")
+    with pytest.raises(NoEquilibriumError, match="push held nodes of floor .* by up to 0.1"):
+        ContactProblem(
+            body.a, body.L, [problems.held(body.space, problems.bottom)], [above]
+        ).solve()
+
+
+def test_an_answer_is_there_after_solving(body: Square, tags: Any) -> None:
+    problem = ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, FLOOR)])
+    with pytest.raises(RuntimeError, match="call solve"):
+        _ = problem.certificate
+    with pytest.raises(ValueError, match="tolerance"):
+        ContactProblem(body.a, body.L, tolerance=0.0)
+
+
+def test_an_answer_that_is_not_certified_is_said() -> None:
+    problem = problems.block("hexahedron", 1).problem(tolerance=1e-9, max_iterations=1)
+    with pytest.warns(RuntimeWarning, match="not certified"):
+        problem.solve()
+    assert not problem.converged
