@@ -16,7 +16,7 @@ from mpi4py import MPI
 from contact_app import Contact, ContactProblem
 
 mpl.use("Agg")  # in a notebook leave this out
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 corners = [np.array([0.0, 0.0]), np.array([4.0, 1.0])]
 body = mesh.create_rectangle(MPI.COMM_SELF, corners, [80, 20], mesh.CellType.triangle)
