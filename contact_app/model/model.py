@@ -23,6 +23,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.assembly import Element
 from contact_app.model.candidates import Needed
 from contact_app.model.equilibrium import directions_in_words, group_numbers, upward
+from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.outline import Outline, Tell, outline
 from contact_app.model.probes import Probe
 from contact_app.model.sections import SectionPiece
@@ -37,6 +38,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, HeldRows, write_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
+from solver.tfeti.system import NodePlaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +179,7 @@ def model_of_outline(
     scene: Scene, known: Outline, timings: Timings, options: TotalFetiOptions | None = None
 ) -> Model:
     """Assemble, write the constraints, factor (collective)."""
-    comm = known.partition.comm
+    comm, options = known.partition.comm, options or feti_options(scene)
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, balances, eliminated = known.held, known.balances, known.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
@@ -237,7 +239,9 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
                 f"{body.name} can move freely along {freely} and no load works on that motion: it "
                 "is held where it is"
             )
-    if not eliminated.all():
+    if is_undecomposed(scene):
+        notes.append("undecomposed bodies: conjugate gradients with algebraic multigrid")
+    elif not eliminated.all():
         floating = int((~eliminated).sum())
         notes.append(
             f"Total FETI: {partition.count} subdomains, {floating} of {len(eliminated)} bodies "
@@ -299,6 +303,17 @@ def _assembled(
         lifting=lift,
         eliminated=None if lifted is None else lifted[0],
         bodies=np.array([partition.subdomains[local].body for local in members], np.int64),
+        places=_places(partition, members),
+    )
+
+
+def _places(partition: Partition, members: list[int]) -> NodePlaces:
+    """Nodes of the subdomains of a class."""
+    own = [partition.subdomains[local] for local in members]
+    return NodePlaces(
+        numbers=np.stack([s.nodes for s in own]).astype(np.int64),
+        translations=np.stack([s.translation for s in own]),
+        points=own[0].reference.points,
     )
 
 

@@ -32,6 +32,7 @@ from contact_app.model.decomposition import choose_split
 from contact_app.model.equilibrium import body_balances, groups_in_contact
 from contact_app.model.heat import free_strains, node_temperatures, thermal_loads
 from contact_app.model.loads import load_vectors
+from contact_app.model.method import subdomains_of
 from contact_app.model.probes import Probe, locate_probes
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
@@ -65,7 +66,7 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     try:
         shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
         choose = partial(choose_split, alone=len(shapes) == 1)
-        return decompose(shapes, scene.decomposition.subdomains, comm, choose)
+        return decompose(shapes, subdomains_of(scene, comm), comm, choose)
     except ValueError as error:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
 

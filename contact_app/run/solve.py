@@ -18,6 +18,7 @@ from contact_app.errors import ConfigurationError, CouldNotRunError
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed, more_needed
+from contact_app.model.method import is_undecomposed
 from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Tell
 from contact_app.results.fields import cell_fields, node_fields
@@ -149,8 +150,10 @@ def _certified_if_possible(asked: _Request) -> SolvedScene:
     CouldNotRunError
         No way left an answer.
     """
+    if is_undecomposed(asked.scene):
+        return _undecomposed_if_possible(asked)
     scene, comm = asked.scene, asked.comm
-    first, count, spent = None, None, Counts()
+    first, count, spent = None, None, asked.spent
     try:
         first = _solved(asked)
         if is_final(first.model, first.solution, scene.solver.max_iterations):
@@ -176,6 +179,25 @@ def _certified_if_possible(asked: _Request) -> SolvedScene:
         again = _solved(replace(asked, scene=fewer, checkpoint=None, spent=spent))
     except NoAnswerError as error:
         raise _no_answer(scene, str(error)) from None
+    return _warned(again, text)
+
+
+def _undecomposed_if_possible(asked: _Request) -> SolvedScene:
+    """Solve without cutting bodies, by Total FETI where that ends uncertified."""
+    scene, spent = asked.scene, asked.spent
+    try:
+        first = _solved(asked)
+        if is_final(first.model, first.solution, scene.solver.max_iterations):
+            return first
+        why, spent = reason_text(first.solution), first.solution.counts
+        del first
+    except NoAnswerError as error:
+        why = str(error)
+    text = f"multigrid left no certified answer ({why}){cause(scene)}: solved by Total FETI instead"
+    if asked.comm.rank == 0:
+        log.info("%s", text)
+    dual = replace(scene, solver=replace(scene.solver, method="auto"))
+    again = _certified_if_possible(replace(asked, scene=dual, checkpoint=None, spent=spent))
     return _warned(again, text)
 
 
@@ -281,7 +303,8 @@ def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tu
         raise ConfigurationError(str(error)) from error
     except FAILURES as error:
         why = failure_text(error)
-    if model.partition.count <= max(len(scene.bodies), model.comm.size):
+    fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
+    if fewest and not is_undecomposed(scene):
         direct = solve_directly(model, solution, asked.monitor)
         if direct is not None and (solution is None or direct.converged):
             return direct, (

@@ -329,12 +329,13 @@ class Split(Model):
 class Solver(Model):
     """How far and by what to solve."""
 
-    method: Literal["auto", "active-set", "smalbe"] = Field(
+    method: Literal["auto", "active-set", "smalbe", "primal"] = Field(
         "auto",
         description="auto: primal-dual active sets, with SMALBE-M where they do not settle. "
         "active-set: the same without SMALBE-M. smalbe: the algorithm of Kružík et al. (2020), "
         "MPRGP with the named expansion inside SMALBE-M; it is meant where an expansion is named "
-        "without a method. Where the method ends without a certificate, the scene is solved again "
+        "without a method. primal: active sets on the undecomposed bodies, conjugate gradients "
+        "with algebraic multigrid on each set. Where the method ends without a certificate, the scene is solved again "
         "in as few subdomains as possible and then by Newton's method; a warning says so.",
     )
     tolerance: Annotated[

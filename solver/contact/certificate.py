@@ -43,7 +43,7 @@ from solver.contact.sizes import (
     largest_displacements,
     round_off,
 )
-from solver.tfeti.bodies import body_lengths, largest, sizes
+from solver.tfeti.bodies import Bodies, body_lengths, largest, sizes
 from solver.tfeti.dual import DualProblem
 
 NUMBERS = (
@@ -190,6 +190,7 @@ def certify(
     displacements: list[NDArray[np.float64]],
     tolerance: float,
     relaxations: int = 0,
+    unsolved: NDArray[np.float64] | None = None,
 ) -> tuple[Certificate, Measures]:
     """Compute the certificate of an answer.
 
@@ -204,6 +205,10 @@ def certify(
     relaxations
         Steps that sharpen the gap: û's inside follows its interface, or where there are Schur
         complements does so at once, and the interface moves where nothing holds it.
+    unsolved : (bodies,)
+        What an iterative solver left of K u = f - Bᵀ λ: the squared error in energy norm of the
+        group of each body. The gap takes that equation for granted, so its root is added to the
+        root of the gap.
     """
     comm, bodies = problem.comm, problem.bodies
     contact = problem.inequality
@@ -218,6 +223,7 @@ def certify(
     force = np.where(contact, multiplier * problem.spread, 0.0)
     forces = forces_on_bodies(problem, multiplier, force, state.reactions)
     gaps = group_gaps(problem, multiplier, interface, relaxations)
+    bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
     work = float(comm.allreduce(multiplier @ residual))
     idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))
     roundings = (np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2
@@ -228,7 +234,7 @@ def certify(
         strains=state.strains,
         roundings=roundings,
         scales=energy_scales(problem, state.strains, roundings, forces, rounded),
-        gaps=gaps,
+        gaps=bounds,
         energy=float(state.energy + work + gaps.sum()),
         groups=bodies.groups,
     )
@@ -246,6 +252,14 @@ def certify(
         "duality_gap": _relative_gaps(problem, measures),
     }
     return _certificate(found, rounded / load).judged(tolerance), measures
+
+
+def _with_unsolved(
+    bodies: Bodies, gaps: NDArray[np.float64], unsolved: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """½ (√(2 gap) + e)² of each group, e the energy norm of what was not solved."""
+    error = np.sqrt(bodies.by_group(unsolved))
+    return np.asarray(0.5 * (np.sqrt(2.0 * np.maximum(gaps, 0.0)) + error) ** 2)
 
 
 def _certificate(

@@ -294,10 +294,7 @@ def _next_name(previous: list[Path]) -> str:
 
 def _description(problem: DualProblem) -> dict[str, float]:
     """Numbers that tell one dual problem from another, the same on any number of ranks."""
-    squares = problem.comm.allreduce(
-        np.array(
-            [problem.size, problem.c @ problem.c, problem.d @ problem.d, problem.e @ problem.e]
-        )
-    )
+    c, d, e = problem.c, problem.effect_of_loads, problem.e
+    squares = problem.comm.allreduce(np.array([problem.size, c @ c, d @ d, e @ e]))
     kinds = {kind.name.lower(): float(problem.count(kind)) for kind in RowKind}
     return {**kinds, **dict(zip(("rows", "c", "d", "e"), map(float, squares), strict=True))}

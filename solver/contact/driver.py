@@ -12,6 +12,9 @@ from where it stands.
 `active-set` does the same without SMALBE-M behind it. `smalbe` is the algorithm of Kružík et al.
 (2020) and nothing else: SMALBE-M with the paper's rules around MPRGP with the named expansion, from
 zero, without a preconditioner.
+
+`primal` solves for the displacements of undecomposed bodies (`solver.primal`), also by active sets.
+Its problems are made without factors, which is how the driver knows them.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from solver.contact.active_set import ActiveSetOptions
 from solver.contact.answers import answer_of_iterate, answer_of_state
 from solver.contact.by_active_sets import solve_from_first_set
 from solver.contact.by_mprgp import solve_by_mprgp
+from solver.contact.by_primal import solve_by_multigrid
 from solver.contact.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
 from solver.contact.monitoring import with_bounds
@@ -110,6 +114,9 @@ def solve(
 def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> Solution:
     """The answer of a method (collective)."""
     problem, checkpoint = task.problem, task.checkpoint
+    if not problem.factored:
+        restart = checkpoint.load(problem) if checkpoint else None
+        return solve_by_multigrid(task, start, restart)
     if method == "smalbe":
         if problem.coarse is not None:
             return solve_as_in_the_paper(task)

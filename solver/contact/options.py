@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Method = Literal["auto", "active-set", "smalbe"]
-"""Which algorithm solves the dual problem (`solver.contact.driver`)."""
+Method = Literal["auto", "active-set", "smalbe", "primal"]
+"""Which algorithm solves the problem (`solver.contact.driver`)."""
 
 
 @dataclass(frozen=True)

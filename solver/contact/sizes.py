@@ -160,18 +160,6 @@ def forces_on_bodies(
     return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
 
 
-def strains_at_unknowns(problem: DualProblem) -> NDArray[np.float64]:
-    """a(u, u) of what loads do at each free unknown alone, Σ f_i² / K_ii (collective).
-
-    Of each body, (bodies,).
-    """
-    sums = []
-    for cls, force in zip(problem.classes, problem.forces, strict=True):
-        flexible = 1.0 / cls.stiffness.diagonal()[cls.free]
-        sums.append(np.einsum("im,im,i->m", force[cls.free], force[cls.free], flexible))
-    return np.asarray(problem.comm.allreduce(problem.bodies.sum_members(sums)))
-
-
 def energy_scales(
     problem: DualProblem,
     strains: NDArray[np.float64],
@@ -200,7 +188,7 @@ def energy_scales(
     bodies, groups = problem.bodies, problem.bodies.groups
     load = forces.max(axis=0)
     whole = bodies.sum_by_group(strains)[groups]
-    floor = STRAINLESS * roundings + UNSTRAINED * strains_at_unknowns(problem)
+    floor = STRAINLESS * roundings + UNSTRAINED * problem.strains_at_unknowns()
     still = whole <= bodies.sum_by_group(floor)[groups]
     if still.any():
         free = bodies.sum_by_group(problem.free_strains)[groups]

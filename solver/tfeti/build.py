@@ -19,8 +19,8 @@ from solver.tfeti.constraints.rows import ContactRows, RowKind, Rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.row_order import order_rows
-from solver.tfeti.subdomain.classes import SubdomainClass, subdomain_class
-from solver.tfeti.system import Constraints, ContactSystem, loads_on
+from solver.tfeti.subdomain.classes import SubdomainClass, subdomain_class, unfactored_class
+from solver.tfeti.system import Constraints, ContactSystem, NodePlaces, loads_on
 
 Measure = Callable[[], AbstractContextManager[None]]
 """Measures the time that factors take."""
@@ -48,6 +48,8 @@ class CongruentSubdomains:
         The body of each member.
     kernel : (n, k) or None
         Basis of the kernel of K; the rigid motions of the points unless given.
+    places
+        The nodes of the members, for methods that solve for the displacements.
     """
 
     stiffness: sparse.csr_matrix
@@ -59,6 +61,7 @@ class CongruentSubdomains:
     eliminated: NDArray[np.int64] | None
     bodies: NDArray[np.int64]
     kernel: NDArray[np.float64] | None = None
+    places: NodePlaces | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +120,9 @@ def build_system(
         constraints.supports.copies, constraints.supports.values, strict=True
     ):
         touched[copies] |= values != 0.0
-    classes = _factored(comm, d, subdomains, touched, measure)
+    factored = options is None or options.factored
+    make = _factored if factored else _unfactored
+    classes = make(comm, d, subdomains, touched, measure)
     columns, size = _number_columns(comm, d, subdomains, classes, len(touched))
     kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
     ordered = order_rows(exchange, rows, constraints.supports, columns, size, kernels)
@@ -141,7 +146,10 @@ def build_system(
         ordered.B, ordered.kinds, wide, coarse, constraints.held_without_contact,
         ordered.held_unknowns,
     )  # fmt: skip
-    return ContactSystem(comm, d, tuple(classes), matrix, contact, loads, bodies, tied)
+    places = () if factored else tuple(s.places for s in subdomains if s.places is not None)
+    return ContactSystem(
+        comm, d, tuple(classes), matrix, contact, loads, bodies, tied, places, exchange.total
+    )
 
 
 def _factored(
@@ -175,6 +183,31 @@ def _factored(
                 )  # fmt: skip
             except (ArithmeticError, ValueError) as error:  # of this rank: the others go on
                 failed = failed or f"{error}"
+    for text in filter(None, comm.allgather(failed)):
+        raise ArithmeticError(text)
+    return classes
+
+
+def _unfactored(
+    comm: MPI.Intracomm,
+    d: int,
+    subdomains: Sequence[CongruentSubdomains],
+    touched: NDArray[np.bool_],
+    measure: Measure,
+) -> list[SubdomainClass]:
+    """The same without factors (collective); parameters of `_factored`."""
+    classes, failed = [], ""
+    for own in subdomains:
+        node, component = np.nonzero(touched[own.copies].any(axis=0))
+        try:
+            classes.append(
+                unfactored_class(
+                    own.stiffness, own.points, d, own.nodes[node] * d + component,
+                    len(own.bodies), own.eliminated,
+                )
+            )  # fmt: skip
+        except ValueError as error:  # of this rank: the others go on
+            failed = failed or f"{error}"
     for text in filter(None, comm.allgather(failed)):
         raise ArithmeticError(text)
     return classes

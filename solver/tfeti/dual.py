@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.tfeti.bodies import Bodies, body_lengths
+from solver.tfeti.bodies import Bodies, body_lengths, largest
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, local_rows, petsc_rows
 from solver.tfeti.constraints.rows import ContactRows, RowKind
@@ -103,7 +103,8 @@ class DualProblem:
 
         Parameters are those of `ContactSystem.with_loads`.
         """
-        return DualProblem(self.system.with_loads(forces, lifting, c), Known(operator=self.F))
+        known = Known(operator=self.F) if self.factored else Known()
+        return DualProblem(self.system.with_loads(forces, lifting, c), known)
 
     def with_constraint_forces(self, multiplier: NDArray[np.float64]) -> DualProblem:
         """The problem in which -Bᵀ λ of a given multiplier (dual,) acts as a load."""
@@ -185,6 +186,11 @@ class DualProblem:
     def e(self) -> NDArray[np.float64]:
         """Work of the loads on the kernels, (kernels,)."""
         return self.system.loads.e
+
+    @property
+    def factored(self) -> bool:
+        """Whether there is a dual operator; without one only the displacements can be solved for."""
+        return not self.system.places
 
     @cached_property
     def F(self) -> DualOperator:
@@ -299,12 +305,22 @@ class DualProblem:
 
     @cached_property
     def free_lengths(self) -> NDArray[np.float64]:
-        """Largest K⁺ f on the interface of each body, (bodies,) (collective when first asked)."""
+        """Largest K⁺ f on the interface of each body, (bodies,) (collective when first asked).
+
+        Without factors, of what the loads do at each unknown alone.
+        """
+        if not self.factored:
+            return self._lengths_at_unknowns()
         return self.bodies.largest_on_interface(self.comm, self.free_displacements)
 
     @cached_property
     def free_strains(self) -> NDArray[np.float64]:
-        """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective when first asked)."""
+        """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective when first asked).
+
+        Without factors, of what the loads do at each unknown alone.
+        """
+        if not self.factored:
+            return self.strains_at_unknowns()
         works = list(self._free[1])
         for number, (cls, load, lift) in enumerate(
             zip(self.classes, self.forces, self.lifting, strict=True)
@@ -312,6 +328,25 @@ class DualProblem:
             if lift.any():
                 works[number] = np.einsum("ij,ij->j", load, cls.solve(load.copy(order="F")))
         return np.asarray(self.comm.allreduce(self.bodies.sum_members(works)))
+
+    def strains_at_unknowns(self) -> NDArray[np.float64]:
+        """a(u, u) of what loads do at each free unknown alone, Σ f_i² / K_ii (collective).
+
+        Of each body, (bodies,).
+        """
+        sums = []
+        for cls, force in zip(self.classes, self.forces, strict=True):
+            flexible = 1.0 / cls.stiffness.diagonal()[cls.free]
+            sums.append(np.einsum("im,im,i->m", force[cls.free], force[cls.free], flexible))
+        return np.asarray(self.comm.allreduce(self.bodies.sum_members(sums)))
+
+    def _lengths_at_unknowns(self) -> NDArray[np.float64]:
+        """Largest f_i / K_ii of each body, (bodies,) (collective)."""
+        result = np.zeros(self.bodies.count)
+        for cls, load, body in zip(self.classes, self.loads, self.bodies.members, strict=True):
+            moved = np.abs(load[cls.free] / cls.stiffness.diagonal()[cls.free, None])
+            np.maximum.at(result, body, moved.max(axis=0, initial=0.0))
+        return largest(self.comm, result)
 
     def lengths(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
         """What lengths are relative to in each body, (bodies,), for displacements (interface,)."""
@@ -339,6 +374,13 @@ class DualProblem:
         if self.known.d is not None:
             return self.known.d
         return self.residual(self.free_displacements)
+
+    @property
+    def effect_of_loads(self) -> NDArray[np.float64]:
+        """A vector that tells load cases apart, (dual,): d, or B f - c without factors."""
+        if self.factored:
+            return self.d
+        return self.residual(self.on_interface([*self.loads]))
 
     @cached_property
     def offset(self) -> NDArray[np.float64]:

@@ -24,6 +24,9 @@ class TotalFetiOptions:
         Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather
         of the right-hand side costs less than the messages of a triangular solve in parts. Measured
         on two ranks: a solve takes 6 percent less at 48,000, 12 percent more at 94,000.
+    factored
+        Whether subdomains are factored and a coarse problem is made. Methods that solve for the
+        displacements (`solver.primal`) need neither.
     chunk
         Entries of B that are taken at a time: 50 MB of Gᵀ.
     """
@@ -34,3 +37,4 @@ class TotalFetiOptions:
     other_rows: float = 0.2
     gathered: int = 50_000
     chunk: int = 2**20
+    factored: bool = True

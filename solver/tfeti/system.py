@@ -52,6 +52,25 @@ class Constraints:
 
 
 @dataclass(frozen=True, eq=False)
+class NodePlaces:
+    """The nodes of the subdomains of one class.
+
+    Attributes
+    ----------
+    numbers : (members, nodes)
+        Global number of each node.
+    translations : (members, 3)
+        Where each member lies from the points of the class.
+    points : (nodes, 3)
+        Coordinates of the class.
+    """
+
+    numbers: NDArray[np.int64]
+    translations: NDArray[np.float64]
+    points: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Loads:
     """A load case.
 
@@ -89,6 +108,10 @@ class ContactSystem:
         The body of each subdomain and row.
     tied
         Geometry of the tied rows, in row order.
+    places
+        Nodes of each class, where the subdomains are not factored; else empty.
+    nodes
+        Nodes on all ranks.
     """
 
     comm: MPI.Intracomm
@@ -99,6 +122,8 @@ class ContactSystem:
     loads: Loads
     bodies: Bodies
     tied: ContactRows
+    places: tuple[NodePlaces, ...] = ()
+    nodes: int = 0
 
     def with_loads(
         self,

@@ -58,7 +58,7 @@ class SubdomainClass:
     members
         How many subdomains share all this.
     inverse
-        K⁺ on the free unknowns.
+        K⁺ on the free unknowns; None where the class is not factored.
     block : (i, i) or None
         K⁺ between interface unknowns, where that pays.
     relaxes
@@ -71,7 +71,7 @@ class SubdomainClass:
     free: NDArray[np.int64]
     interface: NDArray[np.int64]
     members: int
-    inverse: Inverse
+    inverse: Inverse | None
     block: Block | None
     relaxes: bool
 
@@ -120,6 +120,7 @@ class SubdomainClass:
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """K⁺ on full vectors, (n, s) to (n, s); held unknowns stay zero."""
+        assert self.inverse is not None
         if len(self.free) == self.unknowns:
             return self.inverse.solve(loads)
         result = np.zeros(loads.shape, order="F")
@@ -131,6 +132,7 @@ class SubdomainClass:
         if self.block is not None:
             self.block.apply(loads, out)
             return
+        assert self.inverse is not None
         full = np.zeros((len(self.free), len(loads)), order="F")
         full[self._place] = loads.T
         out[:] = self.inverse.solve(full)[self._place].T
@@ -139,6 +141,32 @@ class SubdomainClass:
     def _place(self) -> NDArray[np.int64]:
         """Of the interface among the free unknowns."""
         return np.searchsorted(self.free, self.interface)
+
+
+def unfactored_class(
+    stiffness: sparse.csr_matrix,
+    points: NDArray[np.float64],
+    dimension: int,
+    touched: NDArray[np.int64],
+    members: int,
+    eliminated: NDArray[np.int64] | None,
+) -> SubdomainClass:
+    """A class without factor and kernel, for methods that solve for the displacements.
+
+    Parameters are those of `subdomain_class`.
+
+    Raises
+    ------
+    ValueError
+        The stiffness resists a rigid motion.
+    """
+    rigid = orthonormal_kernel(points, dimension)
+    check_kernel(stiffness, rigid)
+    every = np.arange(stiffness.shape[0])
+    free = every if eliminated is None else np.setdiff1d(every, eliminated)
+    return SubdomainClass(
+        stiffness, rigid[:, :0], rigid, free, np.unique(touched), members, None, None, False
+    )
 
 
 def subdomain_class(

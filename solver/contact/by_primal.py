@@ -1,0 +1,145 @@
+"""Active sets with multigrid on the undecomposed problem, to a certified answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, active_set_loop
+from solver.contact.certificate import certify
+from solver.contact.checkpoint import Saver, without_outer_iterations
+from solver.contact.solution import Solution
+from solver.contact.stopping import StoppingRule
+from solver.contact.task import Task
+from solver.primal.backend import Multigrid, PrimalState
+from solver.primal.recovery import recover
+from solver.qp.result import Counts, Reason
+from solver.qp.smalbe import Restart
+
+METHOD = "primal"
+
+ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
+"""Why active sets end a solve; for other reasons another method has to answer."""
+
+FIRST_REDUCTION = 0.1
+"""Of the residual before the first evaluation on a set: a V-cycle takes as much off in two or three
+steps, and a set decided on less changes back."""
+
+
+def solve_by_multigrid(
+    task: Task, guess: NDArray[np.float64] | None, restart: Restart | None
+) -> Solution:
+    """Active sets from the contact on coarse levels on, or from a guess (collective).
+
+    Parameters
+    ----------
+    guess : (dual,)
+        Multipliers of a problem that is nearly the same.
+    restart
+        Where a stopped solve had come to.
+    """
+    backend, before = Multigrid(task.problem), Counts()
+    test = _CertificateTest(backend, task.rule)
+    problem = task.problem
+    if restart is not None:
+        active, before = problem.inequality & (restart.multiplier > 0.5), restart.counts
+    elif guess is not None:
+        active = problem.inequality & (guess > 0.0)
+    else:
+        first = backend.first_set()
+        backend.u = first.u
+        active = backend.system.stretch(first.active.astype(float)) > 0.5
+        active &= problem.inequality
+    saver = Saver(task.checkpoint).after(before)
+
+    def save(state: PrimalState, spent: Counts) -> None:
+        saver(without_outer_iterations(state.multiplier, state.active, spent))
+
+    found = active_set_loop(
+        backend,
+        Start(active),
+        StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early),
+        task.inner,
+        task.monitor,
+        StateSaver(lambda: saver.due, save),
+        replace(task.active_sets, first_reduction=FIRST_REDUCTION, release_at_edge=False),
+    )
+    return _answer(test, found, before)
+
+
+def _answer(test: _CertificateTest, found: Outcome[PrimalState], before: Counts) -> Solution:
+    """The certified answer of the loop, or the best one it left.
+
+    Raises
+    ------
+    ArithmeticError
+        It left none.
+    """
+    answer, reason = test.answer, found.reason
+    if reason is not Reason.ACCEPTED:
+        if found.state is None:
+            raise ArithmeticError("the active sets of the undecomposed problem hold no body")
+        answer = test.certified(found.state)
+        reason = reason if reason in ENDS else reason or Reason.UNSETTLED
+    assert answer is not None
+    assert reason is not None
+    return replace(answer, counts=before + found.counts, reason=reason, method=METHOD)
+
+
+class _CertificateTest:
+    """Certifies answers, and tells how far a state is from a certificate.
+
+    Attributes
+    ----------
+    answer
+        The last answer that was certified.
+    """
+
+    def __init__(self, backend: Multigrid, rule: StoppingRule) -> None:
+        self.answer: Solution | None = None
+        self._backend, self._rule = backend, rule
+        self._certified: PrimalState | None = None
+        problem = backend.problem
+        sums = [np.abs(f).sum(axis=0) for f in problem.forces]
+        self._load = problem.comm.allreduce(problem.bodies.sum_members(sums))
+
+    def certified(self, state: PrimalState) -> Solution:
+        """The answer of a state with its certificate (collective)."""
+        backend, rule = self._backend, self._rule
+        problem = backend.problem
+        pressing = np.where(problem.inequality, np.maximum(state.multiplier, 0.0), state.multiplier)
+        u, multiplier = recover(backend.system, backend.free_motions.without(state.u), pressing)
+        certificate, measures = certify(
+            problem, multiplier, u, rule.tolerance, rule.relaxations, state.errors
+        )
+        return rule.judge(
+            Solution(
+                multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance
+            )
+        )
+
+    def accept(self, state: PrimalState) -> bool:
+        """Whether the answer of a state passes (collective)."""
+        self.answer, self._certified = self.certified(state), state
+        return self.answer.converged
+
+    def required_reduction(self, state: PrimalState) -> float:
+        """Factor by which the error has to fall before a certificate is worth it (collective)."""
+        problem, rule = self._backend.problem, self._rule
+
+        def gap(sharp: bool) -> float:
+            return 0.5 * state.error_square
+
+        pressed = problem.bodies.sum_rows(
+            np.abs(state.multiplier * problem.spread), problem.inequality
+        )
+        load = np.maximum(self._load, problem.comm.allreduce(pressed))
+        worst = max(state.worst(problem), state.imbalance / (float(load.max()) or 1.0))
+        required = rule.required_reduction(worst, state.strained, gap)
+        relative = state.error_square / state.strained if state.strained > 0.0 else 0.0
+        required = max(required, float(np.sqrt(relative / rule.tolerance)))
+        if state is self._certified and self.answer is not None:
+            required = max(required, rule.required_of_certified(self.answer))
+        return required

@@ -1,0 +1,405 @@
+"""Multigrid on the undecomposed problem as a backend of the active-set loop.
+
+On a set, conjugate gradients solve K u = f - C_Aᵀ λ, C_A u = c_A in the displacements that leave
+the active rows alone: every residual is projected by Πᵀ, every correction of the V-cycle by Π
+(`solver.primal.projector`). A set begins where the last one ended.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy.linalg import eigvalsh_tridiagonal
+
+from solver.backend import Statuses
+from solver.primal.cycle import Cycle, truncated_cycle
+from solver.primal.first_set import FirstSet, find_first_set
+from solver.primal.free_motions import FreeMotions
+from solver.primal.hierarchy import Hierarchy, build_hierarchy
+from solver.primal.merged import MergedSystem, bodies_alone, merge
+from solver.primal.projector import Projector
+from solver.qp.box_qp import BoxQP
+from solver.qp.iterate import Iterate, Watch
+from solver.qp.mprgp import MPRGP
+from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.bodies import body_lengths, largest
+from solver.tfeti.dual import DualProblem
+from solver.vectors import Mask, Vector
+
+Array = NDArray[np.float64]
+
+SAFETY = 0.5
+"""Share of the smallest Ritz value that is taken for the smallest eigenvalue of M⁻¹ K, which it
+bounds from above."""
+
+SHORT = 6
+"""Steps from which on a Ritz value tells."""
+
+UNKNOWN = 0.1
+"""Smallest eigenvalue before any set has taken so many steps."""
+
+STALLED = 500
+"""Steps on one set after which rounding errors, or a cycle that does not fit, hold it up."""
+
+
+@dataclass(frozen=True, eq=False)
+class PrimalState:
+    """The answer of a set as far as it is solved; local parts.
+
+    Attributes
+    ----------
+    multiplier, jumps, sizes : (dual,)
+        λ; B u - c; what each row's jump is relative to. Zero, zero and one but in contact and tied
+        rows.
+    u : (unknowns,)
+    active : (dual,)
+    strained
+        a(u, u).
+    error_square
+        Estimate of the squared error in energy norm.
+    errors : (bodies,)
+        Its share in each body.
+    imbalance
+        2-norm of the residual.
+    """
+
+    multiplier: Array
+    jumps: Array
+    sizes: Array
+    u: Array
+    active: NDArray[np.bool_]
+    strained: float
+    error_square: float
+    errors: Array
+    imbalance: float
+
+    @property
+    def distance(self) -> Array:
+        """Penetration of contact rows over the displacement of their body, (dual,)."""
+        return self.jumps / self.sizes
+
+    def worst(self, problem: DualProblem) -> float:
+        """Largest jump or penetration, over the displacement of its body (collective)."""
+        open_rows = problem.inequality & ~self.active
+        found = np.where(open_rows, np.maximum(self.distance, 0.0), np.abs(self.distance))
+        return float(problem.comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX))
+
+
+class Multigrid:
+    """Solves active sets of one unfactored problem; made for one run of the loop.
+
+    The multigrid of an earlier run of the same stiffness and constraints serves again.
+
+    Attributes
+    ----------
+    u : (unknowns,)
+        Where the next set begins.
+    """
+
+    def __init__(self, problem: DualProblem, earlier: Multigrid | None = None) -> None:
+        self.problem = problem
+        self.system: MergedSystem = merge(problem)
+        self.hierarchy_of_levels: Hierarchy = (
+            build_hierarchy(self.system) if earlier is None else earlier.hierarchy_of_levels
+        )
+        self.free_motions = FreeMotions(self.system)
+        self.u = np.where(self.system.held, self.system.load / self.system.diagonal, 0.0)
+        self._cycle: Cycle | None = None if earlier is None else earlier._cycle
+        self._held = _HeldEnergy(self.system)
+        self.smallest_eigenvalue = UNKNOWN
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
+        return self.problem.comm
+
+    @property
+    def contact_rows(self) -> Mask:
+        """Which rows of B are contact rows, (dual,)."""
+        return self.problem.inequality
+
+    def first_set(self) -> FirstSet:
+        """Contact on coarse levels (collective)."""
+        return find_first_set(self.system, self.hierarchy_of_levels)
+
+    def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:
+        """Conjugate gradients on a set, from where the last set ended (collective)."""
+        return PrimalSet(self, statuses)
+
+    def cycle(self, projector: Projector) -> Cycle:
+        """The V-cycle, truncated for the first set it was asked for.
+
+        Later sets differ by few rows: their own cycles save no steps.
+        """
+        if self._cycle is None:
+            self._cycle = truncated_cycle(self.hierarchy_of_levels, projector)
+        return self._cycle
+
+    def hierarchy(self, warm: bool) -> AllRows:
+        """One level."""
+        return AllRows(self.contact_rows)
+
+    def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
+        """No rows: sets settle without."""
+        return np.zeros_like(active)
+
+    def closing_share(self, state: PrimalState, penetrated: Mask) -> Array:
+        """Share of the load at which each penetrated row closes: B u grows with the load."""
+        gaps = np.maximum(self.problem.c, 0.0)
+        moved = np.where(penetrated, state.jumps + self.problem.c, 1.0)
+        return np.where(penetrated, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
+
+    def release(self) -> None:
+        """Free the matrices of the last set: petsc4py leaves them for later."""
+        PETSc.garbage_cleanup(self.comm)
+
+    def strained(self, u: Array, left: Array) -> float:
+        """a(u, u) of a displacement with the residual r = f - K u (collective)."""
+        return self._held.strained(u, left)
+
+
+@dataclass(frozen=True, eq=False)
+class AllRows:
+    """A constraint hierarchy of one level."""
+
+    allowed: Mask
+    finest: bool = True
+
+    def refine(self) -> None:
+        """There is no next level."""
+
+
+class _HeldEnergy:
+    """What held displacements add to the energy."""
+
+    def __init__(self, system: MergedSystem) -> None:
+        self._system, problem = system, system.problem
+        at_rest = np.where(system.held, system.load / system.diagonal, 0.0)
+        moved = system.comm.allreduce(int(at_rest.any()))
+        self._coupling, self._own = None, 0.0
+        if moved:
+            d = problem.dimension
+            forces = np.zeros(len(system.nodes.numbers) * d)
+            for cls, u, at in zip(
+                problem.classes, system.on_subdomains(at_rest), system.nodes.copies, strict=True
+            ):
+                force = cls.stiffness @ u
+                self._own += float(np.vdot(u, force))
+                places = system.nodes.unknowns(at, d)
+                forces += np.bincount(places.ravel(), force.T.ravel(), len(forces))
+            self._coupling = np.where(system.held, 0.0, system.sum_at_owners(forces))
+
+    def strained(self, u: Array, left: Array) -> float:
+        """a(u, u): u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h, where f already lacks K_fh u_h."""
+        system = self._system
+        own = float(np.sum(np.where(system.held, 0.0, u * (system.load - left)))) + self._own
+        if self._coupling is not None:
+            own += 2.0 * float(u @ self._coupling)
+        return max(float(system.comm.allreduce(own)), 0.0)
+
+
+class PrimalSet:
+    """Conjugate gradients with the contact rows of an active set as equalities.
+
+    Raises
+    ------
+    ArithmeticError
+        The active rows have no factor.
+    """
+
+    def __init__(self, backend: Multigrid, statuses: Statuses) -> None:
+        self._backend, self.statuses = backend, statuses
+        system = self._system = backend.system
+        if statuses.tractions is not None and statuses.tractions.any():
+            raise NotImplementedError("multigrid has no prescribed tractions")
+        active = statuses.active[system.rows] | system.equality
+        self._projector = projector = Projector(system, active)
+        jumps = (system.multiply(system.C, backend.u) - system.c)[projector.rows]
+        self._start = backend.u - projector.lifting(jumps)
+        self._left = system.load - system.multiply(system.K, self._start)
+        operator = _ProjectedStiffness(system, projector)
+        self._preconditioner = _Preconditioner(backend.cycle(projector), projector)
+        rhs = projector.apply_transpose(self._left)
+        self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
+        it.measure_b()
+        it.begin()
+        it.counts.hessian += 1  # of the right-hand side
+        self._scale = it.reduction.norm(system.load) or it.b_norm or 1.0
+        self._lanczos = _Lanczos(self._preconditioner.square)
+        self._steps, self._stalls = 0, False
+
+    @property
+    def residual(self) -> float:
+        """2-norm of K u - f + Cᵀ λ over that of the load."""
+        return self._iterate.projected_gradient_norm / self._scale
+
+    @property
+    def at_round_off(self) -> bool:
+        """Whether no step can make the residual smaller."""
+        return self._stalls or self._iterate.projected_gradient_norm <= self._rounding
+
+    @property
+    def _rounding(self) -> float:
+        it, eps = self._iterate, float(np.finfo(np.float64).eps)
+        moved = it.reduction.norm(self._start) + math.sqrt(it.x_square)
+        return max(it.round_off, 0.1 * eps * it.largest * moved)
+
+    @property
+    def counts(self) -> Counts:
+        """Work so far; an application is one of K."""
+        return self._iterate.counts
+
+    def error(self, strained: float) -> float:
+        """Estimate of the error in energy norm, over that of the strains (collective)."""
+        square = self._error_square()
+        return math.sqrt(square / strained) if strained > 0.0 else 1.0
+
+    def _error_square(self) -> float:
+        """rᵀ M⁻¹ r over the smallest eigenvalue of M⁻¹ K (collective).
+
+        It bounds rᵀ K⁻¹ r. A Ritz value bounds that eigenvalue from above.
+        """
+        it = self._iterate
+        square = float(self._system.comm.allreduce(float(it.z @ it.free)))
+        return max(square, 0.0) / (SAFETY * self._smallest_eigenvalue())
+
+    def _smallest_eigenvalue(self) -> float:
+        if len(self._lanczos.lengths) >= SHORT:
+            found = self._lanczos.smallest_ritz_value()
+            known = self._backend.smallest_eigenvalue
+            if found > 0.0:
+                self._backend.smallest_eigenvalue = min(known, found)
+        return self._backend.smallest_eigenvalue
+
+    def solve(
+        self, inner: MPRGP, residual: float, monitor: Monitor | None, watch: Watch | None = None
+    ) -> Reason:
+        """Go on to a relative residual; `inner` limits all iterations on this set (collective)."""
+
+        def see(it: Iterate) -> None:
+            if it.counts.cg > self._steps:  # the watch also sees the start
+                self._lanczos.add(it.slope / it.curvature, self._preconditioner.square)
+            self._steps = it.counts.cg
+            if watch is not None:
+                watch(it)
+
+        def stop(it: Iterate) -> Reason | None:
+            wanted = max(residual * self._scale, self._rounding)
+            if it.projected_gradient_norm <= wanted and it.drift > 0.5 * wanted:
+                it.evaluate()
+                self._lanczos = _Lanczos(self._preconditioner.square)
+            if it.projected_gradient_norm <= wanted:
+                return Reason.CONVERGED
+            self._stalls = it.counts.cg >= STALLED
+            return Reason.ROUND_OFF if self._stalls else None
+
+        self._iterate.watch = see
+        try:
+            return inner.minimise(self._iterate, stop, monitor)
+        finally:
+            self._iterate.watch = None
+
+    def state(self) -> PrimalState:
+        """Where the solve stands (collective)."""
+        backend, system, it = self._backend, self._system, self._iterate
+        problem = system.problem
+        assert it.image is not None
+        u, left = self._start + it.x, self._left - it.image
+        backend.u = u
+        multiplier = np.zeros(len(system.rows))
+        multiplier[self._projector.rows] = self._projector.multipliers(left)
+        jumps = system.multiply(system.C, u) - system.c
+        moved = np.zeros(problem.bodies.count)
+        np.maximum.at(moved, system.body, np.abs(u))
+        lengths = body_lengths(
+            problem.bodies, largest(system.comm, moved), problem.free_lengths
+        )
+        square = self._error_square()
+        return PrimalState(
+            system.stretch(multiplier),
+            system.stretch(jumps),
+            problem.spread * problem.bodies.of_rows(lengths),
+            u,
+            self.statuses.active,
+            backend.strained(u, left),
+            square,
+            self._shares(square),
+            it.projected_gradient_norm,
+        )
+
+    def _shares(self, square: float) -> Array:
+        """Of the squared error in each group, for each of its bodies, (bodies,) (collective)."""
+        bodies, it = self._system.problem.bodies, self._iterate
+        parts = bodies_alone(self._system, it.z * it.free)
+        by_group = np.maximum(bodies.sum_by_group(parts), 0.0)
+        total = float(by_group.sum())
+        return np.asarray(square * (by_group / total if total > 0.0 else by_group))[bodies.groups]
+
+
+class _ProjectedStiffness:
+    """Πᵀ K on displacements that leave the active rows alone; `image` is K x itself."""
+
+    def __init__(self, system: MergedSystem, projector: Projector) -> None:
+        self.comm, self.size = system.comm, system.size
+        self._system, self._projector = system, projector
+        self.image = np.zeros(system.size)
+
+    def apply(self, x: Vector, out: Vector) -> None:
+        """Put the product into out."""
+        self.image = self._system.multiply(self._system.K, x)
+        out[:] = self._projector.apply_transpose(self.image)
+
+
+class _Preconditioner:
+    """Π M⁻¹ with a V-cycle M⁻¹.
+
+    Attributes
+    ----------
+    square
+        rᵀ M⁻¹ r of the last residual.
+    """
+
+    def __init__(self, cycle: Cycle, projector: Projector) -> None:
+        self._cycle, self._projector, self.square = cycle, projector, 0.0
+
+    def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
+        """Put the correction into out."""
+        z = np.empty_like(r)
+        self._cycle.apply(r, z)
+        out[:] = self._projector.apply(z)
+        self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
+
+
+class _Lanczos:
+    """Lanczos' tridiagonal matrix of conjugate gradients.
+
+    Attributes
+    ----------
+    lengths
+        Of the steps so far.
+    squares
+        rᵀ M⁻¹ r before the first step and after each.
+    """
+
+    def __init__(self, square: float) -> None:
+        self.lengths: list[float] = []
+        self.squares = [square]
+
+    def add(self, length: float, square: float) -> None:
+        """One more step."""
+        self.lengths.append(length)
+        self.squares.append(square)
+
+    def smallest_ritz_value(self) -> float:
+        """Its smallest eigenvalue."""
+        lengths, squares = np.array(self.lengths), np.array(self.squares[:-1])
+        ratios = squares[1:] / squares[:-1]
+        diagonal = 1.0 / lengths
+        diagonal[1:] += ratios / lengths[:-1]
+        off = np.sqrt(np.maximum(ratios, 0.0)) / lengths[:-1]
+        return float(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(0, 0))[0])

@@ -1,0 +1,107 @@
+"""A V-cycle whose coarse corrections leave active rows alone: truncated coarse spaces.
+
+A coarse correction that moves an active row is undone by the projector Π, and with it most of what
+it corrected beside the contact. So the prolongation to the finest level is Π P instead of P
+(C. Gräser, R. Kornhuber, *Multigrid methods for obstacle problems*, J. Comput. Math. 27, 2009), and
+the coarse operators are Galerkin's. Π P differs from P at the nodes of active rows alone: with
+Π P = P - E
+
+    (P - E)ᵀ K (P - E) = Pᵀ K P - Eᵀ K (P - E) - Pᵀ K E
+
+costs products with rows on the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from solver.primal.hierarchy import Hierarchy, MultigridOptions, lent_options
+from solver.primal.projector import Projector
+from solver.tfeti.constraints.matrix import lent
+
+Array = NDArray[np.float64]
+
+OTHER = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+
+class Cycle:
+    """One V-cycle as an approximate inverse, Chebyshev smoothing on all levels.
+
+    Parameters
+    ----------
+    operators, prolongations
+        As in `Hierarchy`.
+    """
+
+    def __init__(
+        self,
+        operators: Sequence[PETSc.Mat],
+        prolongations: Sequence[PETSc.Mat],
+        options: MultigridOptions,
+    ) -> None:
+        self.comm = operators[0].comm
+        self._pc = pc = PETSc.PC().create(self.comm)
+        prefix = "contact_cycle_"
+        pc.setOptionsPrefix(prefix)
+        pc.setOperators(operators[0])
+        pc.setType("mg")
+        levels = len(operators)
+        pc.setMGLevels(levels)
+        for k, operator in enumerate(operators):
+            level = levels - 1 - k
+            if level:
+                pc.setMGInterpolation(level, prolongations[k])
+            pc.getMGSmoother(level).setOperators(operator)
+        given: dict[str, object] = {
+            "mg_levels_ksp_type": "chebyshev",
+            "mg_levels_ksp_max_it": options.smoothing,
+            "mg_levels_ksp_norm_type": "none",
+            "mg_levels_pc_type": "jacobi",
+            "mg_coarse_ksp_type": "preonly",
+            **_coarse_options(operators[-1], options),
+        }
+        with lent_options(prefix, given):
+            pc.setFromOptions()
+            pc.setUp()
+
+    def apply(self, residual: Array, out: Array) -> None:
+        """Put the correction into out."""
+        with lent(self.comm, residual, out) as (x, y):
+            self._pc.apply(x, y)
+
+
+def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:
+    """The cycle of an active set (collective)."""
+    operators, prolongations = list(hierarchy.operators), list(hierarchy.prolongations)
+    if projector.empty or not prolongations:
+        return Cycle(operators, prolongations, hierarchy.options)
+    K, P = operators[0], prolongations[0]
+    E = projector.truncating(P)
+    truncated = P.copy()
+    truncated.axpy(-1.0, E, OTHER)
+    KE = K.matMult(E)
+    change = KE.transposeMatMult(truncated)
+    change.axpy(1.0, P.transposeMatMult(KE), OTHER)
+    coarse = operators[1].copy()
+    coarse.axpy(-1.0, change, OTHER)
+    operators[1], prolongations[0] = coarse, truncated
+    for k in range(1, len(prolongations)):
+        operators[k + 1] = operators[k].ptap(prolongations[k])
+    return Cycle(operators, prolongations, hierarchy.options)
+
+
+def _coarse_options(operator: PETSc.Mat, options: MultigridOptions) -> dict[str, object]:
+    """A solver that leaves rigid motions out, on every rank for itself."""
+    cut = options.singular * operator.norm(PETSc.NormType.INFINITY)
+    if operator.comm.size == 1:
+        return {"mg_coarse_pc_type": "svd", "mg_coarse_pc_svd_zero_sing": cut}
+    return {
+        "mg_coarse_pc_type": "redundant",
+        "mg_coarse_redundant_ksp_type": "preonly",
+        "mg_coarse_redundant_pc_type": "svd",
+        "mg_coarse_redundant_pc_svd_zero_sing": cut,
+    }

@@ -1,0 +1,119 @@
+"""Smoothed aggregation of the problem without contact: prolongations and coarse operators.
+
+PETSc's GAMG makes them once; every active set uses the same ones (`solver.primal.cycle`). The
+near-kernel is the rigid motions of each body, from the coordinates of its nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from solver.primal.merged import MergedSystem
+from solver.tfeti.constraints.matrix import lent
+
+
+@dataclass(frozen=True)
+class MultigridOptions:
+    """The tuned numbers of the multigrid, measured on parts from a mesher.
+
+    Attributes
+    ----------
+    threshold
+        Couplings below that share are left out of aggregates: they follow thin walls then.
+    aggressive
+        Levels that are coarsened twice at once. The second level has a thirtieth of the unknowns
+        then, and a cycle costs little more than its smoothing steps on the finest level.
+    smoothing
+        Chebyshev steps before and after each coarse correction.
+    smallest
+        Unknowns below which no coarser level is made.
+    singular
+        Singular values of the coarsest level below that share of the largest are rigid motions.
+    """
+
+    threshold: float = 0.01
+    aggressive: int = 2
+    smoothing: int = 2
+    smallest: int = 300
+    singular: float = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Hierarchy:
+    """Levels from fine to coarse.
+
+    Attributes
+    ----------
+    prolongations
+        Entry k maps level k + 1 to level k; level 0 is the finest.
+    operators
+        Stiffness of each level, K first.
+    """
+
+    prolongations: tuple[PETSc.Mat, ...]
+    operators: tuple[PETSc.Mat, ...]
+    options: MultigridOptions
+
+
+def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = None) -> Hierarchy:
+    """Let GAMG aggregate (collective)."""
+    options = options or MultigridOptions()
+    K = system.K
+    K.setNearNullSpace(_near_kernel(system))
+    pc = PETSc.PC().create(system.comm)
+    pc.setOperators(K)
+    prefix = "contact_gamg_"
+    pc.setOptionsPrefix(prefix)
+    pc.setType("gamg")
+    given = {
+        "pc_gamg_threshold": options.threshold,
+        "pc_gamg_coarse_eq_limit": options.smallest,
+        # the name until PETSc 3.18, and the one since
+        "pc_gamg_square_graph": options.aggressive,
+        "pc_gamg_aggressive_coarsening": options.aggressive,
+        "mg_levels_ksp_max_it": options.smoothing,
+        "mg_levels_pc_type": "jacobi",
+        "mg_coarse_pc_type": "none",  # its factor is not asked for
+        "mg_coarse_ksp_type": "preonly",
+    }
+    with lent_options(prefix, given):
+        pc.setFromOptions()
+        pc.setUp()
+    levels = pc.getMGLevels()
+    prolongations = [pc.getMGInterpolation(k) for k in range(levels - 1, 0, -1)]
+    solvers = [pc.getMGSmoother(k) for k in range(levels - 1, -1, -1)]
+    operators = [K, *(ksp.getOperators()[0] for ksp in solvers[1:])]
+    return Hierarchy(tuple(prolongations), tuple(operators), options)
+
+
+class lent_options:  # noqa: N801 - a context manager, used like a function
+    """Options in PETSc's database for as long as the block runs."""
+
+    def __init__(self, prefix: str, given: dict[str, object]) -> None:
+        self._names = {prefix + name: value for name, value in given.items()}
+        self._options = PETSc.Options()
+
+    def __enter__(self) -> None:
+        for name, value in self._names.items():
+            self._options[name] = value
+
+    def __exit__(self, *ended: object) -> None:
+        for name in self._names:
+            self._options.delValue(name)
+
+
+def _near_kernel(system: MergedSystem) -> PETSc.NullSpace:
+    """The rigid motions, orthonormal over all bodies together."""
+    gram = system.comm.allreduce(system.rigid.T @ system.rigid, op=MPI.SUM)
+    scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    kept = values > 1e-12 * values.max()
+    basis = system.rigid @ (vectors[:, kept] / scale[:, None] / np.sqrt(values[kept]))
+    columns = [np.ascontiguousarray(column) for column in basis.T]
+    with lent(system.comm, *columns) as lent_columns:
+        own = [column.copy() for column in lent_columns]
+    return PETSc.NullSpace().create(vectors=own, comm=system.comm)

@@ -1,0 +1,365 @@
+"""The undecomposed problem: subdomains put together at the nodes that they share.
+
+    min ½ uᵀ K u - fᵀ u  subject to  C u ≤ c on contact rows, C u = c on tied rows.
+
+Gluing rows are gone, and held unknowns have their displacement: their rows and columns of K are
+those of a scaled identity. C is what is left of B, with its scaling, so that the multipliers of
+both are the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.matrix import lent, petsc_rows
+from solver.tfeti.constraints.rows import RowKind
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
+from solver.tfeti.subdomain.kernels import rigid_motions
+
+Array = NDArray[np.float64]
+
+
+class MergedNodes:
+    """Every node once: numbers, ranks and copies of the nodes of all subdomains (collective).
+
+    Attributes
+    ----------
+    copies : one (members, nodes) array a class
+        Place of each copy among the distinct nodes of this rank.
+    numbers : (distinct,)
+        Merged number of each distinct node; a rank owns consecutive ones.
+    points : (distinct, 3)
+    body : (distinct,)
+    owned : (distinct,)
+        Whether this rank owns the node.
+    """
+
+    def __init__(self, problem: DualProblem) -> None:
+        comm, places = problem.comm, problem.system.places
+        every = [p.numbers.ravel() for p in places]
+        unique, inverse = np.unique(
+            np.concatenate([np.zeros(0, np.int64), *every]), return_inverse=True
+        )
+        ends = np.cumsum([0, *map(len, every)])
+        self.copies = [
+            inverse[a:b].reshape(p.numbers.shape)
+            for a, b, p in zip(ends[:-1], ends[1:], places, strict=True)
+        ]
+        self.points = np.zeros((len(unique), 3))
+        self.body = np.zeros(len(unique), np.int64)
+        for at, p, body in zip(self.copies, places, problem.bodies.members, strict=True):
+            self.points[at] = p.points + p.translations[:, None]
+            self.body[at] = body[:, None]
+        exchange = NodeExchange(comm, unique, problem.system.nodes)
+        where = exchange.nodes - exchange.first
+        lowest = np.full(exchange.last - exchange.first, comm.size)
+        ranks = exchange.to_owners(np.full(len(unique), comm.rank))
+        np.minimum.at(lowest, where, ranks)
+        self.owned = exchange.from_owners(lowest[where]) == comm.rank
+        self.count = int(self.owned.sum())
+        first = comm.exscan(self.count) or 0
+        self.numbers = np.full(len(unique), -1)
+        self.numbers[self.owned] = first + np.arange(self.count)
+        given = np.full(len(lowest), -1)
+        np.maximum.at(given, where, exchange.to_owners(self.numbers))
+        self.numbers = exchange.from_owners(given[where])
+
+    def unknowns(self, nodes: NDArray[np.int64], dimension: int) -> NDArray[np.int64]:
+        """Unknowns of nodes, (…, nodes · dimension)."""
+        spread = nodes[..., None] * dimension + np.arange(dimension)
+        return np.asarray(spread.reshape(*nodes.shape[:-1], -1))
+
+
+@dataclass(frozen=True, eq=False)
+class MergedSystem:
+    """The undecomposed problem; local parts throughout.
+
+    Attributes
+    ----------
+    problem
+        What it was made of.
+    K
+        Stiffness with the held unknowns taken out.
+    C
+        Contact and tied rows, (rows, unknowns).
+    rows : (rows,)
+        Which rows of B these are.
+    load : (unknowns,)
+        f - K u_held, and K u_held on held unknowns.
+    held : (unknowns,)
+        Which unknowns are held.
+    rigid : (unknowns, motions)
+        The rigid motions of each body one after another, zero on held unknowns.
+    body : (unknowns,)
+    """
+
+    problem: DualProblem
+    nodes: MergedNodes
+    K: PETSc.Mat
+    C: PETSc.Mat
+    rows: NDArray[np.int64]
+    load: Array
+    held: NDArray[np.bool_]
+    rigid: Array
+    body: NDArray[np.int64]
+    transfer: PETSc.Mat
+    scatter: PETSc.Scatter
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
+        return self.problem.comm
+
+    @property
+    def size(self) -> int:
+        """Unknowns of this rank."""
+        return len(self.load)
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """Of K."""
+        return np.asarray(self.K.getDiagonal().getArray()).copy()
+
+    @cached_property
+    def c(self) -> Array:
+        """Right-hand side of the contact and tied rows, (rows,)."""
+        return self.problem.c[self.rows]
+
+    @cached_property
+    def equality(self) -> NDArray[np.bool_]:
+        """Rows that always hold with equality, (rows,)."""
+        return ~self.problem.inequality[self.rows]
+
+    def stretch(self, values: Array) -> Array:
+        """Values of contact and tied rows (rows,) among those of all rows, (dual,)."""
+        result = np.zeros(self.problem.size)
+        result[self.rows] = values
+        return result
+
+    def multiply(self, matrix: PETSc.Mat, x: Array) -> Array:
+        """A product with one of the matrices."""
+        out = np.empty(matrix.getLocalSize()[0])
+        with lent(self.comm, x, out) as (source, target):
+            matrix.mult(source, target)
+        return out
+
+    def multiply_transposed(self, matrix: PETSc.Mat, x: Array) -> Array:
+        """A product with the transpose of one of the matrices."""
+        out = np.empty(matrix.getLocalSize()[1])
+        with lent(self.comm, x, out) as (source, target):
+            matrix.multTranspose(source, target)
+        return out
+
+    def sum_at_owners(self, values: Array) -> Array:
+        """Sums of values of distinct nodes over all ranks, (unknowns,) (collective)."""
+        return _to_owners(self.comm, self.scatter, values, self.size)
+
+    def on_subdomains(self, u: Array) -> list[Array]:
+        """Displacements of all copies, (n, members) of each class (collective)."""
+        d = self.problem.dimension
+        here = _to_copies(self.comm, self.scatter, u, len(self.nodes.numbers) * d)
+        return [np.asfortranarray(here[self.nodes.unknowns(at, d)].T) for at in self.nodes.copies]
+
+
+def merge(problem: DualProblem) -> MergedSystem:
+    """Put the subdomains of an unfactored problem together (collective)."""
+    comm, d = problem.comm, problem.dimension
+    nodes = MergedNodes(problem)
+    size = nodes.count * d
+    numbers = nodes.unknowns(nodes.numbers, d)
+    scatter = _scatter(comm, numbers, size)
+    transfer = _transfer(problem, nodes)
+    K = _stiffness(problem, nodes)
+    held, values = _held(problem, nodes, scatter, transfer, size)
+    forces = [_summed(problem.forces[k], at, nodes, d) for k, at in enumerate(nodes.copies)]
+    load = _to_owners(comm, scatter, np.sum([np.zeros(len(numbers)), *forces], axis=0), size)
+    own = nodes.unknowns(np.flatnonzero(nodes.owned), d)
+    body = np.repeat(nodes.body[nodes.owned], d)
+    rigid = _rigid(problem, nodes, body, held)
+    load = _impose(comm, K, held, values, load)
+    K.setOption(PETSc.Mat.Option.SPD, True)
+    kinds = problem.kinds
+    rows = np.flatnonzero((kinds == RowKind.CONTACT) | (kinds == RowKind.TIED))
+    B = petsc_rows(comm, problem.B.local[rows], problem.B.columns)
+    C = B.matMult(transfer)
+    assert len(own) == size
+    return MergedSystem(
+        problem, nodes, K, C, rows, load, held, rigid, body, transfer, scatter
+    )
+
+
+def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:
+    """From owned unknowns to the unknowns of this rank's distinct nodes."""
+    whole = PETSc.Vec().createMPI((size, PETSc.DETERMINE), comm=comm)
+    here = PETSc.Vec().createSeq(len(numbers))
+    places = PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+    return PETSc.Scatter().create(whole, places, here, None)
+
+
+def _to_copies(comm: MPI.Intracomm, scatter: PETSc.Scatter, values: Array, size: int) -> Array:
+    """Values of owned unknowns on this rank's distinct nodes, (size,)."""
+    out = np.empty(size)
+    here = PETSc.Vec().createWithArray(out, comm=PETSc.COMM_SELF)
+    with lent(comm, np.ascontiguousarray(values)) as (whole,):
+        scatter.scatter(whole, here, mode=PETSc.ScatterMode.FORWARD)
+    here.destroy()
+    return out
+
+
+def _to_owners(comm: MPI.Intracomm, scatter: PETSc.Scatter, values: Array, size: int) -> Array:
+    """Sums over all ranks of values on their distinct nodes, at the owners, (size,)."""
+    out = np.zeros(size)
+    here = PETSc.Vec().createWithArray(np.ascontiguousarray(values), comm=PETSc.COMM_SELF)
+    with lent(comm, out) as (whole,):
+        scatter.scatter(
+            here, whole, addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE
+        )
+    here.destroy()
+    return out
+
+
+def _summed(values: Array, copies: NDArray[np.int64], nodes: MergedNodes, d: int) -> Array:
+    """Values (n, members) of a class summed at this rank's distinct nodes."""
+    places = nodes.unknowns(copies, d)
+    total = len(nodes.numbers) * d
+    return np.bincount(places.ravel(), values.T.ravel(), total).astype(np.float64)
+
+
+def _stiffness(problem: DualProblem, nodes: MergedNodes) -> PETSc.Mat:
+    """K of all unknowns (collective)."""
+    comm, d = problem.comm, problem.dimension
+    total = len(nodes.numbers) * d
+    local = _local_stiffness(problem, nodes, total)
+    local.sort_indices()
+    if comm.size == 1:
+        K = PETSc.Mat().createAIJ(
+            (total, total),
+            csr=(local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data),
+            comm=comm,
+        )  # fmt: skip
+        K.setBlockSize(d)
+        return K
+    owned = PETSc.Mat().createAIJ((total, total), csr=(local.indptr, local.indices, local.data),
+                                  comm=PETSc.COMM_SELF)  # fmt: skip
+    where = PETSc.LGMap().create(nodes.numbers.astype(PETSc.IntType), bsize=d, comm=comm)
+    shape = ((nodes.count * d, PETSc.DETERMINE), (nodes.count * d, PETSc.DETERMINE))
+    torn = PETSc.Mat().createIS(shape, lgmapr=where, lgmapc=where, comm=comm)
+    torn.setBlockSize(d)
+    torn.setISLocalMat(owned)
+    torn.assemble()
+    K = torn.convert("aij", PETSc.Mat())
+    K.setBlockSize(d)
+    torn.destroy()
+    return K
+
+
+def _local_stiffness(problem: DualProblem, nodes: MergedNodes, total: int) -> sparse.csr_matrix:
+    """The sum of this rank's stiffness matrices on its distinct nodes."""
+    d, blocks, places = problem.dimension, [], []
+    for cls, at in zip(problem.classes, nodes.copies, strict=True):
+        for member in at:
+            blocks.append(cls.stiffness)
+            places.append(nodes.unknowns(member, d))
+    joined = sparse.block_diag(blocks, format="csr") if len(blocks) != 1 else blocks[0]
+    where = np.concatenate([np.zeros(0, np.int64), *places])
+    if np.array_equal(where, np.arange(total)):
+        return sparse.csr_matrix(joined, copy=True)
+    pick = sparse.csr_matrix(
+        (np.ones(len(where)), where, np.arange(len(where) + 1)), shape=(len(where), total)
+    )
+    return sparse.csr_matrix(pick.T @ joined @ pick)
+
+
+def _transfer(problem: DualProblem, nodes: MergedNodes) -> PETSc.Mat:
+    """Picks interface unknowns out of the merged ones, (interface, unknowns)."""
+    d = problem.dimension
+    column = np.empty(problem.B.columns, np.int64)
+    for cls, at, part in zip(
+        problem.classes, nodes.copies, interface_slices(problem.classes), strict=True
+    ):
+        column[part] = nodes.unknowns(nodes.numbers[at], d)[:, cls.interface].ravel()
+    total = problem.comm.allreduce(nodes.count * d)
+    count = len(column)
+    local = sparse.csr_matrix((np.ones(count), column, np.arange(count + 1)), shape=(count, total))
+    return petsc_rows(problem.comm, local, nodes.count * d)
+
+
+def _held(
+    problem: DualProblem,
+    nodes: MergedNodes,
+    scatter: PETSc.Scatter,
+    transfer: PETSc.Mat,
+    size: int,
+) -> tuple[NDArray[np.bool_], Array]:
+    """Which of the owned unknowns are held, and where; (size,) both (collective)."""
+    comm, d = problem.comm, problem.dimension
+    times, sums = np.zeros((2, len(nodes.numbers) * d))
+    for cls, lift, at in zip(problem.classes, problem.lifting, nodes.copies, strict=True):
+        mask = np.ones(cls.unknowns)
+        mask[cls.free] = 0.0
+        times += _summed(np.repeat(mask[:, None], cls.members, axis=1), at, nodes, d)
+        sums += _summed(mask[:, None] * lift, at, nodes, d)
+    counts, values = (_to_owners(comm, scatter, v, size) for v in (times, sums))
+    fixed = problem.kinds == RowKind.DIRICHLET
+    for total, of_rows in ((counts, np.ones(problem.size)), (values, problem.c)):
+        interface = np.empty(problem.B.columns)
+        problem.B.apply_transpose(np.where(fixed, of_rows, 0.0), interface)
+        extra = np.empty(size)
+        with lent(comm, interface, extra) as (x, y):
+            transfer.multTranspose(x, y)
+        total += extra
+    held = counts > 0.5
+    return held, np.divide(values, counts, out=np.zeros(size), where=held)
+
+
+def _rigid(
+    problem: DualProblem, nodes: MergedNodes, body: NDArray[np.int64], held: NDArray[np.bool_]
+) -> Array:
+    """Rigid motions of all points about the middle of each body, zero where held (collective)."""
+    comm, d, points = problem.comm, problem.dimension, nodes.points[nodes.owned]
+    of = nodes.body[nodes.owned]
+    sums = np.zeros((problem.bodies.count, 4))
+    np.add.at(sums, of, np.column_stack([points, np.ones(len(points))]))
+    sums = comm.allreduce(sums)
+    centres = sums[:, :3] / np.maximum(sums[:, 3:], 1.0)
+    about = points - centres[of]
+    length = comm.allreduce(float(np.abs(about).max(initial=0.0)), op=MPI.MAX) or 1.0
+    motions = rigid_motions(about, d, np.zeros(3), length).reshape(len(points) * d, -1)
+    return np.asarray(np.where(held[:, None], 0.0, motions))
+
+
+def _impose(
+    comm: MPI.Intracomm, K: PETSc.Mat, held: NDArray[np.bool_], values: Array, load: Array
+) -> Array:
+    """Take held unknowns out of K; the right-hand side that goes with it (collective)."""
+    stiff = float(np.abs(K.getDiagonal().getArray()).max(initial=0.0))
+    stiff = comm.allreduce(stiff, op=MPI.MAX)
+    first = K.getOwnershipRange()[0]
+    rows = (first + np.flatnonzero(held)).astype(PETSc.IntType)
+    result = load.copy()
+    with lent(comm, values, result) as (x, b):
+        K.zeroRowsColumns(rows, diag=stiff, x=x, b=b)
+    return result
+
+
+def bodies_alone(system: MergedSystem, values: Array) -> Array:
+    """Sums of values (unknowns,) by body, (bodies,) (collective)."""
+    count = system.problem.bodies.count
+    return np.asarray(system.comm.allreduce(np.bincount(system.body, values, count)))
+
+
+def split_motions(system: MergedSystem, bodies: Sequence[int]) -> Array:
+    """Rigid motions of some bodies, a column each motion of each body, (unknowns, columns)."""
+    return np.concatenate(
+        [np.where(system.body[:, None] == b, system.rigid, 0.0) for b in bodies], axis=1
+    )

@@ -1,0 +1,150 @@
+"""Active rows held exactly: the projector onto the displacements that leave them alone.
+
+With D the diagonal of K and C_A the active rows,
+
+    Π = I - D⁻¹ C_Aᵀ S⁻¹ C_A,  S = C_A D⁻¹ C_Aᵀ,
+
+maps any displacement to the nearest one, in the norm of D, with C_A u = 0. Rows at single nodes make
+S nearly diagonal, mortar rows make it a narrow band on the surface; its factor costs little beside
+a product with K. The multipliers in equilibrium with a residual r are λ = S⁻¹ C_A D⁻¹ r, and
+r - C_Aᵀ λ = Πᵀ r.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from solver.openmp import one_openmp_thread
+from solver.primal.merged import MergedSystem
+from solver.tfeti.constraints.matrix import lent
+
+Array = NDArray[np.float64]
+
+REDUNDANT = 1e-12
+"""Added to the diagonal of S, relatively: rows that repeat others then share their force, and leave
+jumps of that size."""
+
+LUMPED_STEPS = 3
+"""Steps towards S⁻¹ with which coarse spaces are truncated. They are a preconditioner's: what rows
+over several nodes leave is taken out by Π."""
+
+
+class Projector:
+    """Π and what belongs to it for one active set.
+
+    Parameters
+    ----------
+    active : (rows,)
+        Which contact and tied rows hold with equality.
+
+    Attributes
+    ----------
+    rows : (active,)
+        Places of these rows of this rank.
+    C : (active, unknowns)
+    """
+
+    def __init__(self, system: MergedSystem, active: NDArray[np.bool_]) -> None:
+        self.system, comm = system, system.comm
+        self.rows = np.flatnonzero(active)
+        self.empty = comm.allreduce(len(self.rows)) == 0
+        first = system.C.getOwnershipRange()[0]
+        chosen = PETSc.IS().createGeneral((first + self.rows).astype(PETSc.IntType), comm=comm)
+        begin, end = system.C.getOwnershipRangeColumn()
+        columns = PETSc.IS().createStride(end - begin, begin, 1, comm=comm)
+        self.C = system.C.createSubMatrix(chosen, columns)
+        self._inverse = 1.0 / system.diagonal
+        if self.empty:
+            return
+        self.Ct = self.C.transpose(PETSc.Mat())
+        with lent(comm, self._inverse) as (inverse,):
+            self.Ct.diagonalScale(L=inverse)
+        self.S = self.C.matMult(self.Ct)
+        diagonal = self.S.getDiagonal()
+        diagonal.scale(1.0 + REDUNDANT)
+        self.S.setDiagonal(diagonal)
+        self._factor = self._factored()
+
+    def _factored(self) -> PETSc.PC:
+        pc = PETSc.PC().create(self.system.comm)
+        pc.setOperators(self.S)
+        if self._is_diagonal():
+            pc.setType("jacobi")
+        else:
+            self.S.setOption(PETSc.Mat.Option.SPD, True)
+            alone = self.system.comm.size == 1
+            pc.setType("cholesky")
+            pc.setFactorSolverType("cholmod" if alone else "mumps")
+        with one_openmp_thread():
+            pc.setUp()
+        return pc
+
+    def _is_diagonal(self) -> bool:
+        entries, rows = self.S.getInfo()["nz_used"], self.S.getLocalSize()[0]
+        return bool(self.system.comm.allreduce(int(entries > rows)) == 0)
+
+    def multipliers(self, residual: Array) -> Array:
+        """λ of the active rows in equilibrium with a residual (unknowns,), (active,)."""
+        if self.empty:
+            return np.zeros(0)
+        return self._solve(self.system.multiply(self.C, self._inverse * residual))
+
+    def forces(self, multipliers: Array) -> Array:
+        """C_Aᵀ λ, (unknowns,)."""
+        if self.empty:
+            return np.zeros(self.system.size)
+        return self.system.multiply_transposed(self.C, multipliers)
+
+    def apply(self, u: Array) -> Array:
+        """Π u."""
+        if self.empty:
+            return u
+        return u - self.lifting(self.system.multiply(self.C, u))
+
+    def apply_transpose(self, residual: Array) -> Array:
+        """Πᵀ r."""
+        if self.empty:
+            return residual
+        return residual - self.forces(self.multipliers(residual))
+
+    def lifting(self, jumps: Array) -> Array:
+        """The smallest displacement with C_A u = jumps (active,), in the norm of D."""
+        if self.empty:
+            return np.zeros(self.system.size)
+        return self.system.multiply(self.Ct, self._solve(jumps))
+
+    def truncating(self, P: PETSc.Mat) -> PETSc.Mat:
+        """E in Π P ≈ P - E for a prolongation P: D⁻¹ C_Aᵀ X with X near S⁻¹ C_A P."""
+        product = self.C.matMult(P)
+        weight = 1.0 / self._row_sums()
+        X = product.copy()
+        _scale(X, weight)
+        if not self._is_diagonal():
+            for _ in range(LUMPED_STEPS - 1):
+                rest = self.S.matMult(X)
+                rest.aypx(-1.0, product, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                _scale(rest, weight)
+                X.axpy(1.0, rest, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        return self.Ct.matMult(X)
+
+    def _row_sums(self) -> Array:
+        """Sums of the magnitudes of the rows of S, which bound its eigenvalues."""
+        sums = np.empty(len(self.rows))
+        begins, _, values = self.S.getValuesCSR()
+        if len(sums):
+            sums[:] = np.add.reduceat(np.abs(values), begins[:-1])
+        return sums
+
+    def _solve(self, values: Array) -> Array:
+        out = np.empty_like(values)
+        with lent(self.system.comm, values, out) as (x, y):
+            self._factor.apply(x, y)
+        return out
+
+
+def _scale(matrix: PETSc.Mat, weights: Array) -> None:
+    """Multiply the rows of a matrix in place."""
+    with lent(matrix.comm, weights) as (left,):
+        matrix.diagonalScale(L=left)

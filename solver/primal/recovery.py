@@ -1,0 +1,44 @@
+"""From merged displacements to those of the subdomains, and to all multipliers.
+
+Those of contact and tied rows are the solver's. Rows of gluing and of held unknowns are orthonormal
+and see what is left at their nodes: λ = B (f - K u - B_Cᵀ λ_C).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.primal.merged import MergedSystem
+from solver.tfeti.constraints.rows import RowKind
+from solver.tfeti.dual_operator import interface_slices
+
+Array = NDArray[np.float64]
+
+
+def recover(system: MergedSystem, u: Array, multiplier: Array) -> tuple[list[Array], Array]:
+    """Displacements (n, members) of each class, and λ of all rows, (dual,) (collective).
+
+    Parameters
+    ----------
+    u : (unknowns,)
+    multiplier : (dual,)
+        λ of contact and tied rows, zero on others.
+    """
+    problem = system.problem
+    displacements = system.on_subdomains(u)
+    left = np.empty(problem.B.columns)
+    for cls, part, own, load in zip(
+        problem.classes,
+        interface_slices(problem.classes),
+        displacements,
+        problem.forces,
+        strict=True,
+    ):
+        rows = cls.stiffness[cls.interface]
+        left[part] = (load[cls.interface] - rows @ own).T.ravel()
+    left -= problem.constraint_forces(multiplier)
+    found = np.empty(problem.size)
+    problem.B.apply(left, found)
+    bound = (problem.kinds == RowKind.GLUING) | (problem.kinds == RowKind.DIRICHLET)
+    return displacements, np.where(bound, found, multiplier)
