@@ -28,6 +28,10 @@ from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import lent
 
+SMALL = 1e-2
+"""Share of the largest stiffness of a level that an unknown counts as if it had at least: aggregates
+with held or too few nodes have unknowns without any."""
+
 Array = NDArray[np.float64]
 Solve = Callable[[PETSc.Mat, Array], Array]
 
@@ -123,7 +127,9 @@ class _Level:
         squares.assemble()
         flexible = system.multiply(squares, 1.0 / system.diagonal)
         self.s = 1.0 / np.maximum(flexible, np.finfo(float).tiny)
-        self.near = options.near * np.asarray(A.getDiagonal().getArray())
+        stiff = np.asarray(A.getDiagonal().getArray())
+        most = system.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
+        self.near = options.near * np.maximum(stiff, SMALL * most)
         self._cycle: Cycle | None = None
 
     def pressed(self, x: Array) -> NDArray[np.bool_]:
