@@ -222,9 +222,10 @@ class PrimalSet:
         jumps = (system.multiply(system.C, backend.u) - system.c)[projector.rows]
         self._start = backend.u - projector.lifting(jumps)
         self._left = system.load - system.multiply(system.K, self._start)
-        operator = _ProjectedStiffness(system, projector)
-        self._preconditioner = _Preconditioner(backend.cycle(projector), projector)
-        rhs = projector.apply_transpose(self._left)
+        free = backend.free_motions
+        operator = _ProjectedStiffness(system, projector, free)
+        self._preconditioner = _Preconditioner(backend.cycle(projector), projector, free)
+        rhs = free.orthogonal(projector.apply_transpose(self._left))
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()
         it.begin()
@@ -282,7 +283,7 @@ class PrimalSet:
         """Go on to a relative residual; `inner` limits all iterations on this set (collective)."""
 
         def see(it: Iterate) -> None:
-            if it.counts.cg > self._steps:  # the watch also sees the start
+            if it.counts.cg > self._steps and it.curvature > 0.0:  # it also sees the start
                 self._lanczos.add(it.slope / it.curvature, self._preconditioner.square)
             self._steps = it.counts.cg
             if watch is not None:
@@ -344,15 +345,15 @@ class PrimalSet:
 class _ProjectedStiffness:
     """Πᵀ K on displacements that leave the active rows alone; `image` is K x itself."""
 
-    def __init__(self, system: MergedSystem, projector: Projector) -> None:
+    def __init__(self, system: MergedSystem, projector: Projector, free: FreeMotions) -> None:
         self.comm, self.size = system.comm, system.size
-        self._system, self._projector = system, projector
+        self._system, self._projector, self._free = system, projector, free
         self.image = np.zeros(system.size)
 
     def apply(self, x: Vector, out: Vector) -> None:
         """Put the product into out."""
         self.image = self._system.multiply(self._system.K, x)
-        out[:] = self._projector.apply_transpose(self.image)
+        out[:] = self._free.orthogonal(self._projector.apply_transpose(self.image))
 
 
 class _Preconditioner:
@@ -364,14 +365,15 @@ class _Preconditioner:
         rᵀ M⁻¹ r of the last residual.
     """
 
-    def __init__(self, cycle: Cycle, projector: Projector) -> None:
-        self._cycle, self._projector, self.square = cycle, projector, 0.0
+    def __init__(self, cycle: Cycle, projector: Projector, free: FreeMotions) -> None:
+        self._cycle, self._projector, self._free = cycle, projector, free
+        self.square = 0.0
 
     def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
         """Put the correction into out."""
         z = np.empty_like(r)
         self._cycle.apply(r, z)
-        out[:] = self._projector.apply(z)
+        out[:] = self._free.orthogonal(self._projector.apply(z))
         self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
 
 

@@ -108,11 +108,12 @@ class lent_options:  # noqa: N801 - a context manager, used like a function
 
 def _near_kernel(system: MergedSystem) -> PETSc.NullSpace:
     """The rigid motions, orthonormal over all bodies together."""
-    gram = system.comm.allreduce(system.rigid.T @ system.rigid, op=MPI.SUM)
+    rigid = np.where(system.held[:, None], 0.0, system.rigid)
+    gram = system.comm.allreduce(rigid.T @ rigid, op=MPI.SUM)
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     kept = values > 1e-12 * values.max()
-    basis = system.rigid @ (vectors[:, kept] / scale[:, None] / np.sqrt(values[kept]))
+    basis = rigid @ (vectors[:, kept] / scale[:, None] / np.sqrt(values[kept]))
     columns = [np.ascontiguousarray(column) for column in basis.T]
     with lent(system.comm, *columns) as lent_columns:
         own = [column.copy() for column in lent_columns]

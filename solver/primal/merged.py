@@ -99,7 +99,7 @@ class MergedSystem:
     held : (unknowns,)
         Which unknowns are held.
     rigid : (unknowns, motions)
-        The rigid motions of each body one after another, zero on held unknowns.
+        The rigid motions of all bodies, each about its middle.
     body : (unknowns,)
     """
 
@@ -185,7 +185,7 @@ def merge(problem: DualProblem) -> MergedSystem:
     load = _to_owners(comm, scatter, np.sum([np.zeros(len(numbers)), *forces], axis=0), size)
     own = nodes.unknowns(np.flatnonzero(nodes.owned), d)
     body = np.repeat(nodes.body[nodes.owned], d)
-    rigid = _rigid(problem, nodes, body, held)
+    rigid = _rigid(problem, nodes)
     load = _impose(comm, K, held, values, load)
     K.setOption(PETSc.Mat.Option.SPD, True)
     kinds = problem.kinds
@@ -322,10 +322,8 @@ def _held(
     return held, np.divide(values, counts, out=np.zeros(size), where=held)
 
 
-def _rigid(
-    problem: DualProblem, nodes: MergedNodes, body: NDArray[np.int64], held: NDArray[np.bool_]
-) -> Array:
-    """Rigid motions of all points about the middle of each body, zero where held (collective)."""
+def _rigid(problem: DualProblem, nodes: MergedNodes) -> Array:
+    """Rigid motions of all points about the middle of each body, (unknowns, k) (collective)."""
     comm, d, points = problem.comm, problem.dimension, nodes.points[nodes.owned]
     of = nodes.body[nodes.owned]
     sums = np.zeros((problem.bodies.count, 4))
@@ -334,8 +332,7 @@ def _rigid(
     centres = sums[:, :3] / np.maximum(sums[:, 3:], 1.0)
     about = points - centres[of]
     length = comm.allreduce(float(np.abs(about).max(initial=0.0)), op=MPI.MAX) or 1.0
-    motions = rigid_motions(about, d, np.zeros(3), length).reshape(len(points) * d, -1)
-    return np.asarray(np.where(held[:, None], 0.0, motions))
+    return rigid_motions(about, d, np.zeros(3), length).reshape(len(points) * d, -1)
 
 
 def _impose(
