@@ -23,6 +23,7 @@ from solver.primal.free_motions import FreeMotions
 from solver.primal.hierarchy import Hierarchy, build_hierarchy
 from solver.primal.merged import MergedSystem, bodies_alone, merge
 from solver.primal.projector import Projector
+from solver.primal.rigid_space import RigidSpace, floating_bodies
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
@@ -108,6 +109,7 @@ class Multigrid:
             build_hierarchy(self.system) if earlier is None else earlier.hierarchy_of_levels
         )
         self.free_motions = FreeMotions(self.system)
+        self.floating = floating_bodies(self.system)
         self.u = np.where(self.system.held, self.system.load / self.system.diagonal, 0.0)
         self._cycle: Cycle | None = None if earlier is None else earlier._cycle
         self._held = _HeldEnergy(self.system)
@@ -224,7 +226,11 @@ class PrimalSet:
         self._left = system.load - system.multiply(system.K, self._start)
         free = backend.free_motions
         operator = _ProjectedStiffness(system, projector, free)
-        self._preconditioner = _Preconditioner(backend.cycle(projector), projector, free)
+        rigid = RigidSpace(system, projector, free, backend.floating)
+        first = self._left
+        self._start = self._start + rigid.balance(projector.apply_transpose(first))
+        self._left = system.load - system.multiply(system.K, self._start)
+        self._preconditioner = _Preconditioner(backend.cycle(projector), projector, free, rigid)
         rhs = free.orthogonal(projector.apply_transpose(self._left))
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()
@@ -365,15 +371,17 @@ class _Preconditioner:
         rᵀ M⁻¹ r of the last residual.
     """
 
-    def __init__(self, cycle: Cycle, projector: Projector, free: FreeMotions) -> None:
-        self._cycle, self._projector, self._free = cycle, projector, free
+    def __init__(
+        self, cycle: Cycle, projector: Projector, free: FreeMotions, rigid: RigidSpace
+    ) -> None:
+        self._cycle, self._projector, self._free, self._rigid = cycle, projector, free, rigid
         self.square = 0.0
 
     def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
         """Put the correction into out."""
         z = np.empty_like(r)
         self._cycle.apply(r, z)
-        out[:] = self._free.orthogonal(self._projector.apply(z))
+        out[:] = self._rigid.correct(r, self._free.orthogonal(self._projector.apply(z)))
         self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
 
 

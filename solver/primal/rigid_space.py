@@ -1,0 +1,94 @@
+"""A coarse space of rigid motions, for bodies that contact holds.
+
+A ball between two grooves can turn although no load makes it: facets and friction-free contact hold
+its spin by next to nothing. Such motions, changed at the nodes of active rows so that these stay
+closed, W = Π R, have so little energy that neither smoothing nor truncated coarse spaces see
+them. With Q = W (Wᵀ K W)⁻¹ Wᵀ the correction M⁻¹ r becomes
+
+    (I - Q K) M⁻¹ r + Q r
+
+(J. M. Tang, R. Nabben, C. Vuik, Y. A. Erlangga, *Comparison of two-level preconditioners derived
+from deflation, domain decomposition and multigrid methods*, 2009: A-DEF2). K W vanishes away from
+the contact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from solver.primal.free_motions import FreeMotions
+from solver.primal.merged import MergedSystem, split_motions
+from solver.primal.projector import Projector
+
+Array = NDArray[np.float64]
+
+HELD = 1e-8
+"""Squared length of held unknowns under a rigid motion, over that of the largest, below which they
+do not stop it."""
+
+SINGULAR = 1e-13
+"""Energy of a motion, over that of the largest, below which it is none but rounding errors."""
+
+MOST = 50
+"""Bodies up to which the space is made: its matrix is dense."""
+
+
+def floating_bodies(system: MergedSystem) -> list[int]:
+    """Bodies that held unknowns alone do not hold (collective)."""
+    rigid, body, result = system.rigid, system.body, []
+    for number in range(system.problem.bodies.count):
+        rows = rigid[system.held & (body == number)]
+        values = np.linalg.eigvalsh(system.comm.allreduce(rows.T @ rows))
+        scale = system.comm.allreduce(float(np.sum(rigid[body == number] ** 2)))
+        if values[0] <= HELD * max(values[-1], 1e-6 * scale):
+            result.append(number)
+    return result
+
+
+class RigidSpace:
+    """W and what belongs to it for one active set (collective).
+
+    Parameters
+    ----------
+    bodies
+        Whose rigid motions it has.
+    """
+
+    def __init__(
+        self, system: MergedSystem, projector: Projector, free: FreeMotions, bodies: list[int]
+    ) -> None:
+        self._comm = system.comm
+        self.empty = not 0 < len(bodies) <= MOST
+        if self.empty:
+            return
+        columns, images = [], []
+        for motion in split_motions(system, bodies).T:
+            w = np.where(system.held, 0.0, motion)
+            w = free.orthogonal(projector.apply(np.ascontiguousarray(w)))
+            size = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
+            w /= np.sqrt(size) or 1.0
+            image = system.multiply(system.K, w)
+            image[np.abs(image) < 1e-14 * system.diagonal.max()] = 0.0
+            columns.append(sparse.csc_matrix(w[:, None]))
+            images.append(sparse.csc_matrix(image[:, None]))
+        self._W = sparse.csr_matrix(sparse.hstack(columns))
+        self._Wt, self._KWt = self._W.T.tocsr(), sparse.csr_matrix(sparse.hstack(images).T)
+        energy = self._comm.allreduce(np.asarray((self._KWt @ self._W).todense()))
+        values, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
+        some = values > SINGULAR * max(values[-1], 0.0)
+        self._inverse = vectors[:, some] / values[some] @ vectors[:, some].T
+
+    def balance(self, residual: Array) -> Array:
+        """Q r."""
+        if self.empty:
+            return np.zeros_like(residual)
+        return np.asarray(self._W @ (self._inverse @ self._comm.allreduce(self._Wt @ residual)))
+
+    def correct(self, residual: Array, z: Array) -> Array:
+        """(I - Q K) z + Q r."""
+        if self.empty:
+            return z
+        along = self._comm.allreduce(self._Wt @ residual - self._KWt @ z)
+        return np.asarray(z + self._W @ (self._inverse @ along))
