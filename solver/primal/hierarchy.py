@@ -36,7 +36,7 @@ class MultigridOptions:
     """
 
     threshold: float = 0.01
-    aggressive: int = 2
+    aggressive: int = 1
     smoothing: int = 2
     smallest: int = 300
     singular: float = 1e-10
