@@ -148,7 +148,9 @@ class CaseModels:
         alike = [e for e in self._earlier if e.problem.B is model.problem.B]
         if not alike:
             return None
-        vectors = np.array([e.problem.effect_of_loads for e in alike] + [model.problem.effect_of_loads])
+        vectors = np.array(
+            [e.problem.effect_of_loads for e in alike] + [model.problem.effect_of_loads]
+        )
         shares = nearest_combination(self._comm.allreduce(vectors @ vectors.T))
         if shares is None:
             return None

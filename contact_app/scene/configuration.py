@@ -335,8 +335,9 @@ class Solver(Model):
         "active-set: the same without SMALBE-M. smalbe: the algorithm of Kružík et al. (2020), "
         "MPRGP with the named expansion inside SMALBE-M; it is meant where an expansion is named "
         "without a method. primal: active sets on the undecomposed bodies, conjugate gradients "
-        "with algebraic multigrid on each set. Where the method ends without a certificate, the scene is solved again "
-        "in as few subdomains as possible and then by Newton's method; a warning says so.",
+        "with algebraic multigrid on each set; Total FETI where that ends without a certificate. "
+        "Where another method does, the scene is solved again in as few subdomains as possible and "
+        "then by Newton's method. A warning says so.",
     )
     tolerance: Annotated[
         float | Literal["auto"],

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, active_set_loop
 from solver.contact.certificate import certify
@@ -39,7 +40,20 @@ def solve_by_multigrid(
         Multipliers of a problem that is nearly the same.
     restart
         Where a stopped solve had come to.
+
+    Raises
+    ------
+    ArithmeticError
+        The sets left no answer.
     """
+    try:
+        return _solve(task, guess, restart)
+    except PETSc.Error as error:  # a factor of a coarse level or of the active rows
+        raise ArithmeticError("a matrix of the multigrid has no factor") from error
+
+
+def _solve(task: Task, guess: NDArray[np.float64] | None, restart: Restart | None) -> Solution:
+    """As `solve_by_multigrid`."""
     backend, before = Multigrid(task.problem), Counts()
     test = _CertificateTest(backend, task.rule)
     problem = task.problem

@@ -89,7 +89,7 @@ def solve(
         Options of the active-set loop, and of SMALBE-M where the sets do not settle.
     """
     rule = stopping_rule(options, assess)
-    if problem.comm.allreduce(problem.size) == 0:
+    if problem.factored and problem.comm.allreduce(problem.size) == 0:
         return rule.judge(answer_of_iterate(problem, rule, np.zeros(0), None))
     inner = MPRGP(
         expansion=options.expansion,

@@ -1,6 +1,10 @@
-"""The contact problem solved for displacements, in the unknowns of all subdomains at once.
+"""The contact problem solved for displacements, in the unknowns of undecomposed bodies.
 
-Its one method today is the safe one that goes on where the dual methods end at rounding errors:
-augmented Lagrangians, semismooth Newton steps and sparse factors (`newton`). Input and product are
-those of the dual methods, a `DualProblem` and multipliers with displacements.
+Input and product are those of the dual methods: a `DualProblem`, here one without factors, and
+multipliers with displacements. `backend` is conjugate gradients with algebraic multigrid on an
+active set: `merged` puts the subdomains together, `projector` holds the active rows, `hierarchy`
+has the levels, `cycle` truncates their coarse spaces, `rigid_space` and `free_motions` see to
+bodies that only contact holds, `first_set` finds the first set on coarse levels, `recovery` leads
+back to all multipliers. `newton` is the safe method where dual methods end at rounding errors:
+augmented Lagrangians, semismooth Newton steps and sparse factors.
 """

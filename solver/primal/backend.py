@@ -323,9 +323,7 @@ class PrimalSet:
         jumps = system.multiply(system.C, u) - system.c
         moved = np.zeros(problem.bodies.count)
         np.maximum.at(moved, system.body, np.abs(u))
-        lengths = body_lengths(
-            problem.bodies, largest(system.comm, moved), problem.free_lengths
-        )
+        lengths = body_lengths(problem.bodies, largest(system.comm, moved), problem.free_lengths)
         square = self._error_square()
         return PrimalState(
             system.stretch(multiplier),

@@ -29,8 +29,9 @@ from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import lent
 
 SMALL = 1e-2
-"""Share of the largest stiffness of a level that an unknown counts as if it had at least: aggregates
-with held or too few nodes have unknowns without any."""
+"""Share of the largest stiffness of a level that an unknown counts as if it had at least.
+
+Aggregates with held or too few nodes have unknowns without any stiffness."""
 
 Array = NDArray[np.float64]
 Solve = Callable[[PETSc.Mat, Array], Array]
@@ -83,7 +84,7 @@ def find_first_set(
 ) -> FirstSet:
     """The rows that press on coarse levels (collective)."""
     options = options or FirstSetOptions()
-    comm, P = system.comm, hierarchy.prolongations
+    P = hierarchy.prolongations
     start = np.where(system.held, system.load / system.diagonal, 0.0)
     if not P:  # the problem is coarse itself
         level = _Level(system, system.K, system.C, system.load, options)
@@ -96,7 +97,7 @@ def find_first_set(
     depth = len(P)
     while depth > 1 and hierarchy.operators[depth - 1].getSize()[0] <= options.largest:
         depth -= 1
-    x, level = np.zeros(len(loads[depth])), None
+    x, pressed = np.zeros(len(loads[depth])), system.equality
     for k in range(depth, 0, -1):
         level = _Level(system, hierarchy.operators[k], Q[k], loads[k], options)
         if k == depth and hierarchy.operators[k].getSize()[0] <= options.largest:
@@ -105,7 +106,6 @@ def find_first_set(
             x = level.minimise(x, options.steps, level.by_cycle(hierarchy, k))
         pressed = level.pressed(x)
         x = system.multiply(P[k - 1], x)
-    assert comm is not None
     return FirstSet(pressed | system.equality, start + x)
 
 

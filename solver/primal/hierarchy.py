@@ -90,7 +90,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     return Hierarchy(tuple(prolongations), tuple(operators), options)
 
 
-class lent_options:  # noqa: N801 - a context manager, used like a function
+class lent_options:
     """Options in PETSc's database for as long as the block runs."""
 
     def __init__(self, prefix: str, given: dict[str, object]) -> None:

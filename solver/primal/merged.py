@@ -193,9 +193,7 @@ def merge(problem: DualProblem) -> MergedSystem:
     B = petsc_rows(comm, problem.B.local[rows], problem.B.columns)
     C = B.matMult(transfer)
     assert len(own) == size
-    return MergedSystem(
-        problem, nodes, K, C, rows, load, held, rigid, body, transfer, scatter
-    )
+    return MergedSystem(problem, nodes, K, C, rows, load, held, rigid, body, transfer, scatter)
 
 
 def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:
@@ -242,15 +240,10 @@ def _stiffness(problem: DualProblem, nodes: MergedNodes) -> PETSc.Mat:
     local = _local_stiffness(problem, nodes, total)
     local.sort_indices()
     if comm.size == 1:
-        K = PETSc.Mat().createAIJ(
-            (total, total),
-            csr=(local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data),
-            comm=comm,
-        )  # fmt: skip
+        K = _alone(local)
         K.setBlockSize(d)
         return K
-    owned = PETSc.Mat().createAIJ((total, total), csr=(local.indptr, local.indices, local.data),
-                                  comm=PETSc.COMM_SELF)  # fmt: skip
+    owned = _alone(local)
     where = PETSc.LGMap().create(nodes.numbers.astype(PETSc.IntType), bsize=d, comm=comm)
     shape = ((nodes.count * d, PETSc.DETERMINE), (nodes.count * d, PETSc.DETERMINE))
     torn = PETSc.Mat().createIS(shape, lgmapr=where, lgmapc=where, comm=comm)
@@ -261,6 +254,14 @@ def _stiffness(problem: DualProblem, nodes: MergedNodes) -> PETSc.Mat:
     K.setBlockSize(d)
     torn.destroy()
     return K
+
+
+def _alone(local: sparse.csr_matrix) -> PETSc.Mat:
+    """A PETSc matrix of this rank alone."""
+    begins, places = (part.astype(PETSc.IntType) for part in (local.indptr, local.indices))
+    return PETSc.Mat().createAIJ(
+        local.shape, csr=(begins, places, local.data), comm=PETSc.COMM_SELF
+    )
 
 
 def _local_stiffness(problem: DualProblem, nodes: MergedNodes, total: int) -> sparse.csr_matrix:

@@ -4,9 +4,9 @@ With D the diagonal of K and C_A the active rows,
 
     Π = I - D⁻¹ C_Aᵀ S⁻¹ C_A,  S = C_A D⁻¹ C_Aᵀ,
 
-maps any displacement to the nearest one, in the norm of D, with C_A u = 0. Rows at single nodes make
-S nearly diagonal, mortar rows make it a narrow band on the surface; its factor costs little beside
-a product with K. The multipliers in equilibrium with a residual r are λ = S⁻¹ C_A D⁻¹ r, and
+maps any displacement to the nearest one, in the norm of D, with C_A u = 0. Rows at single nodes
+make S nearly diagonal, mortar rows make it a narrow band on the surface; its factor costs little
+beside a product with K. The multipliers in equilibrium with a residual r are λ = S⁻¹ C_A D⁻¹ r, and
 r - C_Aᵀ λ = Πᵀ r.
 """
 

@@ -66,9 +66,10 @@ class RigidSpace:
         columns, images = [], []
         for motion in split_motions(system, bodies).T:
             w = np.where(system.held, 0.0, motion)
+            before = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
             w = free.orthogonal(projector.apply(np.ascontiguousarray(w)))
-            size = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
-            w /= np.sqrt(size) or 1.0
+            after = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
+            w *= 1.0 / np.sqrt(after) if after > SINGULAR * before else 0.0
             image = system.multiply(system.K, w)
             image[np.abs(image) < 1e-14 * system.diagonal.max()] = 0.0
             columns.append(sparse.csc_matrix(w[:, None]))

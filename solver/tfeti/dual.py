@@ -189,7 +189,7 @@ class DualProblem:
 
     @property
     def factored(self) -> bool:
-        """Whether there is a dual operator; without one only the displacements can be solved for."""
+        """Whether there is a dual operator; without one only methods for displacements apply."""
         return not self.system.places
 
     @cached_property

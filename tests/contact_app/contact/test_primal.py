@@ -1,0 +1,114 @@
+"""Multigrid on undecomposed bodies gives the answer of the undecomposed reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from solver.contact.driver import solve as solve_problem
+from solver.contact.options import SolverOptions
+from solver.primal.backend import Multigrid
+from tests import scenes
+from tests.comparison import in_order_of, in_space, reference_of, solve
+from tests.ranks import python
+
+ENERGY, FORCE = 1e-8, 1e-6
+
+
+def check(name: str, cell: str, n: int) -> None:
+    """Energy, displacement in energy norm and contact force of a scene."""
+    solution = solve(scenes.ALL[name](cell, n), method="primal")
+    known, summary = reference_of(name, cell, n), solution.summary
+    assert summary["certificate"]["passed"], summary["certificate"]
+    assert summary["solver"]["method"] == "primal", summary["certificate"]["warnings"]
+    scale = max(abs(known.energy), 0.5 * abs(known.u.ravel() @ known.system.load))
+    assert summary["solution"]["energy"] == pytest.approx(known.energy, rel=0, abs=ENERGY * scale)
+    strain_energy = known.u.ravel() @ (known.system.stiffness @ known.u.ravel())
+    error = known.energy_error(in_order_of(known, solution))
+    assert np.sqrt(max(error, 0.0)) < 1e-5 * np.sqrt(strain_energy)
+    load = max(np.abs(known.contact_force).max(), np.abs(known.system.load).sum())
+    np.testing.assert_allclose(
+        summary["solution"]["contact_force"], in_space(known.contact_force), rtol=0,
+        atol=FORCE * load,
+    )  # fmt: skip
+    # the stated bound on the error in energy norm is one
+    bound = solution.solution.measures.error_squares().sum()
+    assert error <= 4.0 * bound + 1e-13 * strain_energy
+
+
+@pytest.mark.parametrize("name", scenes.ALL)
+@pytest.mark.parametrize("cell", scenes.CELLS_3D)
+def test_scenes_in_space(name: str, cell: str) -> None:
+    check(name, cell, 4)
+
+
+@pytest.mark.parametrize("name", [n for n in scenes.ALL if n not in scenes.ONLY_3D])
+@pytest.mark.parametrize("cell", scenes.CELLS_2D)
+def test_scenes_in_the_plane(name: str, cell: str) -> None:
+    check(name, cell, 6)
+
+
+def test_a_begun_solve_goes_on_from_contact_forces() -> None:
+    scene = scenes.build(
+        {**scenes.wall("hexahedron", 8), "solver": {"method": "primal", "tolerance": 1e-8}}
+    )
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    cold = solve_problem(problem, scene.solver)
+    warm = solve_problem(problem, scene.solver, start=cold.multiplier)
+    assert cold.converged
+    assert warm.converged
+    touching = problem.inequality & (cold.multiplier > 1e-9 * np.abs(cold.multiplier).max())
+    assert (warm.multiplier[touching] > 0.0).all()
+
+
+def test_a_stopped_solve_tells_what_it_reached() -> None:
+    scene = scenes.build({**scenes.wall("hexahedron", 6), "solver": {"method": "primal"}})
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    steps: list[object] = []
+    found = solve_problem(
+        problem, SolverOptions(method="primal"), lambda step: steps.append(step) or len(steps) > 3
+    )
+    assert not found.converged
+    assert found.reason.name == "STOPPED"
+    assert np.isfinite(found.certificate.equilibrium)
+
+
+def test_levels_are_made_once_and_serve_other_loads() -> None:
+    scene = scenes.build({**scenes.wall("tetrahedron", 6), "solver": {"method": "primal"}})
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    first = Multigrid(problem)
+    double = problem.with_loads([2.0 * f for f in problem.forces])
+    second = Multigrid(double, first)
+    assert second.hierarchy_of_levels is first.hierarchy_of_levels
+    np.testing.assert_allclose(
+        np.where(second.system.held, 0.0, second.system.load),
+        2.0 * np.where(first.system.held, 0.0, first.system.load),
+    )
+
+
+ON_RANKS = """
+import sys
+from mpi4py import MPI
+from tests import scenes
+from tests.comparison import solve
+made = scenes.ALL[sys.argv[1]](sys.argv[2], 4)
+found = solve(made, method="primal").summary
+assert found["certificate"]["passed"], found["certificate"]
+if MPI.COMM_WORLD.rank == 0:
+    print(found["solver"]["method"], repr(found["solution"]["energy"]))
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("name", "cell", "ranks"),
+    [("wall", "tetrahedron", 2), ("two_bodies", "hexahedron", 3), ("sliding", "triangle", 2)],
+)
+def test_ranks_agree(name: str, cell: str, ranks: int) -> None:
+    done = python("-c", ON_RANKS, name, cell, ranks=ranks, limit=120)
+    assert done.returncode == 0, done.stderr
+    method, energy = done.stdout.split()[-2:]
+    assert method == "primal", done.stderr
+    assert float(energy) == pytest.approx(reference_of(name, cell, 4).energy, rel=1e-8)
