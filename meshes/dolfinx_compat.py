@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import basix
@@ -149,9 +150,17 @@ def lagrange_values(cell: str, degree: int, points: NDArray[np.float64]) -> NDAr
 
 def lagrange_slopes(cell: str, degree: int, points: NDArray[np.float64]) -> NDArray:
     """Slopes of the shape functions at reference points, (points, dimension, nodes)."""
-    return np.moveaxis(_lagrange(cell, degree).tabulate(1, points)[1:, ..., 0], 0, 1)
+    return lagrange_shapes(cell, degree, points)[1]
 
 
+def lagrange_shapes(cell: str, degree: int, points: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """Both: values (points, nodes) and slopes (points, dimension, nodes)."""
+    some = points if len(points) else np.zeros((1, points.shape[1]))  # basix aborts on none
+    table = _lagrange(cell, degree).tabulate(1, some)[:, : len(points), :, 0]
+    return table[0], np.moveaxis(table[1:], 0, 1)
+
+
+@cache
 def _lagrange(cell: str, degree: int) -> Any:
     kind = getattr(basix.CellType, cell)
     return basix.create_element(

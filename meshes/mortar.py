@@ -37,6 +37,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from meshes import dolfinx_compat as versions
+from meshes.quadratic import FACETS
+from meshes.subdomains import vtk_places, vtk_shapes
+
 FACING = 0.5
 """Facets face each other if their normals are within 60° of opposite."""
 
@@ -59,36 +63,11 @@ SLIVER = 1e-13
 STRAIGHT = 1e-9
 """Distance of a middle from that of its vertices, over the size of facets, that is round-off."""
 
-INVERSIONS = 60
-"""Steps of the search for a point on a curved facet; each divides its distance by 5 or more."""
-
 QUERIES = 200_000
 """Points asked of the tree at a time."""
 
 PAIRS = 50_000
 """Pairs of facets intersected at a time; some kilobytes each."""
-
-# Gauss points of triangles, barycentric, and weights that add up to one: degrees 2, 4 and 8
-# (D. A. Dunavant, High degree efficient symmetrical Gaussian quadrature rules for the triangle,
-# IJNME 21 (1985)).
-_ORBITS: dict[int, list[tuple[float, tuple[float, float, float]]]] = {
-    2: [(1 / 3, (2 / 3, 1 / 6, 1 / 6))],
-    4: [
-        (0.223381589678011, (0.108103018168070, 0.445948490915965, 0.445948490915965)),
-        (0.109951743655322, (0.816847572980459, 0.091576213509771, 0.091576213509771)),
-    ],
-    8: [
-        (0.144315607677787, (1 / 3, 1 / 3, 1 / 3)),
-        (0.095091634267285, (0.081414823414554, 0.459292588292723, 0.459292588292723)),
-        (0.103217370534718, (0.658861384496480, 0.170569307751760, 0.170569307751760)),
-        (0.032458497623198, (0.898905543365938, 0.050547228317031, 0.050547228317031)),
-        (0.027230314174435, (0.008394777409958, 0.263112829634638, 0.728492392955404)),
-    ],
-}
-
-
-VERTICES = {(2, 2): 2, (2, 3): 2, (3, 3): 3, (3, 6): 3, (3, 4): 4, (3, 9): 4}
-"""Vertices of a facet by dimension and number of nodes."""
 
 
 class SurfacesApartError(ValueError):
@@ -136,7 +115,7 @@ class Surface:
         """
         order = np.lexsort(np.sort(nodes, axis=1).T)
         nodes, points, inside = nodes[order], points[order], inside[order]
-        v = VERTICES[dimension, nodes.shape[1]]
+        v = FACETS[dimension, nodes.shape[1]].vertices
         place = np.tile(np.arange(nodes.shape[1]), (len(nodes), 1))
         if v == 4:
             place[:, :v] = _around(points[:, :v])
@@ -157,7 +136,7 @@ class Surface:
     @property
     def vertices(self) -> NDArray[np.float64]:
         """Coordinates of the vertices, (facets, vertices, 3)."""
-        return self.points[:, : VERTICES[self.dimension, self.nodes.shape[1]]]
+        return self.points[:, : FACETS[self.dimension, self.nodes.shape[1]].vertices]
 
     @property
     def centres(self) -> NDArray[np.float64]:
@@ -353,13 +332,12 @@ class Overlaps:
         curved = _curved(here, v) or _curved(there, w)
         cut = _segments if on.dimension == 2 else _polygons
         pair, x, weights = cut(flat, other, linear, curved)
-        phi, mine = on_facets(here[pair, :, :-1], v, x)
-        theirs = on_facets(there[pair, :, :-1], w, x)[1]
+        plane = here[pair, :, :-1]
+        phi, mine, slopes = on_facets(plane, x, _curved(here, v))
+        theirs = on_facets(there[pair, :, :-1], x, _curved(there, w))[1]
         gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
         gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
-        slopes = np.zeros((len(pair), 0, mine.shape[1]))
-        if tilted:
-            slopes = _slopes(here[pair, :, :-1], phi)
+        slopes = np.linalg.solve(slopes @ plane, slopes) if tilted else slopes[:, :0]
         kept, start = np.unique(pair, return_index=True)
 
         def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -431,9 +409,9 @@ def _polygons(
     solid = area > SLIVER * size[pair]
     order = np.argsort(pair[solid], kind="stable")
     pair, triangle, area = pair[solid][order], triangle[solid][order], area[solid][order]
-    barycentric, weights = _triangle_rule(8 if curved else _degree(linear, flat, other))
-    x = np.einsum("gv,tvd->tgd", barycentric, triangle)
-    w = area[:, None] * weights
+    at, weights = versions.quadrature("triangle", 8 if curved else _degree(linear, flat, other))
+    x = triangle[:, :1] + at @ edges[solid][order]
+    w = 2.0 * area[:, None] * weights
     return np.repeat(pair, len(weights)), x.reshape(-1, 2), w.ravel()
 
 
@@ -447,19 +425,6 @@ def _degree(linear: bool, *polygons: NDArray[np.float64]) -> int:
             if skew > 1e-12 * np.abs(p).max(initial=0.0):
                 return 8
     return 4 if linear else 8
-
-
-def _triangle_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Barycentric coordinates (points, 3) and weights of a rule."""
-    points: list[tuple[float, ...]] = []
-    weights: list[float] = []
-    for weight, orbit in _ORBITS[degree]:
-        a, b, c = orbit
-        turns = {(a, b, c), (b, c, a), (c, a, b), (a, c, b), (c, b, a), (b, a, c)}
-        points += sorted(turns)
-        weights += [weight] * len(turns)
-    barycentric, w = np.array(points), np.array(weights)
-    return barycentric / barycentric.sum(axis=1, keepdims=True), w / w.sum()
 
 
 def clip(
@@ -504,28 +469,6 @@ def clip(
     return polygon, count
 
 
-def shape(vertices: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shape functions (q, v) of facets with vertices (q, v, d - 1) at points (q, d - 1)."""
-    if vertices.shape[1] == 2:
-        a, b = vertices[:, 0, 0], vertices[:, 1, 0]
-        t = (x[:, 0] - a) / (b - a)
-        return np.stack([1.0 - t, t], axis=1)
-    first, second = vertices[:, 1] - vertices[:, 0], vertices[:, -1] - vertices[:, 0]
-    away = x - vertices[:, 0]
-    if vertices.shape[1] == 3:
-        xi = _solve(first, second, away)
-        return np.stack([1.0 - xi[0] - xi[1], *xi], axis=1)
-    twist = vertices[:, 0] - vertices[:, 1] + vertices[:, 2] - vertices[:, 3]
-    r, s = np.full(len(x), 0.5), np.full(len(x), 0.5)
-    for _ in range(20):  # Newton; a parallelogram needs one step
-        residual = away - r[:, None] * first - s[:, None] * second - (r * s)[:, None] * twist
-        dr, ds = _solve(first + s[:, None] * twist, second + r[:, None] * twist, residual)
-        r, s = r + dr, s + ds
-        if max(np.abs(dr).max(initial=0.0), np.abs(ds).max(initial=0.0)) < 1e-15:
-            break
-    return np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
-
-
 def _curved(nodes: NDArray[np.float64], v: int) -> bool:
     """Whether any facet (n, nodes, d) with v vertices has a node off its middle."""
     if nodes.shape[1] == v:
@@ -538,91 +481,29 @@ def _curved(nodes: NDArray[np.float64], v: int) -> bool:
 
 
 def on_facets(
-    nodes: NDArray[np.float64], v: int, x: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Hats of the v vertices and shape functions of all nodes of facets at points of the plane.
-
-    Where facets are curved the place of a point on them is found by taking the distance by which
-    its image misses it to the straight facet, until there is none.
+    nodes: NDArray[np.float64], x: NDArray[np.float64], curved: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Hats of the vertices, and shape functions of all nodes, at points of the plane.
 
     Parameters
     ----------
     nodes : (q, n, d - 1)
         Projected nodes of the facet of each point.
     x : (q, d - 1)
+    curved
+        Whether a node lies off the middle of its vertices.
+
+    Returns
+    -------
+    Values (q, v) and (q, n), and slopes of the latter in the reference facet (q, d - 1, n).
     """
-    vertices, at = nodes[:, :v], x.copy()
-    phi = shape(vertices, at)
-    values = all_nodes(phi, nodes.shape[1])
-    if nodes.shape[1] == v:
-        return phi, values
-    size = np.ptp(vertices, axis=1).max(axis=1)
-    left = np.arange(len(x))
-    for _ in range(INVERSIONS):
-        missed = x[left] - np.einsum("qn,qnk->qk", values[left], nodes[left])
-        off = np.abs(missed).max(axis=1) > 1e-14 * size[left]
-        left = left[off]
-        if len(left) == 0:
-            break
-        at[left] += missed[off]
-        phi[left] = shape(vertices[left], at[left])
-        values[left] = all_nodes(phi[left], nodes.shape[1])
-    return phi, values
-
-
-def all_nodes(phi: NDArray[np.float64], nodes: int) -> NDArray[np.float64]:
-    """Shape functions of all nodes (q, nodes) of facets from those of the vertices (q, v)."""
-    v = phi.shape[1]
-    if nodes == v:
-        return phi
-    if nodes == 9:
-        r, s = phi[:, 1] + phi[:, 2], phi[:, 2] + phi[:, 3]
-        x, y = (
-            ((1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)) for t in (r, s)
-        )  # start, end, middle
-        order = ((0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (1, 2), (2, 1), (0, 2), (2, 2))
-        return np.stack([x[a] * y[b] for a, b in order], axis=1)
-    middle = 4.0 * phi * np.roll(phi, -1, axis=1)
-    return np.concatenate([phi * (2.0 * phi - 1.0), middle[:, : nodes - v]], axis=1)
-
-
-def _slopes(nodes: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slopes of the shape functions of facets along the axes of the plane, (q, d - 1, n).
-
-    They are polynomials in the place on the facet, whose slopes a complex step has to the last
-    digit (W. Squire, G. Trapp, SIAM Review 40 (1998)).
-
-    Parameters
-    ----------
-    nodes : (q, n, d - 1)
-        Projected nodes of the facet of each point.
-    phi : (q, v)
-        Hats of the vertices there.
-    """
-    step, v, axes = 1e-30j, phi.shape[1], nodes.shape[2]
-    along = []
-    for axis in range(axes):
-        if v == 4:
-            r, s = (a + (step if k == axis else 0.0) for k, a in enumerate(
-                (phi[:, 1] + phi[:, 2], phi[:, 2] + phi[:, 3])))  # fmt: skip
-            moved = np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
-        else:
-            moved = phi.astype(complex)
-            moved[:, 0] -= step
-            moved[:, 1 + axis] += step
-        along.append(all_nodes(moved, nodes.shape[1]).imag / step.imag)
-    local = np.stack(along, axis=1)
-    return np.asarray(np.linalg.solve(local @ nodes, local))
-
-
-def _solve(
-    a: NDArray[np.float64], b: NDArray[np.float64], rhs: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Solve a r + b s = rhs for many pairs of plane vectors."""
-    determinant = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    r = (rhs[:, 0] * b[:, 1] - rhs[:, 1] * b[:, 0]) / determinant
-    s = (a[:, 0] * rhs[:, 1] - a[:, 1] * rhs[:, 0]) / determinant
-    return r, s
+    cell, vertices, degree = FACETS[x.shape[1] + 1, nodes.shape[1]]
+    if curved:
+        place = vtk_places(cell, degree, nodes, x)
+    else:
+        place = vtk_places(cell, 1, nodes[:, :vertices], x)
+    hats = vtk_shapes(cell, 1, place)
+    return hats[0], *(vtk_shapes(cell, degree, place) if degree > 1 else hats)
 
 
 def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:

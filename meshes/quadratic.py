@@ -12,11 +12,13 @@ among those of the full cells, become such by the nodes they lack, put where the
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 EDGES = {
+    "interval": ((0, 1),),
     "triangle": ((0, 1), (1, 2), (2, 0)),
     "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
     "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
@@ -34,7 +36,26 @@ FACES = {
 }  # fmt: skip
 """Vertices of the faces that have a node amid them."""
 
-VERTICES = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+VERTICES = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+
+
+class Facet(NamedTuple):
+    """Name of a facet as a cell, its number of vertices and its degree."""
+
+    cell: str
+    vertices: int
+    degree: int
+
+
+FACETS = {
+    (2, 2): Facet("interval", 2, 1),
+    (2, 3): Facet("interval", 2, 2),
+    (3, 3): Facet("triangle", 3, 1),
+    (3, 6): Facet("triangle", 3, 2),
+    (3, 4): Facet("quadrilateral", 4, 1),
+    (3, 9): Facet("quadrilateral", 4, 2),
+}
+"""Facets by the dimension of the scene and the number of their nodes."""
 
 STRAIGHT = 1e-9
 """Distance of a node from the middle of its vertices, over the size of the cell, that is none."""

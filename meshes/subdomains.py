@@ -21,6 +21,7 @@ from meshes import dolfinx_compat as versions
 from meshes.quadratic import VERTICES, node_vertices
 
 VTK_ORDER = {
+    "interval": (0, 1),
     "triangle": (0, 1, 2),
     "quadrilateral": (0, 1, 3, 2),
     "tetrahedron": (0, 1, 2, 3),
@@ -52,8 +53,8 @@ def vtk_shapes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Shape functions (points, nodes) and their slopes (points, dimension, nodes), VTK order."""
     order = list(vtk_order(cell, degree))
-    values = versions.lagrange_values(cell, degree, points)[:, order]
-    return values, versions.lagrange_slopes(cell, degree, points)[..., order]
+    values, slopes = versions.lagrange_shapes(cell, degree, points)
+    return values[:, order], slopes[..., order]
 
 
 def vtk_places(
@@ -68,9 +69,9 @@ def vtk_places(
     points : (points, dimension)
     """
     dimension = points.shape[1]
-    simplex = cell in ("triangle", "tetrahedron")
+    simplex = cell in ("interval", "triangle", "tetrahedron")
     places = np.full(points.shape, 1.0 / (dimension + 1) if simplex else 0.5)
-    for _ in range(PLACE_STEPS):
+    for _ in range(1 if simplex and degree == 1 else PLACE_STEPS):
         values, slopes = vtk_shapes(cell, degree, places)
         away = points - np.einsum("nk,nki->ni", values, nodes)
         jacobian = np.einsum("nrk,nki->nri", slopes, nodes)

@@ -14,16 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import dolfinx_compat as versions
-
-KINDS = {
-    (2, 2): ("interval", 2, 1),
-    (2, 3): ("interval", 2, 2),
-    (3, 3): ("triangle", 3, 1),
-    (3, 6): ("triangle", 3, 2),
-    (3, 4): ("quadrilateral", 4, 1),
-    (3, 9): ("quadrilateral", 4, 2),
-}
-"""Name, vertices and order of a facet by the dimension of the scene and the number of nodes."""
+from meshes.quadratic import FACETS
 
 LATTICE = 12
 """Intervals along an edge between the points at which a facet is looked at."""
@@ -35,7 +26,7 @@ RULE = 8
 @cache
 def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Weights (q,), hats (q, vertices), shapes (q, nodes) and their slopes (q, d - 1, nodes)."""
-    name, _, order = KINDS[dimension, nodes]
+    name, _, order = FACETS[dimension, nodes]
     points, weights = versions.quadrature(name, RULE)
     values = [versions.lagrange_values(name, p, points) for p in (1, order)]
     return weights, values[0], values[1], versions.lagrange_slopes(name, order, points)
@@ -44,7 +35,7 @@ def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDAr
 @cache
 def shapes_on_lattice(dimension: int, nodes: int) -> NDArray[np.float64]:
     """Values of the shape functions at points all over a facet, (points, nodes)."""
-    name, _, order = KINDS[dimension, nodes]
+    name, _, order = FACETS[dimension, nodes]
     axis = np.linspace(0.0, 1.0, LATTICE + 1)
     points = np.stack(np.meshgrid(*[axis] * (dimension - 1), indexing="ij"), axis=-1)
     points = points.reshape(-1, dimension - 1)
@@ -56,7 +47,7 @@ def shapes_on_lattice(dimension: int, nodes: int) -> NDArray[np.float64]:
 @cache
 def hats_at_nodes(dimension: int, nodes: int) -> NDArray[np.float64]:
     """Values of the hat functions at the nodes of a facet, (vertices, nodes)."""
-    name, _, order = KINDS[dimension, nodes]
+    name, _, order = FACETS[dimension, nodes]
     return versions.lagrange_values(name, 1, versions.lagrange_nodes(name, order)[0]).T
 
 

@@ -13,11 +13,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, surface_facets
-from contact_app.model.facets import KINDS, moments
+from contact_app.model.facets import moments
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes import dolfinx_compat as versions
+from meshes.quadratic import FACETS
 
 SAMPLES = 8
 """Points along an edge at which facets are asked whether the expression holds."""
@@ -69,7 +70,7 @@ def _areas(x: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
 @cache
 def _inner_points(dimension: int, nodes: int) -> NDArray[np.float64]:
     """Shape functions at points inside a facet, none on its edges, (points, nodes)."""
-    name, _, order = KINDS[dimension, nodes]
+    name, _, order = FACETS[dimension, nodes]
     axis = (np.arange(SAMPLES) + 0.5) / SAMPLES
     points = np.stack(np.meshgrid(*[axis] * (dimension - 1), indexing="ij"), axis=-1)
     points = points.reshape(-1, dimension - 1)
