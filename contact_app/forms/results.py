@@ -17,7 +17,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
 from contact_app.results.alternation import LINES, Lines, alternation
 from contact_app.run.summary import decomposition_record, solver_record
-from meshes.mortar import VERTICES
+from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.exchange import NodeExchange
 
@@ -113,7 +113,7 @@ def contact_at_nodes(
     gap = np.full(owners.count, np.nan)
     np.fmin.at(gap, at, (-jump / rows.spread)[mine])
     at_nodes = model.contacts[number].against is None and not in_the_mean(model.parts)
-    if facets.copies.shape[1] != VERTICES[d, facets.copies.shape[1]]:
+    if facets.copies.shape[1] != FACETS[d, facets.copies.shape[1]].vertices:
         if at_nodes:
             pressure = _without_alternation(model, facets, owners, pressure, shares)
         else:
