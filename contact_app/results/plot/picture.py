@@ -1,8 +1,7 @@
 """Pictures of a result: the deformed shape, coloured by fields, and the contact pressure.
 
-Reads only what a run left (``solution.xdmf``, ``summary.json``) and needs no screen. All is drawn
-by matplotlib; bodies in space smoother by VTK, where pyvista, the extra ``plot`` of this package,
-is installed.
+Reads only what a run left (``solution.xdmf``, ``summary.json``). All is drawn by matplotlib, which
+needs no screen.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ def plot(
     Returns
     -------
     pictures, remarks
-        Paths written, and sentences on what was not drawn, or not as well as it can be, and why.
+        Paths written, and sentences on what was not drawn and why.
 
     Raises
     ------
@@ -98,9 +97,7 @@ def plot(
             draw_plane(stored, shown, LABELS, factor, part, caption)
         else:
             between = bool(summary.get("solution", {}).get("pair_forces"))
-            note = draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
-            if note is not None:
-                remarks.append(f"bodies.png is drawn without VTK: {note}")
+            draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
     pictures = [bodies]
     pressure = target / "contact_pressure.png"
     try:

@@ -1,27 +1,17 @@
 """Deformed bodies in space coloured by fields, a panel a field, within the edges they had.
 
-What is seen is the skin of the cells, looked at along one direction without perspective. VTK draws
-it, by way of pyvista, in a process of its own (`contact_app.results.plot.vtk_panels`): beside
-dolfinx it aborts (both bring a std::regex, one for each of libstdc++'s two kinds of strings, and
-the linker takes one for the other), and a graphics library of the system may take it down, too.
-Where that fails a renderer of this application draws (`contact_app.results.plot.raster`). Titles
-and scales are matplotlib's in both cases.
+The picture shows the skin of the cells, seen along one direction without perspective
+(`contact_app.results.plot.raster`). Titles and scales are matplotlib's.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.results.plot import vtk_panels
 from contact_app.results.plot.contact_picture import touchable
 from contact_app.results.plot.node_values import (
     copies,
@@ -47,26 +37,15 @@ SHARP = 30.0
 EXTREME = 0.01
 #: Pixels along the picture where it is asked whether something is hidden.
 COARSE = 300
-#: Seconds that VTK may take.
-PATIENCE = 300.0
-#: Width of a panel in inches, and its pixels for each.
-WIDTH, SHARPNESS = 6.0, 200
-#: Dots an inch of the own renderer: twice those of the picture, which smooths edges.
-OWN_SHARPNESS = 300
+#: Width of a panel in inches.
+WIDTH = 6.0
+#: Dots an inch: twice those of the picture, which smooths edges.
+SHARPNESS = 300
 #: Light that falls on every face, and what comes from one side.
 AMBIENT, DIFFUSE = 0.72, 0.30
 BARE, GREY = (0.82, 0.82, 0.82), (0.5, 0.5, 0.5)
 #: How much of what is behind a bare face it hides, where it has to be looked through.
 VEIL = 0.12
-
-HOW_TO_GET_PYVISTA = (
-    "'.venv/bin/pip install -c .venv/constraints.txt pyvista' here, "
-    "'pip install contact-app[plot]' elsewhere, about 800 MB"
-)
-
-
-class VTKError(Exception):
-    """VTK did not draw; the text says why, in one line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +140,7 @@ def draw_space(
     caption: str,
     camera: tuple[float, float, float] | None = None,
     between: bool = False,
-) -> str | None:
+) -> None:
     """Write a picture with a panel for each field.
 
     Parameters
@@ -169,11 +148,6 @@ def draw_space(
     between
         Whether bodies touch each other: then they are translucent where pressure is shown, as
         where most of what is pressed is hidden from the eye.
-
-    Returns
-    -------
-    str or None
-        Why VTK did not draw it, if it did not.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
@@ -196,13 +170,8 @@ def draw_space(
 
     wide = WIDTH
     tall = min(max(wide * view.half[1] / view.half[0], 0.35 * wide), 1.6 * wide)
-    try:
-        images = _by_vtk(moved, faces, outline, panels, view, (wide, tall), SHARPNESS)
-        note = None
-    except VTKError as error:
-        frame = Frame.of(view, (wide, tall), OWN_SHARPNESS)
-        images = [_by_depth_buffer(moved, faces, outline, panel, frame) for panel in panels]
-        note = str(error)
+    frame = Frame.of(view, (wide, tall), SHARPNESS)
+    images = [_image(moved, faces, outline, panel, frame) for panel in panels]
     figure = Figure(figsize=(wide * len(panels), tall + 1.3), layout="constrained")
     FigureCanvasAgg(figure)
     places = np.ravel(figure.subplots(1, len(panels)))
@@ -217,7 +186,6 @@ def draw_space(
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=12)
     figure.savefig(target, dpi=150, format="png")
-    return note
 
 
 def panel_of(
@@ -327,84 +295,14 @@ def _normals(points: NDArray[np.float64], sides: NDArray[np.int64]) -> NDArray[n
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
-def _by_vtk(
-    points: NDArray[np.float64],
-    faces: list[NDArray[np.int64]],
-    outline: NDArray[np.float64],
-    panels: list[Panel],
-    view: View,
-    inches: tuple[float, float],
-    dots: int,
-) -> list[NDArray[np.float64]]:
-    """Images of the panels, (height, width, 3 or 4) each, drawn by another process.
-
-    Raises
-    ------
-    VTKError
-        pyvista is not installed, or the process failed.
-    """
-    from importlib.util import find_spec
-
-    from matplotlib.image import imread
-
-    if find_spec("pyvista") is None:
-        raise VTKError(f"pyvista, which draws smoother, is not installed ({HOW_TO_GET_PYVISTA})")
-    with tempfile.TemporaryDirectory(prefix="contact-plot-") as name:
-        folder = Path(name)
-        arrays: dict[str, NDArray[Any]] = {"points": points, "outline": outline}
-        arrays |= {f"faces{i}": sides for i, sides in enumerate(faces)}
-        arrays |= {f"values{i}": panel.values for i, panel in enumerate(panels)}
-        np.savez(folder / "skin.npz", **arrays)  # type: ignore[arg-type]
-        instructions = {
-            "size": Frame.of(view, inches, dots).size,
-            "centre": view.centre.tolist(),
-            "direction": view.direction.tolist(),
-            "up": view.up.tolist(),
-            "half_height": float(view.half[1]),
-            "edges": sum(map(len, faces)) <= EDGES_UP_TO,
-            "light": view.light.tolist(),
-            "ambient": AMBIENT,
-            "diffuse": DIFFUSE,
-            "bare": BARE,
-            "veil": VEIL,
-            "panels": [
-                {"limits": p.limits, "colours": p.colours, "through": p.through} for p in panels
-            ],
-        }
-        (folder / "view.json").write_text(json.dumps(instructions), encoding="utf-8")
-        command = [sys.executable, "-P", str(Path(vtk_panels.__file__)), name]
-        try:
-            ran = subprocess.run(
-                command, capture_output=True, text=True, errors="replace", timeout=PATIENCE
-            )
-        except subprocess.TimeoutExpired:
-            raise VTKError(f"VTK did not draw within {PATIENCE:g} s") from None
-        made = [folder / f"panel{i}.png" for i in range(len(panels))]
-        if ran.returncode != 0 or not all(path.is_file() for path in made):
-            raise VTKError(_what_went_wrong(ran))
-        return [imread(path) for path in made]
-
-
-def _what_went_wrong(ran: subprocess.CompletedProcess[str]) -> str:
-    """One line for the user: what a failed VTK said last, and what usually is missing."""
-    said = [line.strip() for line in ran.stderr.splitlines() if line.strip()]
-    telling = [line for line in said if "rror" in line or "what()" in line] or said
-    last = f": {telling[-1][:200]}" if telling else ""
-    ended = f"signal {-ran.returncode}" if ran.returncode < 0 else f"exit code {ran.returncode}"
-    return (
-        f"VTK could not draw ({ended}{last}); without a screen it needs "
-        "'apt-get install libegl1 libgl1'"
-    )
-
-
-def _by_depth_buffer(
+def _image(
     points: NDArray[np.float64],
     faces: list[NDArray[np.int64]],
     outline: NDArray[np.float64],
     panel: Panel,
     frame: Frame,
 ) -> NDArray[np.float64]:
-    """Image (height, width, 3) of a panel by this application's own renderer."""
+    """Image (height, width, 3) of a panel."""
     from matplotlib import colormaps
 
     triangles = _triangles(points, faces, panel, frame)

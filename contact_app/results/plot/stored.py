@@ -1,7 +1,6 @@
 """What a run left in ``solution.xdmf``, read back: mesh, fields, and the sides of its cells.
 
-Reads the files `contact_app.results.xdmf` writes with h5py alone, so that pictures in the plane
-need no pyvista.
+Reads the files that `contact_app.results.xdmf` writes, with h5py.
 """
 
 from __future__ import annotations

@@ -210,7 +210,7 @@ def test_unknown_names_are_refused(tmp_path: Path) -> None:
 
 
 def test_pyvista_sees_one_grid_with_every_field(tmp_path: Path) -> None:
-    pyvista = pytest.importorskip("pyvista", reason="pyvista (extra 'plot') is not installed")
+    pyvista = pytest.importorskip("pyvista", reason="pyvista is not installed")
     rng = np.random.default_rng(9)
     points, cells = separate_cells("hexahedron", 4, rng)
     displacement = rng.normal(size=points.shape)
