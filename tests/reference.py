@@ -74,6 +74,8 @@ class System:
     contact : csr_matrix, shape (rows, n·dim)
         Rows of the non-penetration conditions.
     gap, contact_node : ndarray, shape (rows,)
+    contact_source : ndarray, shape (rows,)
+        Index of the contact of each row: those with obstacles first, then pairs.
     """
 
     dimension: int
@@ -86,6 +88,7 @@ class System:
     contact: sp.csr_matrix
     gap: np.ndarray
     contact_node: np.ndarray
+    contact_source: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -212,7 +215,7 @@ def _assembled(form: Any) -> sp.csr_matrix:
     return result
 
 
-class _AssembledBody:
+class AssembledBody:
     """One body's nodes, stiffness and loads on its whole mesh."""
 
     def __init__(self, body: Any, dimension: int, plane: str | None) -> None:
@@ -369,7 +372,7 @@ class _AssembledBody:
 def assemble(scene: Any) -> System:
     """Assemble the undecomposed problem of a scene."""
     dimension = scene.dimension
-    bodies = [_AssembledBody(body, dimension, scene.plane) for body in scene.bodies]
+    bodies = [AssembledBody(body, dimension, scene.plane) for body in scene.bodies]
     for item in scene.tractions:
         bodies[item.body].add_load(item.boundary, traction=item.vector)
     for item in scene.pressures:
@@ -448,6 +451,7 @@ def assemble(scene: Any) -> System:
         contact=sp.vstack(rows, format="csr") if rows else sp.csr_matrix((0, dofs)),
         gap=np.concatenate(gaps) if gaps else np.zeros(0),
         contact_node=np.concatenate(contact_nodes) if rows else np.zeros(0, dtype=int),
+        contact_source=np.repeat(np.arange(len(gaps)), [len(g) for g in gaps]),
     )
 
 
@@ -527,7 +531,7 @@ def minimise(
     # In units in which every diagonal entry and every row is one, so that neither a soft body
     # beside a stiff one nor a short row is lost in ε and δ.
     given = K, load, B, gap
-    unit = 1.0 / np.sqrt(K.diagonal())
+    unit = 1.0 / np.sqrt(_diagonal(K))
     B = B @ sp.diags(unit)
     size = np.sqrt(np.asarray(B.multiply(B).sum(axis=1)).ravel())
     size[fixed] = 1.0
@@ -593,6 +597,12 @@ def minimise(
     return best[0], best[1], best_residual, steps
 
 
+def _diagonal(K: sp.spmatrix) -> np.ndarray:
+    """The diagonal, its largest entry where it is zero: unknowns that no stiffness resists."""
+    found = K.diagonal()
+    return np.where(found > 0.0, found, found.max(initial=1e-300))
+
+
 def optimality(
     K: sp.spmatrix,
     load: np.ndarray,
@@ -612,7 +622,7 @@ def optimality(
     force = max(np.abs(v).max(initial=0.0) for v in (load, internal, reaction))
     slack = gap - B @ u
     closed = np.abs(gap[multiplier > 0]).max(initial=0.0)
-    alone = np.abs(load / K.diagonal()).max(initial=0.0)
+    alone = np.abs(np.where(K.diagonal() > 0.0, load, 0.0) / _diagonal(K)).max(initial=0.0)
     length = max(np.abs(u).max(initial=0.0), closed, STILL * alone)
     if force == 0.0 and length == 0.0:
         return float(np.any(slack < 0))

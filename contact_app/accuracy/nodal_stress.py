@@ -60,7 +60,9 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
         sides = []
         for k in range(count):
             recovery = StressRecovery(model, Patches(model, k if count > 1 else None, DETERMINED))
-            sides.append(_at_nodes(model, recovery(solution.displacements, touching), k))
+            sides.append(
+                _at_nodes(model, recovery(model.elastic(solution.displacements), touching), k)
+            )
     stresses = {"": _largest(sides)}
     if count > 1:
         stresses |= {f"_material_{k}": side for k, side in enumerate(sides)}

@@ -101,7 +101,7 @@ def rows_about_vertices(
         nodes.append(np.broadcast_to(numbers[:, None], shape).ravel())
         weights.append(integrals.ravel())
         points.append(np.broadcast_to(x[:, None], (*shape, 3)).reshape(-1, 3))
-    meeting = NodeExchange(exchange.comm, np.concatenate(vertices), exchange.total)
+    meeting = exchange.among(np.concatenate(vertices))
     pair = np.stack([meeting.nodes, meeting.to_owners(np.concatenate(nodes))], axis=1)
     weight = meeting.to_owners(np.concatenate(weights))
     point = meeting.to_owners(np.concatenate(points))

@@ -55,14 +55,15 @@ def reaches(
     groups
         Bodies that may touch each other.
     pushing : (bodies,), (bodies,)
-        Sum of the magnitudes of the nodal loads on each body, and its free thermal strain.
+        Sum of the magnitudes of the nodal loads on each body, and its free thermal strain; elastic
+        bodies first, then moving rigid ones, whose contacts nothing bounds.
     held : (bodies,)
         Whether the conditions stop every rigid motion of a body.
     overlaps : (contacts,)
         Deepest initial overlap of each contact, zero or more.
     """
     forces, strains = pushing
-    bound = np.full(len(scene.bodies), np.inf)
+    bound = np.full(len(scene.body_names), np.inf)
     for group in groups:
         moved = [
             float(np.linalg.norm([v or 0.0 for v in condition.values]))
@@ -165,7 +166,7 @@ def slack_of(
         At the nodes this rank owns.
     """
     entries = rows.entries
-    query = NodeExchange(exchange.comm, entries.node, exchange.total)
+    query = exchange.among(entries.node)
     u = query.from_owners(displacement[query.nodes - query.first])
     moved = entries.value * u[np.arange(len(entries.node)), entries.component]
     return rows.gaps - np.bincount(entries.row, moved, minlength=len(rows.nodes))

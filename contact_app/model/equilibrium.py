@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.far_obstacles import distant
+from contact_app.model.rigid import RigidUnknowns
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -26,7 +27,9 @@ def body_balances(
     contact: ContactRows,
     loads: Iterable[NDArray[np.float64] | None],
 ) -> list[BodyBalance]:
-    """What holds each body; raises where a load drives a body away.
+    """What holds each body, (bodies,): elastic ones first, then moving rigid ones.
+
+    Raises where a load drives a body away.
 
     Parameters
     ----------
@@ -35,7 +38,8 @@ def body_balances(
     """
     held, tied = holding
     d, comm = scene.dimension, partition.comm
-    count = len(scene.bodies)
+    rigid, elastic = RigidUnknowns.of(scene, partition), len(scene.bodies)
+    count = elastic + rigid.count
     work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
     for s, load in zip(partition.subdomains, loads, strict=True):
         if load is not None:
@@ -43,11 +47,17 @@ def body_balances(
             work[s.body] += load @ motions.reshape(len(load), -1)
             scale[s.body] += np.abs(load).sum()
     work, scale = comm.allreduce(work), comm.allreduce(scale)
-    seen, joined = (_contact_motions(scene, partition, rows) for rows in (contact, tied))
+    for nth in range(rigid.count):
+        work[elastic + nth] = rigid.loads(nth)
+        scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
+    seen, joined = (_contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
     balances: list[BodyBalance | None] = [None] * count
     for group in groups_in_contact(scene):
         held_rows = []
         for b in group:
+            if b >= elastic:
+                held_rows.append(np.eye(MOTIONS[d])[rigid.held(b - elastic)[0]])
+                continue
             first, last = partition.first_node[b], partition.first_node[b + 1]
             mine = (held.nodes >= first) & (held.nodes < last)
             motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
@@ -76,13 +86,15 @@ def body_balances(
 
 
 def group_numbers(scene: Scene) -> NDArray[np.int64]:
-    """The group of each body, (bodies,).
+    """The group of each body, (bodies,): elastic ones first, then moving rigid ones.
 
     Bodies of a group may touch or hold together, directly or through others.
     """
-    count = len(scene.bodies)
+    elastic, count = len(scene.bodies), len(scene.body_names)
     pairs = [(pair.body, pair.other) for pair in scene.pairs]
     pairs += [(tie.body, tie.other) for tie in scene.ties]
+    place = {number: elastic + nth for nth, number in enumerate(scene.moving)}
+    pairs += [(c.body, place[c.rigid]) for c in scene.contacts if c.rigid in place]
     ends = np.array(pairs).reshape(-1, 2)
     graph = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
     _, label = sparse.csgraph.connected_components(graph, directed=False)
@@ -95,7 +107,9 @@ def groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(label == k) for k in np.unique(label)]
 
 
-def _contact_motions(scene: Scene, partition: Partition, contact: ContactRows) -> sparse.csr_matrix:
+def _contact_motions(
+    scene: Scene, partition: Partition, contact: ContactRows, rigid: RigidUnknowns
+) -> sparse.csr_matrix:
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
     d, entries = scene.dimension, contact.entries
     body = np.searchsorted(partition.first_node, entries.node, side="right") - 1
@@ -107,9 +121,13 @@ def _contact_motions(scene: Scene, partition: Partition, contact: ContactRows) -
     values *= entries.value[:, None]
     column = body[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])
     row = np.broadcast_to(entries.row[:, None], column.shape)
+    more = contact.rigid
+    of_rigid = len(scene.bodies) + rigid.body_of(more.node)
+    place = of_rigid * MOTIONS[d] + rigid.motion_of(more.node, more.component)
+    parts = (values.ravel(), more.value), (row.ravel(), more.row), (column.ravel(), place)
+    value, rows, columns = (np.concatenate(part) for part in parts)
     return sparse.csr_matrix(
-        (values.ravel(), (row.ravel(), column.ravel())),
-        shape=(len(contact.nodes), len(scene.bodies) * MOTIONS[d]),
+        (value, (rows, columns)), shape=(len(contact.nodes), len(scene.body_names) * MOTIONS[d])
     )
 
 
@@ -118,7 +136,7 @@ def _leaving(scene: Scene, group: NDArray[np.int64], escape: NDArray[np.float64]
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
     said = [
-        f"{scene.bodies[b].name} from leaving along {directions_in_words(motion[:, None])}"
+        f"{scene.body_names[b]} from leaving along {directions_in_words(motion[:, None])}"
         for b, motion, s in zip(group, motions, size, strict=True)
         if s > 1e-6 * size.max()
     ]

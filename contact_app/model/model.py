@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +27,7 @@ from contact_app.model.equilibrium import directions_in_words, group_numbers, up
 from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.outline import Outline, Tell, outline
 from contact_app.model.probes import Probe
+from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
 from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
@@ -39,6 +41,8 @@ from solver.tfeti.constraints.rows import ContactRows, HeldRows, write_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.system import NodePlaces
+
+Part = TypeVar("Part")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +101,10 @@ class Model:
     def comm(self) -> MPI.Intracomm:
         """Communicator of all ranks."""
         return self.partition.comm
+
+    def elastic(self, values: Sequence[Part]) -> Sequence[Part]:
+        """Of values of each class those of the classes with a mesh, without rigid bodies."""
+        return values[: len(self.elements)]
 
     @cached_property
     def dofs(self) -> int:
@@ -183,8 +191,10 @@ def model_of_outline(
     partition, surface, exchange = known.partition, known.surface, known.exchange
     held, balances, eliminated = known.held, known.balances, known.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
+    unknowns = RigidUnknowns.of(scene, partition)
+    of_copies = subdomains_of_copies(surface, partition, unknowns.count)
     rows, contact, tied = write_rows(
-        exchange, surface.subdomains, held, known.contact, eliminated[body_of_held], options,
+        exchange, of_copies, held, known.contact, eliminated[body_of_held], options,
         known.tied.rows,
     )  # fmt: skip
     supports = support_rows(scene, partition, surface, balances)
@@ -196,7 +206,7 @@ def model_of_outline(
     with timings.measure("assembly"):
         subdomains = [
             _assembled(scene, known, key, members, lifting) for key, members in classes.items()
-        ]
+        ] + rigid_subdomains(unknowns, surface, partition)
     constraints = ConstraintRows(
         exchange, rows, contact, supports, all(b.steady for b in balances), tied
     )
@@ -232,11 +242,11 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
     """Sentences on how the scene is modelled (collective)."""
     partition, eliminated = known.partition, known.eliminated
     notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
-    for body, found in zip(scene.bodies, known.balances, strict=True):
+    for name, found in zip(scene.body_names, known.balances, strict=True):
         if found.free_motions.shape[1]:
             freely = directions_in_words(upward(found.free_motions))
             notes.append(
-                f"{body.name} can move freely along {freely} and no load works on that motion: it "
+                f"{name} can move freely along {freely} and no load works on that motion: it "
                 "is held where it is"
             )
     if is_undecomposed(scene):

@@ -34,6 +34,12 @@ from contact_app.model.heat import free_strains, node_temperatures, thermal_load
 from contact_app.model.loads import load_vectors
 from contact_app.model.method import subdomains_of
 from contact_app.model.probes import Probe, locate_probes
+from contact_app.model.rigid import (
+    exchange_with,
+    moving_contacts,
+    moving_rows,
+    scene_length,
+)
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.ties import TiedRows, tied_rows
@@ -103,7 +109,7 @@ class Outline:
         Temperatures at the nodes of each subdomain of this rank and the loads by which they expand
         it, None without heat.
     balances
-        What holds each body.
+        What holds each body, elastic ones first, then moving rigid ones.
     """
 
     partition: Partition
@@ -149,7 +155,7 @@ class Outline:
     def eliminated(self) -> NDArray[np.bool_]:
         """Bodies that are one held subdomain: no gluing, no coarse problem, (bodies,)."""
         whole = np.array([n == 1 for n in self.partition.subdomains_of_body])
-        return whole & np.array([b.held for b in self.balances])
+        return whole & np.array([b.held for b in self.balances[: len(whole)]])
 
 
 Tell = Callable[[Scene, Outline], None]
@@ -179,17 +185,17 @@ def outline(
     with timings.measure("setup"):
         partition = partition_scene(scene, comm)
     surface, probes = SurfaceCopies(partition), locate_probes(scene, partition)
-    exchange = NodeExchange(comm, surface.nodes, partition.nodes)
+    exchange = exchange_with(surface, partition, len(scene.moving))
     conditions = _conditions(scene, partition)
     uncut = tuple(mortar_rows(scene, partition, exchange, i) for i in range(len(scene.pairs)))
     uncut += tuple(
         rows_in_the_mean(scene, partition, exchange, i)
         for i, c in enumerate(scene.contacts)
-        if has_averaged_rows(scene.bodies[c.body])
+        if has_averaged_rows(scene.bodies[c.body]) and c.rigid not in scene.moving
     )
-    held, contact, merged = _merged_rows(scene, exchange, conditions, uncut)
-    tied = tied_rows(scene, partition, exchange, held, _length(scene))
-    some = undecided(comm, contact, tied.rows)
+    held, contact, merged = _merged_rows(scene, partition, exchange, conditions, uncut)
+    tied = tied_rows(scene, partition, exchange, held, scene_length(scene))
+    some = undecided(comm, contact, tied.rows) | contact.on_rigid
     contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
@@ -219,20 +225,25 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
 
     Returns
     -------
-    None where the displacements change which rows are redundant: then it is a model of its own.
+    None where the displacements change which rows are redundant, or the scene has rigid bodies:
+    then it is a model of its own.
 
     Raises
     ------
     NoEquilibriumError
         A body leaves, or conditions on a node exclude each other.
     """
+    if scene.rigid_bodies:  # each case places them elsewhere
+        return None
     timings, partition = timings or Timings(), known.partition
     rows = known.all_contact
     held, contact, merged, tied = known.held, rows, known.merged, known.tied
     if any(condition.name is not None for condition in scene.displacements):
         conditions = _conditions(scene, partition)
-        held, contact, merged = _merged_rows(scene, known.exchange, conditions, known.uncut)
-        tied = tied_rows(scene, partition, known.exchange, held, _length(scene))
+        held, contact, merged = _merged_rows(
+            scene, partition, known.exchange, conditions, known.uncut
+        )
+        tied = tied_rows(scene, partition, known.exchange, held, scene_length(scene))
         some = undecided(partition.comm, contact, tied.rows)
         contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
@@ -285,24 +296,31 @@ def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
     return conditions
 
 
-def _length(scene: Scene) -> float:
-    """A length of the scene, beside which round-off of places is small."""
-    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
-
-
 def _merged_rows(
-    scene: Scene, exchange: NodeExchange, conditions: NodeConditions, uncut: Sequence[ContactRows]
+    scene: Scene,
+    partition: Partition,
+    exchange: NodeExchange,
+    conditions: NodeConditions,
+    uncut: Sequence[ContactRows],
 ) -> tuple[HeldRows, ContactRows, ContactRows]:
     """Held nodes, contact rows without what is held, and rows that are redundant (collective)."""
-    length = _length(scene)
+    length = scene_length(scene)
+    moving = np.isin(conditions.contact_source, moving_contacts(scene))
+    fixed = conditions.of_contacts(~moving)
     try:
         held = merge_held(exchange, conditions)
-        contact, merged = merge_contact(exchange, conditions, held, length)
+        contact, merged = merge_contact(exchange, fixed, held, length)
         if uncut:
             cut = [cut_held(exchange, rows, held, length) for rows in uncut]
             contact = ContactRows.join([contact, *cut])
             contact, redundant = drop_parallel(exchange, contact, length)
             merged = ContactRows.join([merged, redundant])
+        if scene.moving:
+            of_moving = conditions.of_contacts(moving)
+            found = moving_rows(scene, partition, exchange, of_moving, held)
+            contact, merged = (
+                ContactRows.join([a, b]) for a, b in zip((contact, merged), found, strict=True)
+            )
     except ContradictionError as error:
         raise contradiction(scene, error) from error
     return held, contact, merged
@@ -317,7 +335,8 @@ def _reach(
 ) -> NDArray[np.float64]:
     """How far the nodes of each contact may come nearer, (contacts,) (collective)."""
     strains = free_strains(scene, partition, found.temperatures)
-    forces, overlaps = np.zeros(len(scene.bodies)), np.zeros(len(scene.touching))
+    forces, overlaps = np.zeros(len(scene.body_names)), np.zeros(len(scene.touching))
+    strains = np.append(strains, np.zeros(len(scene.moving)))
     for s, load in zip(partition.subdomains, found.loads, strict=True):
         if load is not None:
             forces[s.body] += np.abs(load).sum()

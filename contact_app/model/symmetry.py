@@ -164,6 +164,8 @@ def _cut(scene: Scene, axis: int) -> Scene:
         raise AsymmetryError(
             f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
         )
+    if scene.rigid_bodies:
+        raise AsymmetryError(f"{scene.rigid_bodies[0].name} is rigid")
     if scene.ties:
         raise AsymmetryError(f"{scene.ties[0].source} is tied")
     mirror = _plane(scene, axis)

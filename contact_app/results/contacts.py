@@ -59,7 +59,7 @@ def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
         pieces = [
             (image, found[origin])
             for image in contacts.images
-            if (origin := contacts.origin(image, number)) is not None
+            for origin in contacts.origins(image, number)
         ]
         resultants = [piece.whole.image(image) for image, piece in pieces]
         records.append({
@@ -124,11 +124,17 @@ class ContactsOfWhole:
         self.images = found.images
         self._comm, self._scene, self._nodes = model.comm, model.scene, nodes
         self._on = on_planes(model.scene, nodes.points)
-        self._place = {contact.source: i for i, contact in enumerate(model.scene.touching)}
+        self._place: dict[str, list[int]] = {}
+        for i, contact in enumerate(model.scene.touching):
+            self._place.setdefault(contact.source, []).append(i)
 
-    def origin(self, image: Image, number: int) -> int | None:
-        """The contact of what was solved that is this one's in an image; None if there is none."""
-        return self._place.get(image.origin(self._scene.contact_names[number].source))
+    def origins(self, image: Image, number: int) -> list[int]:
+        """The contacts of what was solved that are this one's in an image.
+
+        Several where it is with a rigid body of several obstacles, none where it has no part there.
+        """
+        origin = image.origin(self._scene.contact_names[number].source)
+        return [] if origin is None else self._place.get(origin, [])
 
     def counts(self) -> list[dict[str, int]]:
         """Nodes of each contact by their status, nodes of several images once (collective)."""
@@ -136,21 +142,26 @@ class ContactsOfWhole:
         for number in range(len(counts)):
             seen: list[Image] = []
             for image in self.images:
-                origin = self.origin(image, number)
-                if origin is None:
-                    continue
-                contact = self._nodes.contacts[origin]
-                at = contact.nodes - self._nodes.first
+                at, closed = self._carriers(image, number)
                 new = np.ones(len(at), bool)
                 for earlier in seen:
                     new &= ~self._coincide(image, earlier, at)
-                new &= contact.carriers
-                counts[number] += (new & ~contact.closed).sum(), (new & contact.closed).sum()
+                counts[number] += (new & ~closed).sum(), (new & closed).sum()
                 seen.append(image)
         return [
             {"open": int(left), "stick": 0, "slip": int(closed)}
             for left, closed in self._comm.allreduce(counts)
         ]
+
+    def _carriers(self, image: Image, number: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Nodes of a contact in an image that may carry force, and which are closed."""
+        at, closed = np.zeros(0, np.int64), np.zeros(0, bool)
+        for origin in self.origins(image, number):
+            contact = self._nodes.contacts[origin]
+            at = np.concatenate([at, (contact.nodes - self._nodes.first)[contact.carriers]])
+            closed = np.concatenate([closed, contact.closed[contact.carriers]])
+        nodes, place = np.unique(at, return_inverse=True)
+        return nodes, np.bincount(place.reshape(-1), closed, len(nodes)) > 0.0
 
     def pressure(self, image: Image, number: int) -> Array:
         """Pressure of a contact at the images of the nodes, (nodes,); 0 away from it."""
@@ -179,13 +190,11 @@ class ContactsOfWhole:
         """
         result = np.zeros(len(self._nodes.points))
         for other in self.images:
-            origin = self.origin(other, number)
-            if origin is None:
-                continue
-            contact = self._nodes.contacts[origin]
-            at = contact.nodes - self._nodes.first
-            there = self._coincide(image, other, at)
-            result[at[there]] = np.maximum(result[at[there]], values(contact)[there])
+            for origin in self.origins(other, number):
+                contact = self._nodes.contacts[origin]
+                at = contact.nodes - self._nodes.first
+                there = self._coincide(image, other, at)
+                result[at[there]] = np.maximum(result[at[there]], values(contact)[there])
         return result
 
     def _coincide(self, image: Image, other: Image, at: NDArray[np.int64]) -> NDArray[np.bool_]:

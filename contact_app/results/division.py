@@ -93,7 +93,7 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     loads = ContactLoads(
         rows.sources, rows.nodes, force, vectors, force[:, None] * rows.moments, rows.areas
     )
-    label = _together(rows, own, force, TIED * _size(model.scene))
+    label = _together(rows, own, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
     kept = own | (loads.force > 0.0)
@@ -104,8 +104,20 @@ def _size(scene: Scene) -> float:
     return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
 
 
+def _rigid_bodies(model: Model, rows: ContactRows) -> NDArray[np.int64]:
+    """The moving rigid body of each row, -1 for none, (rows,)."""
+    scene = model.scene
+    of_contact = [getattr(item, "rigid", None) for item in scene.touching]
+    number = np.array([-1 if k not in scene.moving else int(k) for k in of_contact], np.int64)
+    return number[rows.sources]
+
+
 def _together(
-    rows: ContactRows, own: NDArray[np.bool_], force: Array, tied: float
+    rows: ContactRows,
+    own: NDArray[np.bool_],
+    force: Array,
+    tied: float,
+    rigid: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Number of the group of equal rows that carries force each row is in, -1 for none, (rows,).
 
@@ -115,16 +127,20 @@ def _together(
         Which have a multiplier, and its force.
     tied
         Difference of gaps that is none.
+    rigid : (rows,)
+        The moving rigid body of a row, which its force balances: those of different ones are not
+        equal.
     """
     label = np.full(len(rows.nodes), -1, np.int64)
     first = np.flatnonzero(rows.nodes[1:] == rows.nodes[:-1])
     several = np.zeros(len(label), bool)
     several[first], several[first + 1] = True, True
+    several &= np.bincount(rows.entries.row, minlength=len(label)) > 0
     some = rows.of(several)
     if not several.any():
         return label
     matrix, length = unit_rows(some)
-    gap, solved = some.gaps / length, own[several]
+    gap, solved, of_body = some.gaps / length, own[several], rigid[several]
     links = [np.zeros((0, 2), np.int64)]
     for i, j in pairs_at_nodes(some.nodes):
         cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
@@ -133,7 +149,7 @@ def _together(
             np.linalg.norm(some.normals[i] - some.normals[j], axis=1),
         )
         same = apart < np.where(solved[i] & solved[j], EQUAL, NEARLY_PARALLEL)
-        same &= np.abs(gap[i] - gap[j]) <= tied
+        same &= (np.abs(gap[i] - gap[j]) <= tied) & (of_body[i] == of_body[j])
         links.append(np.stack([i[same], j[same]], axis=1))
     ends = np.concatenate(links)
     graph = sparse.csr_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (len(gap),))

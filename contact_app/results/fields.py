@@ -137,7 +137,11 @@ def cell_fields(model: Model, solution: Solution) -> CellFields:
     by_class, energies = [], []
     largest = np.zeros(2)
     for element, materials, u, heat in zip(
-        model.elements, model.materials, solution.displacements, model.temperatures, strict=True
+        model.elements,
+        model.materials,
+        model.elastic(solution.displacements),
+        model.temperatures,
+        strict=True,
     ):
         gradient = (element.gradient_operator() @ u).T.reshape(u.shape[1], -1, d, d)
         transposed = np.swapaxes(gradient, -1, -2)

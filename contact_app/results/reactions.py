@@ -27,7 +27,6 @@ from contact_app.results.mirror import whole
 from contact_app.results.resultants import Resultant, joined
 from contact_app.scene.conditions import DisplacementCondition
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.exchange import NodeExchange
 
 Array = NDArray[np.float64]
 
@@ -85,7 +84,7 @@ def _add_contact(model: Model, solution: Solution, force: Array) -> None:
         (problem.contact, problem.inequality), (problem.system.tied, problem.tied)
     ):  # fmt: skip
         of_rows, held = solution.multiplier[mine] * rows.spread, rows.held
-        query = NodeExchange(model.comm, held.node, model.partition.nodes)
+        query = model.node_exchange.among(held.node)
         at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
         np.add.at(force, (query.nodes - query.first, at[0]), at[1])
 

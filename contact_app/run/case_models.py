@@ -99,13 +99,14 @@ class CaseModels:
     def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
         """The model of the scene of a case; parameters as of `build_model`.
 
-        In other subdomains than the scene's, or where other rows are redundant, it is made alone.
+        In other subdomains than the scene's, with rigid bodies, which are in a place of their own,
+        or where other rows are redundant, it is made alone.
         """
         with timings.measure("setup"):
             if not self._outlines:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
             known = self._outlines[scene.case]
-        if known is None or scene.decomposition != self._scene.decomposition:
+        if known is None or scene.rigid_bodies or scene.decomposition != self._scene.decomposition:
             return build_model(scene, self._comm, timings, needed, tell)
         with timings.measure("setup"):
             return self._shared(scene, known, timings, needed, tell)

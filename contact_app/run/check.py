@@ -29,6 +29,7 @@ from contact_app.model.outline import Outline, left_out_notes, outline
 from contact_app.model.symmetry import halved
 from contact_app.run.case_models import outlines_of_cases
 from contact_app.run.repeated_sentences import said_once
+from contact_app.run.rigid_lines import rigid_lines
 from contact_app.scene.conditions import (
     BodyContact,
     BodyForce,
@@ -179,16 +180,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         lines += [f"  {note}" for note in body.mesh.notes]
         if not scene.cases:
             lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
-    for condition in scene.displacements:
-        held = ", ".join(
-            f"{axis} = {value:g}"
-            for axis, value in zip("xyz", condition.values, strict=False)
-            if value is not None
-        )
-        lines.append(
-            f"{_name(condition)}: {_on(scene, condition)} displaced by {held} "
-            f"({_count_nodes(scene, known, condition):,} nodes)"
-        )
+    lines += _held(scene, known)
     for traction in scene.tractions:
         lines.append(
             f"{_name(traction)}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
@@ -214,10 +206,12 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{_name(heat)}: {scene.bodies[heat.body].name} warmer by {heat.rise.text} than free "
             "of stress"
         )
+    lines += rigid_lines(scene)
     for i, contact in enumerate(scene.contacts):
         obstacle = contact.obstacle.describe(scene.dimension)
+        whose = "" if contact.rigid is None else f"{scene.rigid_bodies[contact.rigid].name}, a "
         lines.append(
-            f"{contact.source}: {_on(scene, contact)} may touch the {obstacle} "
+            f"{contact.source}: {_on(scene, contact)} may touch {whose or 'the '}{obstacle} "
             f"({_candidates(known, i, _count_nodes(scene, known, contact))})"
             f"{_interference(contact)}"
         )
@@ -234,6 +228,22 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         on = f"{scene.bodies[tie.body].name}.{tie.boundary}"
         lines.append(f"{tie.source}: {on} is tied to {other}, by a mortar method")
     lines += [f"warning: {note}" for note in known.tied.notes]
+    return lines
+
+
+def _held(scene: Scene, known: Outline) -> list[str]:
+    """Displacement conditions, a line each (collective)."""
+    lines = []
+    for condition in scene.displacements:
+        held = ", ".join(
+            f"{axis} = {value:g}"
+            for axis, value in zip("xyz", condition.values, strict=False)
+            if value is not None
+        )
+        lines.append(
+            f"{_name(condition)}: {_on(scene, condition)} displaced by {held} "
+            f"({_count_nodes(scene, known, condition):,} nodes)"
+        )
     return lines
 
 
@@ -278,9 +288,14 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
         f"them different on this process: one factor each; {_gluing_rows(scene, known):,} rows "
         "glue them"
     ]
-    for body, found, eliminated in zip(scene.bodies, known.balances, known.eliminated, strict=True):
+    obstacles = [body.name for body in scene.rigid_bodies if body.name not in scene.body_names]
+    lines += [f"  {name}: held in all components: an obstacle" for name in obstacles]
+    whole = np.append(known.eliminated, np.zeros(len(scene.moving), bool))
+    for name, found, eliminated in zip(scene.body_names, known.balances, whole, strict=True):
         if eliminated:
             how = "one held subdomain: no gluing and no coarse problem"
+        elif name not in [body.name for body in scene.bodies] and not found.free_motions.shape[1]:
+            how = "rigid, all kernel: kept by what it touches and its conditions"
         elif found.held:
             how = "held by its conditions; its subdomains float (Total FETI)"
         elif found.free_motions.shape[1]:
@@ -290,7 +305,7 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
             )
         else:
             how = "kept by what it touches alone, or by that and its conditions"
-        lines.append(f"  {body.name}: {how}")
+        lines.append(f"  {name}: {how}")
     if not scene.touching:
         lines.append("  no contacts: plain conjugate gradients")
     return lines
@@ -330,6 +345,8 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
         acted[s.body] |= load is not None and bool(load.any())
     for condition in scene.displacements:
         acted[condition.body] |= any(condition.values)
+    for rigid in scene.contacts:
+        acted[rigid.body] |= rigid.rigid is not None
     gaps, sources = known.candidates
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True

@@ -117,6 +117,8 @@ def solve_directly(
         Where the dual methods ended, if they left anything.
     """
     problem, options = model.problem, model.scene.solver
+    if model.scene.moving:  # of which it has no unknowns
+        return None
     if not problem.comm.allreduce(problem.size) or not _has_room(model):
         return None
     start = None if before is None else before.multiplier

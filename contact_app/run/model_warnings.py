@@ -40,7 +40,6 @@ from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.contact.driver import reason_text
 from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.exchange import NodeExchange
 
 SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1
@@ -295,9 +294,10 @@ def _yielding(answer: Answer) -> list[str]:
 def _moved_far(answer: Answer) -> list[str]:
     """Bodies whose strains or contact forces are small beside rounding errors."""
     model, measures, said = answer.model, answer.solution.measures, []
+    elastic, every = model.scene.bodies, slice(len(model.scene.bodies))
     for body, moved, scale, rounding, force in zip(
-        model.scene.bodies, measures.displacements, measures.scales, measures.roundings,
-        measures.pressed, strict=True,
+        elastic, measures.displacements[every], measures.scales[every],
+        measures.roundings[every], measures.pressed[every], strict=True,
     ):  # fmt: skip
         share = float(np.sqrt(rounding / scale)) if scale > 0.0 else 0.0
         if share > ROUNDED_STRAINS:
@@ -318,8 +318,9 @@ def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDAr
     """Share of each body's strain energy in strains that vary within cells, (bodies,)."""
     measures = solution.measures
     means = model.comm.allreduce(cells.energy_of_means)
-    strained = measures.strains > STRAINLESS * measures.roundings
-    total = np.where(strained, measures.strains, 1.0)
+    strains, roundings = (v[: len(means)] for v in (measures.strains, measures.roundings))
+    strained = strains > STRAINLESS * roundings
+    total = np.where(strained, strains, 1.0)
     return np.where(strained, 1.0 - means / total, 0.0)
 
 
@@ -346,7 +347,7 @@ def _sliding_on_each_other(
     pushed = solution.multiplier[model.problem.inequality] > 0.0
     rows = contact.of(pushed & (contact.sources == source))
     entries, normals = rows.entries, rows.normals
-    query = NodeExchange(comm, entries.node, model.node_exchange.total)
+    query = model.node_exchange.among(entries.node)
     u = query.from_owners(nodes.displacement[query.nodes - nodes.first])
     weight = entries.value * -normals[entries.row, entries.component]
     motion = np.zeros((len(rows.nodes), d))

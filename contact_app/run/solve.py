@@ -14,7 +14,7 @@ from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
 from contact_app.accuracy.nodal_stress import nodal_stresses
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.errors import ConfigurationError, CouldNotRunError
+from contact_app.errors import ConfigurationError, CouldNotRunError, NoEquilibriumError
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed, more_needed
@@ -23,6 +23,7 @@ from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Tell
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import log
+from contact_app.results.rigid import placements_of
 from contact_app.run.case_models import CaseModels
 from contact_app.run.communication import Communication
 from contact_app.run.fallback import (
@@ -35,6 +36,14 @@ from contact_app.run.fallback import (
     solve_directly,
 )
 from contact_app.run.model_warnings import Answer, model_warnings
+from contact_app.run.placing import (
+    PLACINGS,
+    SameRows,
+    leaves_where_placed,
+    never_placed,
+    placed_anew,
+    rotation_warnings,
+)
 from contact_app.run.summary import summary_of
 from contact_app.scene.scene import Scene
 from solver import Counts
@@ -131,7 +140,7 @@ def solve_scene(
     asked = _Request(
         scene, comm, monitor, checkpoint, tell, start, Timings(), needed=needed, cases=cases
     )
-    solved = _certified_if_possible(asked)
+    solved = _at_rest(asked)
     if not scene.guaranteed:
         return solved
     with solved.timings.measure("estimate"):
@@ -140,6 +149,26 @@ def solve_scene(
         log.info("%s", found)
     summary = {**with_guarantee(solved.summary, found), "timings": solved.timings.as_dict()}
     return replace(solved, guaranteed=found, summary=summary)
+
+
+def _at_rest(asked: _Request) -> SolvedScene:
+    """Solve a scene, anew about where its rigid bodies have come to until they stay there."""
+    for count in range(PLACINGS):
+        try:
+            solved = _certified_if_possible(asked)
+        except NoEquilibriumError as error:
+            raise (leaves_where_placed(error) if count else error) from None
+        places = placed_anew(solved)
+        if places is None:
+            return solved
+        if asked.comm.rank == 0:
+            log.info("rigid bodies are placed where they have come to: solving again")
+        asked = replace(
+            asked, scene=asked.scene.placed(places), start=SameRows(solved.solution.multiplier),
+            checkpoint=None, spent=solved.solution.counts, tell=None,
+        )  # fmt: skip
+    solved = never_placed(solved)
+    return replace(solved, summary=summary_of(solved))
 
 
 def _certified_if_possible(asked: _Request) -> SolvedScene:
@@ -269,6 +298,7 @@ def _solve_once(asked: _Request) -> SolvedScene:
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)
         warnings = model_warnings(Answer(model, solution, nodes, cells))
+        warnings += rotation_warnings(model.scene, placements_of(model, solution))
         warnings += [sentence for sentence in (failed, slow_blas_warning()) if sentence]
         solution = replace(
             solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
@@ -303,6 +333,16 @@ def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tu
         raise ConfigurationError(str(error)) from error
     except FAILURES as error:
         why = failure_text(error)
+    if scene.moving and options.method == "smalbe":
+        sets = replace(options, method="active-set")  # Newton's method has no rigid bodies
+        try:
+            other = solve(model.problem, sets, asked.monitor, None, estimator.accuracy)
+            if other.converged:
+                return other, (
+                    f"the method asked for did not come to a certificate ({why}): active sets did"
+                )
+        except FAILURES as error:
+            why = failure_text(error)
     fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
     if fewest and not is_undecomposed(scene):
         direct = solve_directly(model, solution, asked.monitor)

@@ -16,6 +16,7 @@ from contact_app.results.contacts import contact_records
 from contact_app.results.mirror import whole_summary
 from contact_app.results.probes import probe_records
 from contact_app.results.reactions import reaction_records
+from contact_app.results.rigid import rigid_records
 from contact_app.results.sections import section_records
 from contact_app.results.ties import in_order_of_file, tie_records
 from solver.contact.driver import reason_text
@@ -63,6 +64,8 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
         tie_records(solved.model, solved.solution),
     )  # fmt: skip
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
+    if solved.model.scene.rigid_bodies:
+        summary |= rigid_records(solved.model, solved.solution, nodes, summary["reactions"])
     if solved.model.probes:
         summary["probes"] = probe_records(solved.model, solved.solution)
     if solved.model.sections:
@@ -82,7 +85,7 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
     certificate = solution.certificate.as_dict()
     decides = solution.certificate.deciding(solution.tolerance)
     if decides is not None:
-        certificate["decided_by"] = scene.bodies[decides].name
+        certificate["decided_by"] = scene.body_names[decides]
     return {
         "scene": {"title": scene.title, "dimension": scene.dimension},
         "mesh": {

@@ -29,6 +29,8 @@ from contact_app.scene.keys import Keys
 from contact_app.scene.load_factors import read_cases
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
+from contact_app.scene.read_rigid import read_rigid_bodies, refuse_with_rigid
+from contact_app.scene.rigid import RigidLoad, RigidMotion
 from contact_app.scene.scene import Decomposition, OutputOptions, Scene, Section
 
 if TYPE_CHECKING:
@@ -53,15 +55,17 @@ def build_scene(
         Naming file, line, key and what is allowed.
     """
     keys = Keys(configuration, memory)
-    bodies = read_bodies(keys)
+    bodies, rigid_bodies = read_bodies(keys), read_rigid_bodies(keys)
     decomposition = _decomposition(keys, bodies)
     _check_memory(keys, bodies, decomposition, surface_only)
-    reader = ConditionReader(keys, bodies)
+    reader = ConditionReader(keys, bodies, rigid_bodies)
     conditions = [
         replace(reader.condition(i, given), name=given.name)
         for i, given in enumerate(configuration.conditions)
     ]
-    contacts = [reader.contact(i, given) for i, given in enumerate(configuration.contacts)]
+    contacts = [
+        x for i, given in enumerate(configuration.contacts) for x in reader.contacts(i, given)
+    ]
     scene = Scene(
         title=configuration.title,
         dimension=keys.dimension,
@@ -84,8 +88,12 @@ def build_scene(
         symmetry=configuration.symmetry == "allow",
         guaranteed=configuration.certificate.guaranteed,
         cases=read_cases(keys),
+        rigid_bodies=rigid_bodies,
+        rigid_motions=tuple(x for x in conditions if isinstance(x, RigidMotion)),
+        rigid_loads=tuple(x for x in conditions if isinstance(x, RigidLoad)),
         places=_places(configuration),
-    )
+    ).placed_as_held()
+    refuse_with_rigid(keys, scene)
     if scene.cases and scene.accuracy is not None:
         keys.fail(
             ("accuracy",),
@@ -207,9 +215,14 @@ def _check_memory(
         needed = surface_bytes(dofs, ROWS_PER_DOF * dofs / 2.0)
     if needed > available:
         largest = int(np.argmax([float(b.nodes) for b in bodies]))
-        key = ("box", "cells") if keys.configuration.bodies[largest].mesh.box else ("file",)
+        i, given = [
+            (i, body)
+            for i, body in enumerate(keys.configuration.bodies)
+            if isinstance(body, c.Body)
+        ][largest]
+        key = ("box", "cells") if given.mesh.box else ("file",)
         keys.fail(
-            ("bodies", largest, "mesh", *key),
+            ("bodies", i, "mesh", *key),
             f"{'make' if len(key) == 2 else 'makes'} {float(dofs):.3g} degrees of freedom in "
             f"all, which need about {needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are "
             "available",
@@ -220,8 +233,11 @@ def _loaded(scene: Scene) -> bool:
     """Whether anything moves or presses a body."""
     vectors = [x.vector for x in scene.tractions] + [x.vector for x in scene.forces]
     vectors += [(*x.force, *x.moment) for x in scene.total_loads]
+    vectors += [(*x.force, *x.moment) for x in scene.rigid_loads]
+    given = [condition.values for condition in scene.displacements]
+    given += [motion.values for motion in scene.rigid_motions]
     pressed = any(map(any, vectors)) or any(load.value for load in scene.pressures)
-    moved = any(any(condition.values) for condition in scene.displacements)
+    moved = any(map(any, given))
     moved |= any(contact.interference > 0.0 for contact in scene.touching)
     entered = any(_may_enter(scene.bodies, contact) for contact in scene.contacts)
     overlapping = any(_may_overlap(scene.bodies, pair) for pair in scene.pairs)

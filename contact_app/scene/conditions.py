@@ -121,8 +121,14 @@ class Contact:
 
     Attributes
     ----------
+    obstacle
+        One of a rigid body is where that is placed.
     interference
         Overlap along the normal beside that of the geometry.
+    rigid, part
+        Number of the rigid body that the obstacle is of, and its number there; None and zero if it
+        is of none. A contact with a rigid body of several obstacles is one with each of them, of
+        the same source.
     """
 
     body: int
@@ -130,6 +136,8 @@ class Contact:
     obstacle: Obstacle
     source: str
     interference: float = 0.0
+    rigid: int | None = None
+    part: int = 0
 
     def gap_and_normal(
         self, points: NDArray[np.float64]
@@ -183,8 +191,8 @@ class ContactName:
     source
         Its key in the file, ``contacts[0]``.
     on, against
-        The boundary that touches, body.boundary, and what it touches: such a boundary, or the kind
-        of an obstacle.
+        The boundary that touches, body.boundary, and what it touches: such a boundary, the name of
+        a rigid body, or the kind of an obstacle.
     """
 
     source: str

@@ -199,6 +199,63 @@ class Body(Model):
     )
 
 
+class Plane(Model):
+    """Half space; the normal points out of it."""
+
+    point: Numbers = Field(description="Any point of the plane (length).")
+    normal: Numbers = Field(description="Direction out of the obstacle.")
+
+
+class Sphere(Model):
+    """Ball (a circle in 2D)."""
+
+    center: Numbers = Field(description="Centre (length).")
+    radius: Positive = Field(description="Radius (length), above 0.")
+    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
+
+
+class Cylinder(Model):
+    """Infinite round bar (3D)."""
+
+    point: Numbers = Field(description="Any point of the axis (length).")
+    axis: Numbers = Field(description="Direction of the axis.")
+    radius: Positive = Field(description="Radius (length), above 0.")
+    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
+
+
+class Obstacle(Model):
+    """A rigid obstacle: exactly one shape."""
+
+    plane: Plane | None = Field(None, description="Half space: {point, normal}.")
+    sphere: Sphere | None = Field(
+        None, description="Ball, a circle in 2D: {center, radius, hollow}."
+    )
+    cylinder: Cylinder | None = Field(
+        None, description="Infinite round bar, 3D only: {point, axis, radius, hollow}."
+    )
+
+
+class RigidBody(Model):
+    """A rigid body: no mesh, no material."""
+
+    name: str = Field(description="Name by which conditions and contacts refer to it.")
+    rigid: Annotated[list[Obstacle], Field(min_length=1)] = Field(
+        description="Its shape as obstacles have it, {plane: …}, {sphere: …} or {cylinder: …}, or "
+        "a list of several that move as one; the centre or point of the first is where forces "
+        "act and what it turns about."
+    )
+
+    @field_validator("rigid", mode="before")
+    @classmethod
+    def _one_or_several(cls, value: Any) -> Any:
+        return [value] if isinstance(value, dict) else value
+
+
+def _body_form(value: Any) -> str:
+    """Whether a body is elastic or rigid."""
+    return "{rigid}" if isinstance(value, dict) and "rigid" in value else "{elastic}"
+
+
 class Condition(Model):
     """A displacement or a load."""
 
@@ -208,9 +265,21 @@ class Condition(Model):
         "full.",
     )
     on: str | None = Field(None, description="Boundary, as body.boundary.")
-    inside: str | None = Field(None, alias="in", description="Body, for a force or a temperature.")
+    inside: str | None = Field(
+        None,
+        alias="in",
+        description="Body, for a force or a temperature; a rigid body for displacement, rotation, "
+        "total_force and total_moment.",
+    )
     displacement: Annotated[list[Number | None], Field(min_length=1, max_length=3)] | None = Field(
         None, description="Displacement by component (length); null leaves a component free."
+    )
+    rotation: Annotated[list[Number | None], Field(min_length=1, max_length=3)] | Number | None = (
+        Field(
+            None,
+            description="Rotation of a rigid body about its centre or point, by component "
+            "(radians; one number in 2D); null leaves a component free.",
+        )
     )
     traction: Numbers | None = Field(None, description="Force per area.")
     pressure: Number | None = Field(None, description="Pressure against the outward normal.")
@@ -248,42 +317,6 @@ class Condition(Model):
             ) from None  # fmt: skip
 
 
-class Plane(Model):
-    """Half space; the normal points out of it."""
-
-    point: Numbers = Field(description="Any point of the plane (length).")
-    normal: Numbers = Field(description="Direction out of the obstacle.")
-
-
-class Sphere(Model):
-    """Ball (a circle in 2D)."""
-
-    center: Numbers = Field(description="Centre (length).")
-    radius: Positive = Field(description="Radius (length), above 0.")
-    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
-
-
-class Cylinder(Model):
-    """Infinite round bar (3D)."""
-
-    point: Numbers = Field(description="Any point of the axis (length).")
-    axis: Numbers = Field(description="Direction of the axis.")
-    radius: Positive = Field(description="Radius (length), above 0.")
-    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
-
-
-class Obstacle(Model):
-    """A rigid obstacle: exactly one shape."""
-
-    plane: Plane | None = Field(None, description="Half space: {point, normal}.")
-    sphere: Sphere | None = Field(
-        None, description="Ball, a circle in 2D: {center, radius, hollow}."
-    )
-    cylinder: Cylinder | None = Field(
-        None, description="Infinite round bar, 3D only: {point, axis, radius, hollow}."
-    )
-
-
 class Contact(Model):
     """A boundary that may touch something: an obstacle or another body."""
 
@@ -292,7 +325,7 @@ class Contact(Model):
     against: str | None = Field(
         None,
         description="Another body's boundary, as body.boundary; the contact pressure lives on the "
-        "nodes of `on`, which had better be the finer mesh.",
+        "nodes of `on`, which had better be the finer mesh. Or the name of a rigid body.",
     )
     tied: bool = Field(
         False,
@@ -444,7 +477,12 @@ class Configuration(Model):
     dimension: Annotated[
         int | str, WithJsonSchema({"enum": [3, 2, "plane_strain", "plane_stress"]})
     ] = Field(description="3, or 2 (which means plane_strain), or plane_strain or plane_stress.")
-    bodies: list[Body] = Field(min_length=1, description="Elastic bodies.")
+    bodies: list[
+        Annotated[
+            Annotated[Body, Tag("{elastic}")] | Annotated[RigidBody, Tag("{rigid}")],
+            Discriminator(_body_form),
+        ]
+    ] = Field(min_length=1, description="Elastic bodies, and rigid ones that have no mesh.")
     conditions: list[Condition] = Field(
         default_factory=list, description="Displacements and loads."
     )
@@ -721,7 +759,7 @@ def _real_path(location: Sequence[str | int], data: Any) -> Key:
         if isinstance(data, dict) and isinstance(part, str):
             if part in data:
                 data = data[part]
-            elif part != location[-1]:
+            elif part != location[-1] or part.startswith("{"):
                 continue
             path.append(part)
         elif isinstance(data, list) and isinstance(part, int) and part < len(data):

@@ -10,7 +10,7 @@ names of the class's fields.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -46,6 +46,11 @@ class Obstacle(Protocol):
 
     def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
         """Whether it may reach into a box (3,), (3,); False only where it surely does not."""
+
+    def moved(
+        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
+    ) -> Obstacle:
+        """The same turned by a matrix (3, 3) about a point (3,), then moved by a vector (3,)."""
 
     def describe(self, dimension: int = 3) -> str:
         """One sentence part for `check`."""
@@ -83,6 +88,13 @@ class Plane:
     def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
         """Whether a corner of the box lies below the plane."""
         return bool((self.gap_and_normal(_corners(lower, upper))[0] < 0.0).any())
+
+    def moved(
+        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
+    ) -> Plane:
+        """The same turned about a point, then moved."""
+        point = _moved(self.point, turn, about, by)
+        return replace(self, point=point, normal=_turned(self.normal, turn))
 
     def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
@@ -128,6 +140,12 @@ class Sphere:
             farthest = np.linalg.norm(_corners(lower, upper) - center, axis=1).max()
             return bool(farthest > self.radius)
         return bool(np.linalg.norm(np.clip(center, lower, upper) - center) < self.radius)
+
+    def moved(
+        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
+    ) -> Sphere:
+        """The same turned about a point, then moved."""
+        return replace(self, center=_moved(self.center, turn, about, by))
 
     def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
@@ -180,6 +198,13 @@ class Cylinder:
         away = points - np.array(self.point)
         return away - np.outer(away @ axis, axis)
 
+    def moved(
+        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
+    ) -> Cylinder:
+        """The same turned about a point, then moved."""
+        point = _moved(self.point, turn, about, by)
+        return replace(self, point=point, axis=_turned(self.axis, turn))
+
     def describe(self, dimension: int = 3) -> str:
         """One sentence part."""
         kind = "bore" if self.hollow else "cylinder"
@@ -195,6 +220,22 @@ SHAPES: dict[str, Any] = {"plane": Plane, "sphere": Sphere, "cylinder": Cylinder
 def kind_of(obstacle: Obstacle) -> str:
     """Key of an obstacle in the configuration: plane, sphere, cylinder."""
     return next(kind for kind, shape in SHAPES.items() if isinstance(obstacle, shape))
+
+
+def _moved(
+    point: Vector,
+    turn: NDArray[np.float64],
+    about: NDArray[np.float64],
+    by: NDArray[np.float64],
+) -> Vector:
+    """A point turned about another, then moved."""
+    x, y, z = about + turn @ (np.array(point) - about) + by
+    return float(x), float(y), float(z)
+
+
+def _turned(direction: Vector, turn: NDArray[np.float64]) -> Vector:
+    x, y, z = turn @ np.array(direction)
+    return float(x), float(y), float(z)
 
 
 def _corners(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,28 +24,32 @@ NEAREST_HALF = 1e-6
 
 
 def read_bodies(keys: Keys) -> tuple[Body, ...]:
-    """The bodies, each with a name of its own.
+    """The elastic bodies; each body, rigid ones too, has a name of its own.
 
     Raises
     ------
     ConfigurationError
         Naming file, line, key and what is allowed.
     """
-    bodies = tuple(_body(keys, i, body) for i, body in enumerate(keys.configuration.bodies))
-    names = [body.name for body in bodies]
+    given = keys.configuration.bodies
+    for i, body in enumerate(given):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]{0,99}", body.name):
+            keys.fail(
+                ("bodies", i, "name"),
+                f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
+            )
+    bodies = tuple(_body(keys, i, body) for i, body in enumerate(given) if isinstance(body, c.Body))
+    names = [body.name for body in given]
     for i, name in enumerate(names):
         if name in names[:i]:
             keys.fail(("bodies", i, "name"), f"is {name!r}, the name of an earlier body")
+    if not bodies:
+        keys.fail(("bodies",), "are all rigid; at least one elastic body with a mesh is needed")
     return bodies
 
 
 def _body(keys: Keys, i: int, body: c.Body) -> Body:
     path: Place = ("bodies", i)
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]{0,99}", body.name):
-        keys.fail(
-            (*path, "name"),
-            f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
-        )
     if body.degree not in (1, 2):
         keys.fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
     mesh = _mesh(keys, body.mesh, body.degree, (*path, "mesh"))

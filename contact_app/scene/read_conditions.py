@@ -18,10 +18,15 @@ from contact_app.scene.conditions import (
     Traction,
 )
 from contact_app.scene.expressions import ExpressionError, FieldExpression
-from contact_app.scene.keys import Keys, Place, Vector
-from contact_app.scene.obstacles import SHAPES, Obstacle
+from contact_app.scene.keys import Keys, Place
+from contact_app.scene.obstacles import SHAPES
+from contact_app.scene.read_rigid import RigidReader, read_moment, read_obstacle
+from contact_app.scene.rigid import RigidBody, RigidLoad, RigidMotion
 
-Condition = DisplacementCondition | Traction | Pressure | BodyForce | TotalLoad | Temperature
+Condition = (
+    DisplacementCondition | Traction | Pressure | BodyForce | TotalLoad | Temperature
+    | RigidMotion | RigidLoad
+)  # fmt: skip
 
 TOTALS = ("total_force", "total_moment")
 
@@ -29,11 +34,20 @@ TOTALS = ("total_force", "total_moment")
 class ConditionReader:
     """Reads conditions and contacts of bodies that are known by name."""
 
-    def __init__(self, keys: Keys, bodies: tuple[Body, ...]) -> None:
+    def __init__(
+        self, keys: Keys, bodies: tuple[Body, ...], rigid_bodies: tuple[RigidBody, ...] = ()
+    ) -> None:
         self.keys, self.bodies = keys, bodies
         self.names = [body.name for body in bodies]
+        self.rigid = RigidReader(keys, rigid_bodies)
 
     def _name(self, text: str, path: Place) -> int:
+        if text in self.rigid.names:
+            self.keys.fail(
+                path,
+                f"names {text}, which is rigid and has no boundaries; `in: {text}` holds, moves or "
+                f"loads it, and `against: {text}` lets the boundary of an elastic body touch it",
+            )
         if text not in self.names:
             near = difflib.get_close_matches(text, self.names, 1)
             hint = f"; did you mean {near[0]}?" if near else ""
@@ -60,6 +74,15 @@ class ConditionReader:
         """A support or load."""
         path: Place = ("conditions", i)
         source = f"conditions[{i}]"
+        if condition.inside in self.rigid.names:
+            return self.rigid.condition(i, condition)
+        if condition.rotation is not None:
+            names = ", ".join(self.rigid.names)
+            self.keys.fail(
+                (*path, "rotation"),
+                "is of a rigid body, as in {in: punch, rotation: [0, 0, 0.01]}"
+                + (f" (known: {names})" if names else "; the scene has none"),
+            )
         given = [k for k in ("displacement", "traction", "pressure", "force", "temperature")
                  if getattr(condition, k) is not None]  # fmt: skip
         total = [k for k in TOTALS if getattr(condition, k) is not None]
@@ -135,22 +158,41 @@ class ConditionReader:
         at = None
         if condition.at is not None:
             at = keys.space(condition.at, (*path, "at"), "a point")
-        moment = self._moment(condition.total_moment, (*path, "total_moment"))
+        moment = read_moment(keys, condition.total_moment, (*path, "total_moment"))
         return TotalLoad(body, boundary, vector, moment, at, source)
 
-    def _moment(self, given: list[float] | float | None, path: Place) -> Vector:
-        if given is None:
-            return (0.0, 0.0, 0.0)
-        if self.keys.dimension == 2:
-            if isinstance(given, list):
-                self.keys.fail(path, "is a list; in 2D a moment is one number, counter-clockwise")
-            return (0.0, 0.0, given)
-        if not isinstance(given, list):
-            self.keys.fail(path, "is one number; in 3D a moment has 3 components")
-        return self.keys.space(given, path, "a moment")
+    def contacts(self, i: int, contact: c.Contact) -> list[Contact | BodyContact | Tie]:
+        """A contact with an obstacle or with another body, or a tied pair.
 
-    def contact(self, i: int, contact: c.Contact) -> Contact | BodyContact | Tie:
-        """A contact with an obstacle or with another body, or a tied pair."""
+        With a rigid body it is a contact with each of its obstacles.
+        """
+        if contact.against not in self.rigid.names or contact.obstacle is not None:
+            return [self._contact(i, contact)]
+        path: Place = ("contacts", i)
+        if contact.tied:
+            self.keys.fail(
+                (*path, "tied"),
+                f"is for two elastic bodies; {contact.against} is rigid: hold the boundary with a "
+                "displacement condition instead",
+            )
+        body, boundary = self._boundary(contact.on, (*path, "on"))
+        self._refuse_repeated(i, contact)
+        number = self.rigid.names.index(contact.against or "")
+        return [
+            Contact(body, boundary, shape, f"contacts[{i}]", contact.interference, number, part)
+            for part, shape in enumerate(self.rigid.bodies[number].obstacles)
+        ]
+
+    def _refuse_repeated(self, i: int, contact: c.Contact) -> None:
+        """Refuse a contact of two that an earlier one has."""
+        for k, earlier in enumerate(self.keys.configuration.contacts[:i]):
+            if {earlier.on, earlier.against} == {contact.on, contact.against}:
+                self.keys.fail(
+                    ("contacts", i),
+                    f"repeats contacts[{k}]: each pair of boundaries is given once",
+                )
+
+    def _contact(self, i: int, contact: c.Contact) -> Contact | BodyContact | Tie:
         path: Place = ("contacts", i)
         if (contact.obstacle is None) == (contact.against is None):
             forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
@@ -162,7 +204,7 @@ class ConditionReader:
         if contact.tied:
             self._refuse_beside_tied(contact, path)
         if contact.obstacle is not None:
-            obstacle = self._obstacle(contact.obstacle, (*path, "obstacle"))
+            obstacle = read_obstacle(self.keys, contact.obstacle, (*path, "obstacle"))
             return Contact(body, boundary, obstacle, f"contacts[{i}]", contact.interference)
         other, other_boundary = self._boundary(contact.against or "", (*path, "against"))
         if other == body:
@@ -171,11 +213,7 @@ class ConditionReader:
                 f"is a boundary of {self.names[body]} itself; contact of a body with itself is not "
                 "modelled",
             )
-        for k, earlier in enumerate(self.keys.configuration.contacts[:i]):
-            if {earlier.on, earlier.against} == {contact.on, contact.against}:
-                self.keys.fail(
-                    path, f"repeats contacts[{k}]: each pair of boundaries is given once"
-                )
+        self._refuse_repeated(i, contact)
         if contact.tied:
             return Tie(body, boundary, other, other_boundary, f"contacts[{i}]")
         return BodyContact(
@@ -192,24 +230,3 @@ class ConditionReader:
         for key in ("interference", "friction"):
             if key in contact.model_fields_set:
                 self.keys.fail((*path, key), "has no meaning in a tied contact; leave it out")
-
-    def _obstacle(self, given: c.Obstacle, path: Place) -> Obstacle:
-        known = given.known_keys()
-        kinds = [key for key in known if getattr(given, key) is not None]
-        if len(kinds) != 1:
-            self.keys.fail(
-                path,
-                f"has {' and '.join(kinds) or 'no shape'}; exactly one of {', '.join(known)} is "
-                "allowed",
-            )
-        at, shape = (*path, kinds[0]), SHAPES[kinds[0]]
-        if self.keys.dimension == 2 and shape.not_in_plane:
-            self.keys.fail(at, shape.not_in_plane)
-        fields = dict(getattr(given, kinds[0]))
-        for key, value in fields.items():
-            if key in shape.directions:
-                fields[key] = self.keys.direction(value, (*at, key))
-            elif isinstance(value, list):
-                fields[key] = self.keys.space(value, (*at, key), "a point")
-        obstacle: Obstacle = shape(**fields)
-        return obstacle

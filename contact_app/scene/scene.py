@@ -5,8 +5,9 @@ All that comes later reads the scene and nothing else of the input.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,13 @@ from contact_app.scene.conditions import (
 )
 from contact_app.scene.configuration import FIELDS
 from contact_app.scene.obstacles import kind_of
+from contact_app.scene.rigid import (
+    Placement,
+    RigidBody,
+    RigidLoad,
+    RigidMotion,
+    held_components,
+)
 
 if TYPE_CHECKING:
     from solver.contact.options import SolverOptions
@@ -35,6 +43,7 @@ if TYPE_CHECKING:
 
 CONDITIONS = (
     "displacements", "tractions", "pressures", "forces", "total_loads", "temperatures",
+    "rigid_motions", "rigid_loads",
 )  # fmt: skip
 """The fields of a scene that hold conditions, whose records have a `name` and are `scaled`."""
 
@@ -157,6 +166,10 @@ class Scene:
         Name of the load case that this is the scene of, empty if it is of none.
     ties
         Pairs of boundaries that hold together; they are no contacts.
+    rigid_bodies, rigid_motions, rigid_loads
+        Bodies without a mesh, what holds or moves them, and what acts on them.
+    placements
+        Where each rigid body is: the obstacles of contacts are those of bodies in these places.
     """
 
     title: str
@@ -182,6 +195,10 @@ class Scene:
     cases: tuple[LoadCase, ...] = ()
     case: str = ""
     ties: tuple[Tie, ...] = ()
+    rigid_bodies: tuple[RigidBody, ...] = ()
+    rigid_motions: tuple[RigidMotion, ...] = ()
+    rigid_loads: tuple[RigidLoad, ...] = ()
+    placements: tuple[Placement, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:
@@ -195,7 +212,45 @@ class Scene:
             for key in CONDITIONS
         }
         title = f"{self.title or self.source.name}, case {case.name}"
-        return replace(self, **scaled, title=title, cases=(), case=case.name)
+        return replace(self, **scaled, title=title, cases=(), case=case.name).placed_as_held()
+
+    def held_components(self, rigid: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Which components of a rigid body are held, and at what; displacement, then rotation."""
+        return held_components(self.rigid_motions, rigid, self.dimension)
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Numbers of the rigid bodies that are free in some component; others are obstacles."""
+        count = range(len(self.rigid_bodies))
+        return tuple(k for k in count if not self.held_components(k)[0].all())
+
+    @property
+    def body_names(self) -> list[str]:
+        """Names of the bodies as the solver counts them: elastic ones, then moving rigid ones."""
+        rigid = [self.rigid_bodies[k].name for k in self.moving]
+        return [*(body.name for body in self.bodies), *rigid]
+
+    def placed(self, placements: Sequence[Placement]) -> Scene:
+        """The scene with its rigid bodies in these places."""
+        if not self.rigid_bodies:
+            return self
+
+        def of(contact: Contact) -> Contact:
+            if contact.rigid is None:
+                return contact
+            rigid = self.rigid_bodies[contact.rigid]
+            drawn = rigid.obstacles[contact.part]
+            obstacle = placements[contact.rigid].obstacle(drawn, rigid.center)
+            return replace(contact, obstacle=obstacle)
+
+        return replace(
+            self, placements=tuple(placements), contacts=tuple(of(c) for c in self.contacts)
+        )
+
+    def placed_as_held(self) -> Scene:
+        """The scene with its rigid bodies where they are held, and else where they are drawn."""
+        found = [self.held_components(k)[1] for k in range(len(self.rigid_bodies))]
+        return self.placed([Placement.of(values, self.dimension) for values in found])
 
     @property
     def touching(self) -> tuple[Contact | BodyContact, ...]:
@@ -209,8 +264,13 @@ class Scene:
             return self.mirrors[0].contacts
         found = []
         for contact in self.touching:
+            if isinstance(contact, Contact) and contact.part:
+                continue
             if isinstance(contact, Contact):
-                against = kind_of(contact.obstacle)
+                rigid = contact.rigid
+                against = (
+                    kind_of(contact.obstacle) if rigid is None else self.rigid_bodies[rigid].name
+                )
             else:
                 against = self._where(contact.other, contact.other_boundary)
             on = self._where(contact.body, contact.boundary)
@@ -219,7 +279,10 @@ class Scene:
 
     @property
     def condition_names(self) -> tuple[tuple[str, str], ...]:
-        """Source and boundary of all displacement conditions, of the whole where it was cut."""
+        """Source and boundary of all displacement conditions, of the whole where it was cut.
+
+        Those of rigid bodies are not among them.
+        """
         if self.mirrors:
             return self.mirrors[0].conditions
         return tuple((c.source, self._where(c.body, c.boundary)) for c in self.displacements)

@@ -26,7 +26,7 @@ import numpy as np
 from contact_app.errors import ConfigurationError
 from contact_app.scene.bodies import CELLS, Box
 from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
+from contact_app.scene.configuration import Body, load
 from contact_app.scene.scene import Scene
 from contact_app.studies.chart_store import Kept
 from contact_app.studies.frontier import frontier
@@ -184,7 +184,7 @@ def plan(
     """
     configuration = load(config, overrides)
     scene = build_scene(configuration)
-    refine = tuple(body.mesh.refine for body in configuration.bodies)
+    refine = tuple(body.mesh.refine for body in configuration.bodies if isinstance(body, Body))
     own = scene.bodies[0].mesh.cell
     if any(body.mesh.cell != own for body in scene.bodies):
         raise ConfigurationError(f"{config}: a chart needs bodies of one kind of cell")

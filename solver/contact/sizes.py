@@ -76,7 +76,7 @@ def equilibrium_of(
         strict=True,
     ):
         force = forces[part].reshape(cls.members, -1)
-        stiff = cls.stiffness.diagonal()[:, None]
+        stiff = cls.resistance[:, None]
         held = np.ones(cls.unknowns, bool)
         held[cls.free] = False
         for members in cls.batches():

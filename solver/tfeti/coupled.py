@@ -24,6 +24,12 @@ from scipy.sparse.linalg import splu
 
 from solver.tfeti.constraints.matrix import ConstraintMatrix, lent, local_rows, scale_rows
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.subdomain.classes import SubdomainClass
+
+
+def _compliance(cls: SubdomainClass) -> float:
+    """D⁻¹ of the unknowns of a class; a rigid body gives way to no force by a spring of its own."""
+    return 0.0 if cls.rigid else 1.0 / float(cls.stiffness.diagonal().mean())
 
 
 class CoupledRows:
@@ -41,25 +47,21 @@ class CoupledRows:
         compliance = np.concatenate(
             [
                 np.zeros(0),
-                *(
-                    np.full(c.members * len(c.interface), 1.0 / c.stiffness.diagonal().mean())
-                    for c in problem.classes
-                ),
+                *(np.full(c.members * len(c.interface), _compliance(c)) for c in problem.classes),
             ]
         )
         mask = problem.wide.astype(float)
-        wide = problem.B.matrix.copy()
+        own = problem.deforming
+        wide = own.matrix.copy()
         scale_rows(wide, mask)
         divided = wide.copy()
         with lent(self.comm, compliance) as (right,):
             divided.diagonalScale(R=right)
         self._matrix = self._gathered(divided.matMult(wide.transpose(PETSc.Mat())))
-        B = problem.B.matrix.copy()
+        B = own.matrix.copy()
         scale_rows(B, 1.0 - mask)
         B.axpy(1.0, divided, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self.B = ConstraintMatrix(
-            self.comm, local_rows(B), problem.B.columns, problem.B.nodal, problem.B.components
-        )
+        self.B = ConstraintMatrix(self.comm, local_rows(B), own.columns, own.nodal, own.components)
         for matrix in (wide, divided, B):
             matrix.destroy()
         counts = self.comm.allgather(len(self._rows))

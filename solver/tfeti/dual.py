@@ -238,6 +238,24 @@ class DualProblem:
         result[self.tied] = self.system.tied.spread
         return result
 
+    @cached_property
+    def deforming(self) -> ConstraintMatrix:
+        """B without the columns of rigid bodies, which no stiffness resists; B where none are.
+
+        Corrections of rows, their overlaps and preconditioners concern these columns alone.
+        Collective when first asked.
+        """
+        B, widths = self.B, [(c.members * len(c.interface), c.rigid) for c in self.classes]
+        own = [np.full(width, rigid) for width, rigid in widths]
+        mine = B.first + np.flatnonzero(np.concatenate([np.zeros(0, bool), *own]))
+        columns = np.concatenate(self.comm.allgather(mine))
+        if not len(columns):
+            return B
+        local = B.local.copy()
+        local.data[np.isin(local.indices, columns)] = 0.0
+        local.eliminate_zeros()
+        return ConstraintMatrix(self.comm, local, B.columns, B.nodal, B.components)
+
     @property
     def _contact_rows(self) -> sparse.csr_matrix:
         """This rank's contact rows of B."""
@@ -266,7 +284,7 @@ class DualProblem:
         """
         result = np.ones(self.size)
         overlapping = self.inequality | self.tied
-        contact = self.B.local[overlapping]
+        contact = self.deforming.local[overlapping]
         if self.comm.allreduce(int(self.wide.any())):
             matrix = petsc_rows(self.comm, contact, self.B.columns)
             product = local_rows(matrix.matMult(matrix.transpose(PETSc.Mat())))
@@ -336,7 +354,7 @@ class DualProblem:
         """
         sums = []
         for cls, force in zip(self.classes, self.forces, strict=True):
-            flexible = 1.0 / cls.stiffness.diagonal()[cls.free]
+            flexible = 1.0 / cls.resistance[cls.free]
             sums.append(np.einsum("im,im,i->m", force[cls.free], force[cls.free], flexible))
         return np.asarray(self.comm.allreduce(self.bodies.sum_members(sums)))
 
@@ -344,7 +362,7 @@ class DualProblem:
         """Largest f_i / K_ii of each body, (bodies,) (collective)."""
         result = np.zeros(self.bodies.count)
         for cls, load, body in zip(self.classes, self.loads, self.bodies.members, strict=True):
-            moved = np.abs(load[cls.free] / cls.stiffness.diagonal()[cls.free, None])
+            moved = np.abs(load[cls.free] / cls.resistance[cls.free, None])
             np.maximum.at(result, body, moved.max(axis=0, initial=0.0))
         return largest(self.comm, result)
 

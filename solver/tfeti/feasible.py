@@ -85,7 +85,7 @@ def feasible_displacements(
 
     B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
     admissible set; where contact rows are not orthogonal it is repeated, damped. Inside the
-    subdomains û = u.
+    subdomains û = u, and rigid bodies stay where they are: the others give way.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def feasible_displacements(
         Share of the largest violation that may be left.
     """
     damping = problem.overlap
-    repaired = displacements.copy()
+    repaired, change = displacements.copy(), np.empty_like(displacements)
     residual = problem.residual(repaired)
     tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, displacements))
     one_sided = problem.inequality if closed is None else problem.inequality & ~closed
@@ -108,7 +108,8 @@ def feasible_displacements(
                 tolerance = max(tolerance, rest * size)
             if size <= tolerance or size > 0.99 * previous:
                 break
-            repaired -= problem.constraint_forces(violation / damping)
+            problem.deforming.apply_transpose(violation / damping, change)
+            repaired -= change
             residual = problem.residual(repaired)
             previous = size
     return repaired, residual
@@ -129,8 +130,8 @@ def worth_closing(
     """
     opened = problem.inequality & (multiplier > 0.0) & (residual < 0.0)
     gaps = np.where(opened, residual, 0.0)
-    motion = problem.constraint_forces(gaps)
-    force = np.empty_like(motion)
+    motion, force = np.empty((2, problem.B.columns))
+    problem.deforming.apply_transpose(gaps, motion)
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
         moved = motion[part].reshape(cls.members, -1)
         shared = force[part].reshape(cls.members, -1)
@@ -222,10 +223,14 @@ def _schur(problem: DualProblem, motion: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def _unseen(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The part of an interface vector in the kernel of B, whose rows are orthonormal."""
-    rows = np.empty(problem.size)
-    problem.B.apply(vector, rows)
-    return vector - problem.constraint_forces(rows)
+    """The part of an interface vector in the kernel of B, whose rows are orthonormal.
+
+    Of rigid bodies there is no part.
+    """
+    rows, seen = np.empty(problem.size), np.empty_like(vector)
+    problem.deforming.apply(vector, rows)
+    problem.deforming.apply_transpose(rows, seen)
+    return vector - seen
 
 
 def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> NDArray[np.float64]:

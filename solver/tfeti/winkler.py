@@ -61,7 +61,8 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
     contact = problem.inequality
     springs, top = problem.contact_stiffness()
     stiffness = top * coarse.metric
-    stiffness[contact] = np.minimum(SOFTNESS * springs, top)
+    springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # none where rigid meets rigid
+    stiffness[contact] = np.minimum(springs, top)
     motion = np.empty(problem.size)
 
     def force(alpha: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -56,7 +56,7 @@ OPTIMAL = 1e-6
 MARK = "<!-- python -m tests.stability.fuzz 1000 --document docs/benchmarks/stability.md -->"
 """Line of the document below which the counts stand."""
 
-GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided")
+GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided", "slides")
 
 QUIET = ("agrees", "escapes", "contradicts")
 """Verdicts that are not told scene by scene."""

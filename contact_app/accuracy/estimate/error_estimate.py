@@ -79,7 +79,8 @@ class ErrorEstimator:
         last = self._last
         if last is None or last[0] is not multiplier or last[1] is not displacements:
             touching = touching_nodes(self.model, solution)
-            self._last = last = multiplier, displacements, self.recovery(displacements, touching)
+            elastic = self.model.elastic(displacements)
+            self._last = last = multiplier, displacements, self.recovery(elastic, touching)
         return last[2]
 
     def accuracy(self, solution: Solution) -> Accuracy:
@@ -90,9 +91,9 @@ class ErrorEstimator:
         """η² and ∫ σ_h : C⁻¹ : σ_h of each body, (2, bodies); without heat that is a(u_h, u_h)."""
         bodies = self.model.problem.bodies
         sums = np.zeros((2, bodies.count))
-        displacements = solution.displacements
+        parts = (self.model.elastic(v) for v in (solution.displacements, bodies.members))
         recovered = self.stresses(solution)
-        for number, (u, body) in enumerate(zip(displacements, bodies.members, strict=True)):
+        for number, (u, body) in enumerate(zip(*parts, strict=True)):
             for _, part, error, stress in self._distances(number, u, recovered[number]):
                 each = (
                     self._lengths(number, error).sum(axis=1),
@@ -106,7 +107,7 @@ class ErrorEstimator:
         """η² by cell, (cells, members) of each class (collective)."""
         result = []
         recovered = self.stresses(solution)
-        for number, u in enumerate(solution.displacements):
+        for number, u in enumerate(self.model.elastic(solution.displacements)):
             squares = np.empty((len(self.recovery.cells[number].nodes), u.shape[1]))
             for rows, part, error, _ in self._distances(number, u, recovered[number]):
                 squares[rows, part] = self._lengths(number, error).T

@@ -194,7 +194,7 @@ def _spread(model: Model, values: Array) -> list[Array]:
     copies = exchange.from_owners(values[exchange.nodes - exchange.first])
     result = [
         np.zeros((cls.unknowns // model.scene.dimension, cls.members, values.shape[1]))
-        for cls in model.problem.classes
+        for cls in model.elastic(model.problem.classes)
     ]
     at = 0
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):

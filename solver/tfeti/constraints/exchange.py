@@ -27,6 +27,8 @@ class NodeExchange:
 
     Attributes
     ----------
+    starts : (ranks + 1,)
+        As given.
     nodes : (arrived,)
         Node numbers of the copies that arrived at this rank, which owns them; ordered by the
         rank they come from and there as they were given.
@@ -47,6 +49,7 @@ class NodeExchange:
         self.total = total
         if starts is None:
             starts = total * np.arange(comm.size + 1, dtype=np.int64) // comm.size
+        self.starts = starts
         owner = np.searchsorted(starts, nodes, side="right") - 1
         self.first, self.last = int(starts[comm.rank]), int(starts[comm.rank + 1])
         self._copies = len(nodes)
@@ -58,6 +61,10 @@ class NodeExchange:
         self._ends = np.cumsum([0, *map(len, arrived)])
         self.kept = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
         self.nodes: NDArray[np.int64] = np.concatenate(arrived)
+
+    def among(self, nodes: NDArray[np.int64]) -> NodeExchange:
+        """The exchange of other copies of the same nodes, owned by the same ranks (collective)."""
+        return NodeExchange(self.comm, nodes, self.total, self.starts)
 
     def to_owners(self, values: NDArray) -> NDArray:
         """Bring one value (or row) a copy to the owners: (copies, …) to (arrived, …)."""

@@ -29,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -103,6 +104,11 @@ class NodeConditions:
     gaps: NDArray[np.float64]
     contact_source: NDArray[np.int64]
 
+    def of_contacts(self, some: NDArray[np.bool_]) -> NodeConditions:
+        """The same with some of the contact rows (k,)."""
+        names = ("contact_nodes", "contact_points", "directions", "gaps", "contact_source")
+        return replace(self, **{name: getattr(self, name)[some] for name in names})
+
 
 @dataclass(frozen=True, eq=False)
 class HeldRows:
@@ -152,7 +158,7 @@ class ContactEntries:
         return replace(kept, row=(np.cumsum(keep) - 1)[kept.row])
 
 
-ENTRIES = ("entries", "held")
+ENTRIES = ("entries", "held", "rigid")
 """Fields of `ContactRows` that have entries instead of a value for each row."""
 
 
@@ -179,6 +185,9 @@ class ContactRows:
         The coefficients, without held components.
     held
         The coefficients of held components, where `cut_held` took them out.
+    rigid
+        The coefficients of the motions of rigid bodies, at the nodes that stand for these. They
+        count neither for the length of a row nor for whether it is wide: no stiffness resists them.
     """
 
     nodes: NDArray[np.int64]
@@ -191,6 +200,14 @@ class ContactRows:
     spread: NDArray[np.float64]
     entries: ContactEntries
     held: ContactEntries = field(default_factory=ContactEntries.none)
+    rigid: ContactEntries = field(default_factory=ContactEntries.none)
+
+    @property
+    def on_rigid(self) -> NDArray[np.bool_]:
+        """Which rows have entries at a rigid body, (k,)."""
+        result = np.zeros(len(self.nodes), bool)
+        result[self.rigid.row] = True
+        return result
 
     @property
     def wide(self) -> NDArray[np.bool_]:
@@ -204,23 +221,24 @@ class ContactRows:
         fields = [f for f in cls.__dataclass_fields__ if f not in ENTRIES]
         joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
         counts = [len(p.nodes) for p in parts]
-        entries = ContactEntries.join([p.entries for p in parts], counts)
-        held = ContactEntries.join([p.held for p in parts], counts)
+        entries: dict[str, Any] = {
+            name: ContactEntries.join([getattr(p, name) for p in parts], counts) for name in ENTRIES
+        }
         order = np.lexsort((joined["sources"], joined["nodes"]))
         place = np.empty(len(order), np.int64)
         place[order] = np.arange(len(order))
         return cls(
             **{name: values[order] for name, values in joined.items()},
-            entries=replace(entries, row=place[entries.row]),
-            held=replace(held, row=place[held.row]),
+            **{name: replace(own, row=place[own.row]) for name, own in entries.items()},
         )
 
     def of(self, keep: NDArray[np.bool_]) -> ContactRows:
         """Some of the rows, (k,)."""
-        fields = {name: v[keep] for name, v in self.__dict__.items() if name not in ENTRIES}
-        return ContactRows(
-            **fields, entries=self.entries.of_rows(keep), held=self.held.of_rows(keep)
-        )
+        fields = {
+            name: v.of_rows(keep) if name in ENTRIES else v[keep]
+            for name, v in self.__dict__.items()
+        }
+        return ContactRows(**fields)
 
     def none(self) -> ContactRows:
         """No rows."""
@@ -303,6 +321,9 @@ class SharedEntries:
         Where the copies meet.
     entries, rows
         Entries of so many rows of this rank, of any length; in B they have unit length.
+    rigid
+        Entries at rigid bodies, which do not count for the length; where a row has no others, it
+        is as long as these make it.
 
     Attributes
     ----------
@@ -310,10 +331,14 @@ class SharedEntries:
         Length of each unscaled row on the copies.
     """
 
-    def __init__(self, exchange: NodeExchange, entries: ContactEntries, rows: int) -> None:
+    def __init__(
+        self, exchange: NodeExchange, entries: ContactEntries, rows: int, rigid: ContactEntries
+    ) -> None:
+        own = len(entries.row)
+        entries = ContactEntries.join([entries, rigid], [0, 0])
         self._entries = entries
         self._order = np.argsort(exchange.nodes, kind="stable")
-        self._query = NodeExchange(exchange.comm, entries.node, exchange.total)
+        self._query = exchange.among(entries.node)
         nodes, start, count = np.unique(
             exchange.nodes[self._order], return_index=True, return_counts=True
         )
@@ -321,8 +346,12 @@ class SharedEntries:
         self._start, self._count = start[at], count[at]
         self._components = self._query.to_owners(entries.component)
         self.copies = self._query.from_owners(self._count)
-        square = np.bincount(entries.row, entries.value**2 / self.copies, minlength=rows)
-        self.lengths: NDArray[np.float64] = np.sqrt(square)
+        share = entries.value**2 / self.copies
+        square, of_rigid = (
+            np.bincount(entries.row[some], share[some], minlength=rows)
+            for some in (slice(own), slice(own, None))
+        )
+        self.lengths: NDArray[np.float64] = np.sqrt(np.where(square > 0.0, square, of_rigid))
 
     def mark(self, touched: NDArray[np.bool_]) -> None:
         """Mark the components (arrived, dimension) of arrived copies the entries touch."""
@@ -362,7 +391,7 @@ def merge_held(exchange: NodeExchange, conditions: NodeConditions) -> HeldRows:
     ContradictionError
         Two conditions ask different displacements of one component.
     """
-    meeting = NodeExchange(exchange.comm, conditions.held_nodes, exchange.total)
+    meeting = exchange.among(conditions.held_nodes)
     held, values = meeting.to_owners(conditions.held), meeting.to_owners(conditions.values)
     source, points = (
         meeting.to_owners(conditions.held_source),
@@ -404,7 +433,19 @@ def merge_contact(
     ContradictionError
         Held displacements push a node into an obstacle, or two obstacles leave it no room.
     """
-    meeting = NodeExchange(exchange.comm, conditions.contact_nodes, exchange.total)
+    rows = cut_held(exchange, contact_rows(exchange, conditions), held, length)
+    cut = np.zeros_like(rows.normals)
+    cut[rows.entries.row, rows.entries.component] = rows.entries.value
+    norm = np.linalg.norm(cut, axis=1)
+    direction, gap = cut / norm[:, None], rows.gaps / norm
+    _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
+    keep = tightest_of_each_node(rows.nodes, direction, gap)
+    return rows.of(keep), rows.of(~keep)
+
+
+def contact_rows(exchange: NodeExchange, conditions: NodeConditions) -> ContactRows:
+    """The contact rows of each owned node, one a contact (collective)."""
+    meeting = exchange.among(conditions.contact_nodes)
     source, points = (
         meeting.to_owners(conditions.contact_source),
         meeting.to_owners(conditions.contact_points),
@@ -414,7 +455,7 @@ def merge_contact(
     _, chosen = np.unique(pair, axis=0, return_index=True)
     node, points, direction = meeting.nodes[chosen], points[chosen], direction[chosen]
     row, component = np.nonzero(np.abs(direction) > 1e-14)
-    rows = ContactRows(
+    return ContactRows(
         nodes=node,
         points=points,
         sources=source[chosen],
@@ -425,14 +466,6 @@ def merge_contact(
         spread=np.ones(len(node)),
         entries=ContactEntries(row, node[row], points[row], component, direction[row, component]),
     )
-    rows = cut_held(exchange, rows, held, length)
-    cut = np.zeros_like(rows.normals)
-    cut[rows.entries.row, rows.entries.component] = rows.entries.value
-    norm = np.linalg.norm(cut, axis=1)
-    direction, gap = cut / norm[:, None], rows.gaps / norm
-    _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
-    keep = _tightest(rows.nodes, direction, gap)
-    return rows.of(keep), rows.of(~keep)
 
 
 def drop_parallel(
@@ -514,7 +547,7 @@ def cut_held(
         Held displacements alone violate a row.
     """
     entries = rows.entries
-    query = NodeExchange(exchange.comm, entries.node, exchange.total)
+    query = exchange.among(entries.node)
     component = query.to_owners(entries.component)
     fixed, value = np.zeros(len(component), bool), np.zeros(len(component))
     if len(held.nodes):
@@ -525,7 +558,7 @@ def cut_held(
     count = len(rows.nodes)
     gaps = rows.gaps - np.bincount(entries.row, entries.value * value, minlength=count)
     left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
-    decided = left < 1e-18
+    decided = (left < 1e-18) & ~rows.on_rigid
     inside = decided & (gaps < -1e-9 * length)
     problem = None
     if inside.any():
@@ -608,8 +641,11 @@ def write_rows(
                 )  # fmt: skip
     both = [contact, contact.none() if tied is None else tied]
     counts = [len(rows.nodes) for rows in both]
-    joined = ContactEntries.join([rows.entries for rows in both], counts)
-    shared = SharedEntries(exchange, joined, sum(counts))
+    joined, rigid = (
+        ContactEntries.join([getattr(rows, name) for rows in both], counts)
+        for name in ("entries", "rigid")
+    )
+    shared = SharedEntries(exchange, joined, sum(counts), rigid)
     spreads = np.split(1.0 / shared.lengths, np.cumsum(counts)[:-1])
     both = [replace(rows, spread=spread) for rows, spread in zip(both, spreads, strict=True)]
     kinds = RowKind.CONTACT, RowKind.TIED
@@ -726,7 +762,7 @@ def _squeezed(
     return problem
 
 
-def _tightest(
+def tightest_of_each_node(
     node: NDArray[np.int64], direction: NDArray[np.float64], gap: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Mark, of the rows of one node in one direction, the one with the smallest gap."""

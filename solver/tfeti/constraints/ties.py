@@ -59,4 +59,5 @@ def _unit(
     place = np.searchsorted(known, columns)
     matrix = sparse.csr_matrix((values, (rows, place)), shape=(count, len(known)))
     length = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
+    length[length == 0.0] = 1.0  # of rigid bodies alone
     return sparse.diags(1.0 / length) @ matrix

@@ -31,6 +31,7 @@ from solver.tfeti.subdomain.kernels import (
     orthonormal_kernel,
 )
 from solver.tfeti.subdomain.reflections import find_symmetry
+from solver.tfeti.subdomain.rigid import ZeroInverse
 
 DENSE_GAIN = 20.0
 """How many times faster a dense product runs, a multiplication, than a sparse one."""
@@ -79,6 +80,18 @@ class SubdomainClass:
     def unknowns(self) -> int:
         """Unknowns of one member."""
         return self.stiffness.shape[0]
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the members are rigid bodies, without any stiffness."""
+        return self.stiffness.nnz == 0
+
+    @property
+    def resistance(self) -> NDArray[np.float64]:
+        """Diagonal of K, (n,); infinite for rigid bodies, which no force strains."""
+        if self.rigid:
+            return np.full(self.unknowns, np.inf)
+        return np.asarray(self.stiffness.diagonal())
 
     @cached_property
     def interface_stiffness(self) -> sparse.csr_matrix:
@@ -196,11 +209,15 @@ def subdomain_class(
     kernel : (n, k)
         Basis of the kernel of K; the rigid motions of the points unless given.
 
+    A stiffness without entries is that of a rigid body, whose free unknowns are its kernel.
+
     Raises
     ------
     ValueError, ArithmeticError
         The stiffness resists a rigid motion, or has further zero-energy modes.
     """
+    if stiffness.nnz == 0:
+        return _rigid_class(stiffness, members, eliminated)
     # what is decided here is decided alike on all ranks that share
     most = sharing.allreduce(members, op=MPI.MAX) if sharing else members
     rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
@@ -241,3 +258,16 @@ def subdomain_class(
     return SubdomainClass(
         stiffness, moves, rigid, free, interface, members, inverse, block, relaxes
     )
+
+
+def _rigid_class(
+    stiffness: sparse.csr_matrix, members: int, eliminated: NDArray[np.int64] | None
+) -> SubdomainClass:
+    """The class of rigid bodies: all unknowns are on the interface, the free ones are kernel."""
+    every = np.arange(stiffness.shape[0])
+    free = every if eliminated is None else np.setdiff1d(every, eliminated)
+    unit, inverse = np.eye(len(every)), ZeroInverse()
+    return SubdomainClass(
+        stiffness, unit[:, free], unit, free, every, members, inverse, inverse.restricted(every),
+        relaxes=True,
+    )  # fmt: skip

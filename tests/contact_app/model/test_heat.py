@@ -14,13 +14,15 @@ from contact_app.model.outline import partition_scene
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import from_mapping
+from contact_app.scene.configuration import from_mapping, load
 from tests import meshfiles, reference, rings, scenes
 from tests.comparison import in_order_of, solve
 from tests.scenes_on_ranks import summary_of
 
 YOUNG, POISSON, ALPHA, RISE = 1000.0, 0.3, 1e-4, 50.0
 STRAIN = ALPHA * RISE
+
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 ELEMENTS = [
     (cell, degree, False) for cell in (*scenes.CELLS_2D, *scenes.CELLS_3D) for degree in (1, 2)
@@ -98,6 +100,22 @@ def test_between_two_walls(cell: str, degree: int, mean: bool) -> None:
         across = -POISSON * expected - YOUNG * STRAIN
         assert stress[:, 2] == pytest.approx(across, rel=1e-6)
     assert solved.summary["certificate"]["passed"]
+
+
+@pytest.mark.parametrize("cell", scenes.CELLS_2D)
+def test_between_two_walls_in_plane_stress(cell: str) -> None:
+    """With nothing across the plane either the walls take E α ΔT."""
+    made = {**heated(cell, 1, False), "dimension": "plane_stress"}
+    del made["conditions"][0]
+    made["contacts"] = [
+        {"on": "block.x-", "obstacle": scenes.plane(cell, (0, 0, 0), (1, 0, 0))},
+        {"on": "block.x+", "obstacle": scenes.plane(cell, (1, 0, 0), (-1, 0, 0))},
+    ]
+    solved = solve(made, 3)
+    expected = np.array([-YOUNG * STRAIN, 0, 0, 0, 0, 0])
+    off = np.abs(solved.cells.stress - expected).max()
+    assert off < 1e-6 * YOUNG * STRAIN
+    assert solved.summary["contacts"][1]["force"][0] == pytest.approx(-YOUNG * STRAIN, rel=1e-7)
 
 
 def test_nearly_incompressible_between_walls() -> None:
@@ -179,6 +197,26 @@ def test_shrink_fit_of_two_rings(warmer: str, tmp_path: Path) -> None:
     (contact,) = solved.summary["contacts"]
     pressure = np.array(contact["force"][:2]) / rings.MIDDLE
     assert pressure == pytest.approx(exact, rel=2e-3)
+    assert solved.summary["certificate"]["passed"]
+
+
+@pytest.mark.parametrize("plane", ["plane_stress", "plane_strain"])
+@pytest.mark.parametrize("scene", ["shrink_fit", "interference_fit"])
+def test_a_solid_shaft_in_a_hub(scene: str, plane: str) -> None:
+    """p = E δ/(2 R) (1 - R²/Rₒ²), in plane strain over 1 - ν².
+
+    δ is the radial interference: what is given, or what the hub shrinks by if it is free, which in
+    plane strain is 1 + ν times as much.
+    """
+    solved = solve_scene(build_scene(load(CONFIGS / f"{scene}.yaml", [f"dimension={plane}"])))
+    (material,) = solved.model.scene.bodies[0].materials
+    exact = material.young * 0.01 / 20.0 * (1.0 - 0.25)
+    if plane == "plane_strain":
+        exact /= 1.0 - material.poisson**2
+        exact *= 1.0 + material.poisson if scene == "shrink_fit" else 1.0
+    (contact,) = solved.summary["contacts"]
+    assert contact["force"][0] / 10.0 == pytest.approx(exact, rel=2e-3)  # on a quarter, R = 10
+    assert solved.nodes.contact_pressure.max() == pytest.approx(exact, rel=1e-2)
     assert solved.summary["certificate"]["passed"]
 
 

@@ -1,0 +1,255 @@
+"""Rigid bodies in the discrete problem: their unknowns, contact rows and subdomains.
+
+A rigid body that is free in some component is a subdomain of Total FETI that is all kernel
+(`solver.tfeti.subdomain.rigid`). Its unknowns are those of two nodes more: one moves by its
+displacement t, the other by L θ, its rotation times a length of the scene, so that all have one
+unit. With x a point that may touch it, n the normal out of it and r = x - c the arm from its
+reference point, a contact row reads
+
+    -n · u(x) + n · t + (r × n)/L · L θ ≤ g,
+
+where g is the gap that is left if t and θ are zero: the gap where the body is placed, and what the
+row makes of the way it was placed by. Held components go to the right-hand side.
+
+A body that is held in all components is an obstacle where it is held, and no part of the problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.conditions import rows_in_the_mean
+from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.scene.scene import Scene
+from meshes import Partition
+from solver.tfeti.build import CongruentSubdomains
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.rows import (
+    ContactEntries,
+    ContactRows,
+    HeldRows,
+    NodeConditions,
+    contact_rows,
+    cut_held,
+    tightest_of_each_node,
+)
+from solver.tfeti.subdomain.kernels import MOTIONS
+from solver.tfeti.subdomain.rigid import zero_stiffness
+
+Array = NDArray[np.float64]
+
+NODES = 2
+"""Nodes that stand for a rigid body: of its displacement, of its rotation."""
+
+FAINT = 1e-12
+"""Coefficients that are rounding errors, over the largest that a row could have."""
+
+
+def scene_length(scene: Scene) -> float:
+    """A length of the scene: the largest extent of an elastic body."""
+    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidUnknowns:
+    """The unknowns of the moving rigid bodies of a scene.
+
+    Attributes
+    ----------
+    first
+        Number of their first node: they come after those of the meshes.
+    length
+        L.
+    """
+
+    scene: Scene
+    first: int
+    length: float
+
+    @classmethod
+    def of(cls, scene: Scene, partition: Partition) -> RigidUnknowns:
+        """Those of a scene whose meshes are cut."""
+        return cls(scene, partition.nodes, scene_length(scene))
+
+    @property
+    def count(self) -> int:
+        """Moving rigid bodies."""
+        return len(self.scene.moving)
+
+    @cached_property
+    def slots(self) -> NDArray[np.int64]:
+        """Place of each component, displacement then rotation, among those of both nodes."""
+        d = self.scene.dimension
+        return np.arange(MOTIONS[d])  # the rotation in the plane is the first of its node
+
+    @property
+    def size(self) -> int:
+        """Unknowns of a body, with one that is always held in the plane."""
+        return NODES * self.scene.dimension
+
+    @property
+    def units(self) -> Array:
+        """What a component is multiplied by to be a displacement: one, and L for rotations."""
+        d = self.scene.dimension
+        return np.where(np.arange(MOTIONS[d]) < d, 1.0, self.length)
+
+    def center(self, nth: int) -> Array:
+        """Reference point of the nth moving body where it is placed, (3,)."""
+        number = self.scene.moving[nth]
+        placed = self.scene.placements[number].displacement
+        return np.array(self.scene.rigid_bodies[number].center) + np.array(placed)
+
+    def placed(self, nth: int) -> Array:
+        """Components by which the nth moving body is placed, as displacements."""
+        placement = self.scene.placements[self.scene.moving[nth]]
+        return placement.components(self.scene.dimension) * self.units
+
+    def held(self, nth: int) -> tuple[NDArray[np.bool_], Array]:
+        """Which components of the nth moving body are held, and at what, as displacements."""
+        held, values = self.scene.held_components(self.scene.moving[nth])
+        return held, values * self.units
+
+    def loads(self, nth: int) -> Array:
+        """Force on the nth moving body, and its moment over L."""
+        d, number = self.scene.dimension, self.scene.moving[nth]
+        result = np.zeros(MOTIONS[d])
+        for load in self.scene.rigid_loads:
+            if load.body == number:
+                moment = load.moment if d == 3 else load.moment[2:]
+                result += np.array([*load.force[:d], *moment]) / self.units
+        return result
+
+    def body_of(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Which moving body nodes stand for."""
+        return (nodes - self.first) // NODES
+
+    def motion_of(
+        self, nodes: NDArray[np.int64], component: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Which component, displacement then rotation, components of nodes are."""
+        return (nodes - self.first) % NODES * self.scene.dimension + component
+
+
+def exchange_with(surface: SurfaceCopies, partition: Partition, unknowns: int) -> NodeExchange:
+    """Where copies of surface nodes meet, and after them the nodes of so many rigid bodies.
+
+    The last rank has these. (Collective.)
+    """
+    comm, total, extra = partition.comm, partition.nodes, NODES * unknowns
+    starts = total * np.arange(comm.size + 1, dtype=np.int64) // comm.size
+    starts[-1] += extra
+    nodes = surface.nodes
+    if comm.rank == comm.size - 1:
+        nodes = np.concatenate([nodes, total + np.arange(extra)])
+    return NodeExchange(comm, nodes, total + extra, starts)
+
+
+def subdomains_of_copies(
+    surface: SurfaceCopies, partition: Partition, unknowns: int
+) -> NDArray[np.int64]:
+    """Number of the subdomain of each copy of `exchange_with`."""
+    own = surface.subdomains
+    if partition.comm.rank == partition.comm.size - 1:
+        own = np.concatenate([own, partition.count + np.arange(NODES * unknowns) // NODES])
+    return own
+
+
+def moving_contacts(scene: Scene) -> NDArray[np.int64]:
+    """Numbers of the contacts with rigid bodies that are free in some component."""
+    found = [i for i, c in enumerate(scene.contacts) if c.rigid in scene.moving]
+    return np.array(found, np.int64)
+
+
+def moving_rows(
+    scene: Scene,
+    partition: Partition,
+    exchange: NodeExchange,
+    conditions: NodeConditions,
+    held: HeldRows,
+) -> tuple[ContactRows, ContactRows]:
+    """Contact rows with moving rigid bodies, and those that a tighter one repeats (collective).
+
+    Parameters
+    ----------
+    conditions
+        Those at the nodes of these contacts.
+    """
+    unknowns, d = RigidUnknowns.of(scene, partition), scene.dimension
+    parts = [contact_rows(exchange, conditions)]
+    for number in moving_contacts(scene):
+        if has_averaged_rows(scene.bodies[scene.contacts[number].body]):
+            parts.append(rows_in_the_mean(scene, partition, exchange, int(number)))
+    rows = with_motions(ContactRows.join(parts), unknowns)
+    rows = cut_held(exchange, rows, held, unknowns.length)
+    of_body = np.array([-1 if c.rigid is None else c.rigid for c in scene.contacts])
+    keep = np.ones(len(rows.nodes), bool)
+    for number in scene.moving:
+        mine = of_body[rows.sources] == number
+        direction = rows.normals[mine, :d]
+        keep[mine] = tightest_of_each_node(rows.nodes[mine], direction, rows.gaps[mine])
+    return rows.of(keep), rows.of(~keep)
+
+
+def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
+    """Rows with the entries of the free components of the rigid bodies they are about."""
+    scene, d = unknowns.scene, unknowns.scene.dimension
+    values = np.zeros((len(rows.nodes), MOTIONS[d]))
+    body, gaps = np.zeros(len(rows.nodes), np.int64), rows.gaps.copy()
+    force = np.zeros((len(rows.nodes), 3))
+    force[:, :d] = rows.normals
+    for nth, number in enumerate(scene.moving):
+        about = [i for i, c in enumerate(scene.contacts) if c.rigid == number]
+        mine = np.isin(rows.sources, about)
+        arm = rows.points[mine] - unknowns.center(nth)
+        turn = np.cross(arm, force[mine]) + rows.moments[mine]
+        own = np.concatenate([rows.normals[mine], turn if d == 3 else turn[:, 2:]], axis=1)
+        own /= unknowns.units
+        longest = np.maximum(1.0, np.linalg.norm(arm, axis=1) / unknowns.length)
+        own[np.abs(own) < FAINT * longest[:, None]] = 0.0
+        own[:, unknowns.held(nth)[0]] = 0.0
+        body[mine], values[mine] = nth, own
+        gaps[mine] += own @ unknowns.placed(nth)
+    row, component = np.nonzero(values)
+    node, inside = np.divmod(unknowns.slots[component], d)
+    entries = ContactEntries(
+        row=row,
+        node=unknowns.first + NODES * body[row] + node,
+        points=rows.points[row],
+        component=inside,
+        value=values[row, component],
+    )
+    return replace(rows, gaps=gaps, rigid=entries)
+
+
+def rigid_subdomains(
+    unknowns: RigidUnknowns, surface: SurfaceCopies, partition: Partition
+) -> list[CongruentSubdomains]:
+    """The moving rigid bodies as subdomains of this rank: all of them on the last one."""
+    if partition.comm.rank < partition.comm.size - 1:
+        return []
+    size, found = unknowns.size, []
+    for nth in range(unknowns.count):
+        held, values = unknowns.held(nth)
+        free = np.zeros(size, bool)
+        free[unknowns.slots[~held]] = True
+        force, lifting = np.zeros((2, size, 1))
+        force[unknowns.slots, 0], lifting[unknowns.slots, 0] = unknowns.loads(nth), values
+        start = len(surface.nodes) + NODES * nth
+        found.append(
+            CongruentSubdomains(
+                stiffness=zero_stiffness(size),
+                points=np.tile(unknowns.center(nth), (NODES, 1)),
+                nodes=np.arange(NODES),
+                copies=start + np.arange(NODES)[None],
+                forces=np.asfortranarray(force),
+                lifting=np.asfortranarray(lifting),
+                eliminated=np.flatnonzero(~free),
+                bodies=np.array([len(unknowns.scene.bodies) + nth]),
+            )
+        )
+    return found

@@ -1,0 +1,104 @@
+"""Rigid bodies in ``summary.json``: how they moved, and what holds them.
+
+A rigid body is in equilibrium: in the components that its conditions hold, the reaction is what
+the contact forces on it and its loads leave. Force and moment are about its reference point where
+that has come to. The contact forces are those of the contacts with it, on the bodies of `on`, with
+the other sign.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.model import Model
+from contact_app.model.rigid import RigidUnknowns
+from contact_app.results.fields import NodeFields
+from contact_app.scene.rigid import Placement, RigidMotion
+from contact_app.scene.scene import Scene
+from solver.contact.solution import Solution
+
+Array = NDArray[np.float64]
+
+
+def placements_of(model: Model, solution: Solution) -> list[Placement]:
+    """Where an answer has brought each rigid body (collective)."""
+    scene, comm, d = model.scene, model.comm, model.scene.dimension
+    unknowns = RigidUnknowns.of(scene, model.partition)
+    mine = [
+        u[unknowns.slots, 0] / unknowns.units
+        for cls, u in zip(model.problem.classes, solution.displacements, strict=True)
+        if cls.rigid
+    ]
+    moved: list[Array] = comm.bcast(mine, root=comm.size - 1)
+    found = dict(zip(scene.moving, moved, strict=True))
+    held = [scene.held_components(k)[1] for k in range(len(scene.rigid_bodies))]
+    return [Placement.of(found.get(k, values), d) for k, values in enumerate(held)]
+
+
+def rigid_records(
+    model: Model, solution: Solution, nodes: NodeFields, reactions: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """`rigid_bodies` of ``summary.json``, and `reactions` with those of rigid bodies (collective).
+
+    Parameters
+    ----------
+    reactions
+        Those of elastic bodies, in the order of the file.
+    """
+    scene, d = model.scene, model.scene.dimension
+    places = placements_of(model, solution)
+    records = {}
+    for body, place in zip(scene.rigid_bodies, places, strict=True):
+        records[body.name] = {
+            "displacement": [float(v) for v in place.displacement[:d]],
+            "rotation": _turn([float(v) for v in place.rotation], d),
+        }
+    points = [
+        np.array(body.center) + np.array(place.displacement)
+        for body, place in zip(scene.rigid_bodies, places, strict=True)
+    ]
+    forces = [_on_rigid(model, nodes, k, point) for k, point in enumerate(points)]
+    own = {
+        motion.source: _reaction(scene, motion, forces[motion.body], points[motion.body])
+        for motion in scene.rigid_motions
+    }
+    every = dict(zip((source for source, _ in scene.condition_names), reactions, strict=True)) | own
+    order = sorted(every, key=lambda source: (len(source), source))
+    return {"rigid_bodies": records, "reactions": [every[source] for source in order]}
+
+
+def _turn(vector: list[float], d: int) -> list[float] | float:
+    """A rotation or moment; in the plane its one component."""
+    return vector[2] if d == 2 else vector
+
+
+def _on_rigid(model: Model, nodes: NodeFields, number: int, point: Array) -> Array:
+    """Force, and moment about a point, of all contacts on a rigid body, (6,) (collective)."""
+    total = np.zeros(6)
+    for touching, contact in zip(model.scene.touching, nodes.contacts, strict=True):
+        if getattr(touching, "rigid", None) == number:
+            arm = nodes.points[contact.nodes - nodes.first] - point
+            turned = np.cross(arm, contact.forces) + contact.moments
+            total -= np.concatenate([contact.forces.sum(axis=0), turned.sum(axis=0)])
+    return np.asarray(model.comm.allreduce(total))
+
+
+def _reaction(scene: Scene, motion: RigidMotion, pressed: Array, point: Array) -> dict[str, Any]:
+    """The force and moment by which a condition holds its body."""
+    d, needed = scene.dimension, -pressed
+    for load in scene.rigid_loads:
+        if load.body == motion.body:
+            needed -= np.array([*load.force, *load.moment])
+    held = np.array([value is not None for value in motion.values])
+    holds = np.zeros(6, bool)
+    holds[:d], holds[3 if d == 3 else 5 :] = held[:d], held[d:]
+    needed = np.where(holds, needed, 0.0)
+    return {
+        "on": scene.rigid_bodies[motion.body].name,
+        "force": [float(v) + 0.0 for v in needed[:3]],
+        "moment": _turn([float(v) + 0.0 for v in needed[3:]], d),
+        "point": [float(v) for v in point],
+    }

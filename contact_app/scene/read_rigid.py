@@ -1,0 +1,200 @@
+"""Rigid bodies of a scene file, and what holds, moves and loads them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from contact_app.scene import configuration as c
+from contact_app.scene.keys import Keys, Place, Vector
+from contact_app.scene.obstacles import SHAPES, Obstacle, Sphere
+from contact_app.scene.rigid import TURNS, RigidBody, RigidLoad, RigidMotion
+from contact_app.scene.scene import Scene
+
+RIGID_KEYS = ("displacement", "rotation", "total_force", "total_moment")
+
+
+def read_rigid_bodies(keys: Keys) -> tuple[RigidBody, ...]:
+    """The rigid bodies of the file, in its order."""
+    return tuple(
+        _body(keys, body, ("bodies", i))
+        for i, body in enumerate(keys.configuration.bodies)
+        if isinstance(body, c.RigidBody)
+    )
+
+
+def _body(keys: Keys, body: c.RigidBody, path: Place) -> RigidBody:
+    several = len(body.rigid) > 1
+    obstacles = tuple(
+        read_obstacle(keys, given, (*path, "rigid", *((k,) if several else ())))
+        for k, given in enumerate(body.rigid)
+    )
+    return RigidBody(body.name, obstacles, _reference(obstacles[0]))
+
+
+def _reference(obstacle: Obstacle) -> Vector:
+    """The centre of a sphere, the point of a plane or cylinder."""
+    if isinstance(obstacle, Sphere):
+        return obstacle.center
+    point: Vector = obstacle.point  # type: ignore[attr-defined]
+    return point
+
+
+def read_obstacle(keys: Keys, given: c.Obstacle, path: Place) -> Obstacle:
+    """One obstacle of exactly one shape."""
+    known = given.known_keys()
+    kinds = [key for key in known if getattr(given, key) is not None]
+    if len(kinds) != 1:
+        keys.fail(
+            path,
+            f"has {' and '.join(kinds) or 'no shape'}; exactly one of {', '.join(known)} is "
+            "allowed",
+        )
+    at, shape = (*path, kinds[0]), SHAPES[kinds[0]]
+    if keys.dimension == 2 and shape.not_in_plane:
+        keys.fail(at, shape.not_in_plane)
+    fields = dict(getattr(given, kinds[0]))
+    for key, value in fields.items():
+        if key in shape.directions:
+            fields[key] = keys.direction(value, (*at, key))
+        elif isinstance(value, list):
+            fields[key] = keys.space(value, (*at, key), "a point")
+    obstacle: Obstacle = shape(**fields)
+    return obstacle
+
+
+class RigidReader:
+    """Reads conditions `in` a rigid body.
+
+    Parameters
+    ----------
+    bodies
+        The rigid bodies.
+    """
+
+    def __init__(self, keys: Keys, bodies: tuple[RigidBody, ...]) -> None:
+        self.keys, self.bodies = keys, bodies
+        self.names = [body.name for body in bodies]
+        self._held: dict[tuple[int, int], str] = {}
+
+    def condition(self, i: int, condition: c.Condition) -> RigidMotion | RigidLoad:
+        """What holds, moves or loads a rigid body."""
+        path: Place = ("conditions", i)
+        name = condition.inside or ""
+        body = self.names.index(name)
+        given = [
+            key
+            for key in c.Condition.model_fields
+            if key not in ("name", "inside") and getattr(condition, key) is not None
+        ]
+        for key in given:
+            if key not in (*RIGID_KEYS, "at"):
+                why = "stands beside `in`" if key == "on" else "has no meaning in a rigid body"
+                self.keys.fail(
+                    (*path, key),
+                    f"{why}; {name} is rigid, and displacement, rotation, total_force and "
+                    "total_moment are allowed",
+                )
+        moves = [key for key in given if key in RIGID_KEYS[:2]]
+        loads = [key for key in given if key in RIGID_KEYS[2:]]
+        if not moves and not loads:
+            self.keys.fail(
+                path,
+                f"does nothing to {name}, which is rigid: give displacement and rotation, or "
+                "total_force and total_moment",
+            )
+        if moves and (loads or "at" in given):
+            key = (*loads, "at")[0]
+            self.keys.fail(
+                (*path, key),
+                f"stands beside {moves[0]}: what holds a rigid body and what loads it are "
+                "conditions of their own",
+            )
+        return self._motion(body, condition, path) if moves else self._load(body, condition, path)
+
+    def _motion(self, body: int, condition: c.Condition, path: Place) -> RigidMotion:
+        keys, d = self.keys, self.keys.dimension
+        displacement = condition.displacement
+        if displacement is not None and len(displacement) != d:
+            keys.fail(
+                (*path, "displacement"),
+                f"has {len(displacement)} components; in {d}D it has {d} (null leaves one free)",
+            )
+        rotation = condition.rotation
+        if rotation is not None and not isinstance(rotation, list):
+            rotation = [rotation]
+        if rotation is not None and len(rotation) != TURNS[d]:
+            form = "one number, counter-clockwise" if d == 2 else "3 (null leaves one free)"
+            keys.fail(
+                (*path, "rotation"),
+                f"has {len(rotation)} components; in {d}D it has {form}, in radians",
+            )
+        found = RigidMotion(
+            body,
+            tuple(displacement or (None,) * d),
+            tuple(rotation or (None,) * TURNS[d]),
+            f"conditions[{path[1]}]",
+        )
+        key = "rotation" if displacement is None else "displacement"
+        if all(value is None for value in found.values):
+            keys.fail((*path, key), "leaves every component free; give a number for one")
+        for k, value in enumerate(found.values):
+            if value is None:
+                continue
+            if (body, k) in self._held:
+                which = ("displacement", k) if k < d else ("rotation", k - d)
+                keys.fail(
+                    (*path, which[0]),
+                    f"holds component {which[1]} of {self.names[body]}, which "
+                    f"{self._held[body, k]} holds already",
+                )
+            self._held[body, k] = found.source
+        return found
+
+    def _load(self, body: int, condition: c.Condition, path: Place) -> RigidLoad:
+        """A force and moment, brought to the reference point."""
+        keys = self.keys
+        force = np.array(
+            keys.space(
+                condition.total_force or [0.0] * keys.dimension, (*path, "total_force"), "a force"
+            )
+        )
+        moment = np.array(read_moment(keys, condition.total_moment, (*path, "total_moment")))
+        if condition.at is not None:
+            at = np.array(keys.space(condition.at, (*path, "at"), "a point"))
+            moment = moment + np.cross(at - np.array(self.bodies[body].center), force)
+        x, y, z = (float(v) for v in force)
+        mx, my, mz = (float(v) for v in moment)
+        return RigidLoad(body, (x, y, z), (mx, my, mz), f"conditions[{path[1]}]")
+
+
+def read_moment(keys: Keys, given: list[float] | float | None, path: Place) -> Vector:
+    """A moment in space; zero where none is given."""
+    if given is None:
+        return (0.0, 0.0, 0.0)
+    if keys.dimension == 2:
+        if isinstance(given, list):
+            keys.fail(path, "is a list; in 2D a moment is one number, counter-clockwise")
+        return (0.0, 0.0, given)
+    if not isinstance(given, list):
+        keys.fail(path, "is one number; in 3D a moment has 3 components")
+    return keys.space(given, path, "a moment")
+
+
+def refuse_with_rigid(keys: Keys, scene: Scene) -> None:
+    """Refuse what is not available in a scene with a rigid body."""
+    if not scene.rigid_bodies:
+        return
+    name, configuration = scene.rigid_bodies[0].name, keys.configuration
+    if scene.moving and str(configuration.solver.method) == "primal":
+        free = scene.rigid_bodies[scene.moving[0]].name
+        keys.fail(
+            ("solver", "method"),
+            f"is primal, which does not take rigid bodies that are free to move, and {free} is; "
+            "auto, active-set and smalbe are allowed",
+        )
+    if scene.guaranteed:
+        keys.fail(
+            ("certificate", "guaranteed"),
+            f"is not available with rigid bodies, and {name} is one: the bound is for obstacles "
+            "that do not move",
+        )

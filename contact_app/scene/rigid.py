@@ -1,0 +1,158 @@
+"""Rigid bodies: obstacles that move as one, by six numbers in space and three in the plane.
+
+A rigid body has no mesh and no material. Its unknowns are the displacement t of its reference
+point c and a rotation vector θ about it, so that a point x of it moves by t + θ × (x - c). Each
+component is held at a value or free; force and moment act at the reference point.
+
+Where the body is placed (`Placement`) its obstacles are turned and moved as they are, without any
+linearisation. Contact is linear in what the body moves on from there. It is placed by all that is
+prescribed, and by the displacement an answer finds (`contact_app.run.placing`); free rotations are
+taken as small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.scene.obstacles import Obstacle, Vector
+
+TURNS = {2: 1, 3: 3}
+"""Components of a rotation by dimension."""
+
+NOWHERE: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A rigid body.
+
+    Attributes
+    ----------
+    obstacles
+        Its shapes, where the file has them.
+    center
+        Reference point: the centre or point of the first shape.
+    """
+
+    name: str
+    obstacles: tuple[Obstacle, ...]
+    center: Vector
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """What holds or moves a rigid body, by component, None where free.
+
+    Attributes
+    ----------
+    body
+        Number of the rigid body.
+    displacement : (dimension,)
+    rotation : (1,) in the plane, (3,) in space
+        In radians.
+    """
+
+    body: int
+    displacement: tuple[float | None, ...]
+    rotation: tuple[float | None, ...]
+    source: str
+    name: str | None = None
+
+    @property
+    def values(self) -> tuple[float | None, ...]:
+        """Displacement, then rotation."""
+        return (*self.displacement, *self.rotation)
+
+    def scaled(self, factor: float) -> RigidMotion:
+        """The same condition with its values times a factor; what is free stays free."""
+        parts = (
+            tuple(None if v is None else factor * v for v in part)
+            for part in (self.displacement, self.rotation)
+        )
+        displacement, rotation = parts
+        return replace(self, displacement=displacement, rotation=rotation)
+
+
+@dataclass(frozen=True)
+class RigidLoad:
+    """Force and moment on a rigid body.
+
+    Attributes
+    ----------
+    body
+        Number of the rigid body.
+    force, moment
+        At the reference point, in space.
+    """
+
+    body: int
+    force: Vector
+    moment: Vector
+    source: str
+    name: str | None = None
+
+    def scaled(self, factor: float) -> RigidLoad:
+        """The same force and moment times a factor."""
+        force, moment = (_vector(factor * np.array(v)) for v in (self.force, self.moment))
+        return replace(self, force=force, moment=moment)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a rigid body is, from where it is drawn.
+
+    Attributes
+    ----------
+    displacement
+        Of the reference point.
+    rotation
+        Rotation vector in radians.
+    """
+
+    displacement: Vector = NOWHERE
+    rotation: Vector = NOWHERE
+
+    @classmethod
+    def of(cls, values: NDArray[np.float64], dimension: int) -> Placement:
+        """From components, displacement then rotation; the rotation in the plane is about z."""
+        t, turn = values[:dimension], values[dimension:]
+        turn = turn if dimension == 3 else np.array([0.0, 0.0, turn[0]])
+        return cls(_vector(np.append(t, np.zeros(3 - dimension))), _vector(turn))
+
+    def components(self, dimension: int) -> NDArray[np.float64]:
+        """Displacement, then rotation."""
+        turn = self.rotation if dimension == 3 else self.rotation[2:]
+        return np.array([*self.displacement[:dimension], *turn])
+
+    def obstacle(self, obstacle: Obstacle, center: Vector) -> Obstacle:
+        """An obstacle of a body with this reference point, placed."""
+        if self == Placement():
+            return obstacle
+        from scipy.spatial.transform import Rotation  # which scenes without rigid bodies need not
+
+        turn = Rotation.from_rotvec(np.array(self.rotation)).as_matrix()
+        return obstacle.moved(turn, np.array(center), np.array(self.displacement))
+
+
+def held_components(
+    motions: Sequence[RigidMotion], body: int, dimension: int
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Which components of a rigid body are held, and at what; zero where free."""
+    count = dimension + TURNS[dimension]
+    held, values = np.zeros(count, bool), np.zeros(count)
+    for motion in motions:
+        if motion.body != body:
+            continue
+        for k, value in enumerate(motion.values):
+            if value is not None:
+                held[k], values[k] = True, value
+    return held, values
+
+
+def _vector(values: NDArray[np.float64]) -> Vector:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

@@ -1,0 +1,59 @@
+"""A rigid body as a subdomain: its stiffness is zero and all of it is kernel.
+
+The unknowns of a rigid body are its translation and its rotation. No displacement of them takes
+energy, so K = 0, every unknown that is free is a column of R, and K⁺ = 0: the dual operator gets
+nothing from a rigid body, the coarse problem its equilibrium,
+
+    Rᵀ (f - Bᵀ λ) = 0,
+
+which says that the contact forces balance the force and moment on the body. Unknowns that are
+prescribed are eliminated.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+
+class ZeroInverse:
+    """K⁺ of a rigid body (protocol `Inverse`)."""
+
+    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Zeros: no load strains it."""
+        return np.zeros(loads.shape, order="F")
+
+    def restricted(self, unknowns: NDArray[np.int64]) -> ZeroBlock:
+        """K⁺ between some unknowns."""
+        return ZeroBlock(len(unknowns))
+
+
+class ZeroBlock:
+    """A part of K⁺, or of K, of a rigid body (protocol `Block`)."""
+
+    order = 1
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+
+    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Put zeros into out."""
+        out[:] = 0.0
+
+    def toarray(self) -> NDArray[np.float64]:
+        """The block as one matrix."""
+        return np.zeros((self._size, self._size))
+
+    def schur_complement(self, kernel: NDArray[np.float64]) -> ZeroBlock:
+        """The stiffness: none."""
+        return self
+
+    def in_single(self, inverse: ZeroBlock) -> ZeroBlock:
+        """Itself: it has no entries."""
+        return self
+
+
+def zero_stiffness(unknowns: int) -> sparse.csr_matrix:
+    """K of a rigid body."""
+    return sparse.csr_matrix((unknowns, unknowns))

@@ -1,0 +1,194 @@
+"""Random scenes with new features: ``python -m tests.stability.fuzz_features 300``.
+
+Every scene of `feature_scenes` must end in one of these ways:
+
+agrees      certified, with the displacements of the undecomposed reference (`coupled_reference`) in
+            energy norm, and its motions of rigid bodies
+escapes     refused for want of an equilibrium, and a linear programme finds the escape, too
+contradicts held nodes are pushed into an obstacle; the reference finds so, too
+slides      where a rigid body was brought by an answer it leaves, and the run says so
+degraded    not certified, and says so, where the reference has no answer, where rigid bodies do not
+            come to rest, or where a body is moved so far that no digit is left of its strains
+undecided   certified, where the reference has no answer
+
+Anything else is a fault.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import traceback
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from contact_app.errors import NoEquilibriumError
+from contact_app.machine.time_limit import OutOfTime, time_limit
+from contact_app.run.solve import solve_scene
+from tests import coupled_reference, reference, scenes
+from tests.coupled_reference import Coupled
+from tests.stability.feature_scenes import feature_scene
+from tests.stability.fuzz import OPTIMAL, Verdict, optimality
+from tests.stability.groups import in_order
+
+ACCURATE = 4e-8
+"""Squared relative error in energy norm of an answer that agrees; the tolerance is 1e-8."""
+
+MOVED = 1e-5
+"""Difference of the motions of rigid bodies, over the largest displacement."""
+
+QUIET = ("agrees", "escapes", "contradicts")
+"""Verdicts that are not told scene by scene."""
+
+ESCAPES = 1e-7
+"""Work on a motion that nothing stops, over the loads, which is none."""
+
+
+def judge(seed: int, *, solve: Any = solve_scene, patience: float = 120.0) -> Verdict:
+    """Solve a random scene and hold it against the reference.
+
+    Parameters
+    ----------
+    solve
+        In place of `solve_scene`.
+    patience
+        Seconds of processor time after which it is said to hang.
+    """
+    made, subdomains = feature_scene(seed)
+    solved, message, began = None, "", time.process_time()
+    try:
+        with time_limit(patience):
+            scene = scenes.build(made, subdomains)
+            solved = solve(scene)
+    except NoEquilibriumError as error:
+        message = str(error)
+    except OutOfTime:
+        return Verdict(seed, "hangs", f"{subdomains}", time.process_time() - began)
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return Verdict(seed, "crashes", f"{error!r} at {where}", time.process_time() - began)
+    seconds = time.process_time() - began
+    if solved is None and "earlier solves have brought" in message:
+        return Verdict(seed, "slides", message, seconds)
+    if solved is None and ("push held nodes" in message or "no room" in message):
+        kind = "contradicts" if _contradicts(scene) else "denies an equilibrium"
+        return Verdict(seed, kind, message, seconds)
+    if solved is None:
+        work = coupled_reference.escape_work(coupled_reference.assemble(scene))
+        kind = "escapes" if work > ESCAPES else "denies an equilibrium"
+        return Verdict(seed, kind, message, seconds)
+    kind, detail = _judged(solved)
+    products = solved.summary["solver"]["hessian_multiplications"]
+    return Verdict(seed, kind, detail, seconds, products)
+
+
+def _contradicts(scene: Any) -> bool:
+    """Whether the reference has no answer, either."""
+    try:
+        coupled_reference.solve(coupled_reference.assemble(scene))
+    except reference.ReferenceError:
+        return True
+    return False
+
+
+def _judged(solved: Any) -> tuple[str, str]:
+    """The verdict on an answer: the reference is of the scene as its rigid bodies are placed."""
+    scene, certificate = solved.model.scene, solved.summary["certificate"]
+    coupled = coupled_reference.assemble(scene)
+    passed = certificate["passed"]
+    try:
+        known = coupled_reference.solve(coupled)
+    except reference.ReferenceError as error:
+        if not passed:
+            return "degraded", f"{error}; {certificate['warnings']}"
+        residual = optimality(coupled.system, _answer(solved, coupled))
+        if residual < OPTIMAL:
+            return "agrees", f"{error}; ours leave {residual:.1e} of the optimality conditions"
+        escapes = coupled_reference.escape_work(coupled) > ESCAPES
+        kind = "invents an equilibrium" if escapes else "undecided"
+        return kind, f"{error}; ours leave {residual:.1e} of the optimality conditions"
+    if not passed:
+        honest = ("did not come to rest", "is hardly strained: rounding errors")
+        told = any(words in text for text in certificate["warnings"] for words in honest)
+        return ("degraded" if told else "given up"), str(certificate)
+    system, d, n = coupled.system, scene.dimension, coupled.meshed
+    K = system.stiffness[: n * d][:, : n * d]
+    found = _answer(solved, coupled)
+    error = found[: n * d] - known[:n].ravel()
+    right = known[:n].ravel()
+    scale = float(right @ (K @ right)) or 1.0
+    away = float(error @ (K @ error)) / scale
+    largest = max(float(np.abs(right).max()), 1e-300)
+    turned = _rigid_error(solved, found[n * d :].reshape(-1, d), known[n:]) / largest
+    detail = f"squared error {away:.1e}, rigid bodies off by {turned:.1e}"
+    if away <= ACCURATE and turned > MOVED:  # what no active contact decides has many answers
+        residual = optimality(system, found)
+        detail += f", which leaves {residual:.1e} of the optimality conditions"
+        return ("agrees" if residual <= OPTIMAL else "certified wrongly"), detail
+    return ("agrees" if away <= ACCURATE else "certified wrongly"), detail
+
+
+def _answer(solved: Any, coupled: Coupled) -> np.ndarray:
+    """The unknowns of an answer in the order of the reference."""
+    system, n, scene = coupled.system, coupled.meshed, solved.model.scene
+    meshed = replace(system, points=system.points[:n], body=system.body[:n])
+    found = in_order(meshed, *solved.displacement_at_nodes())
+    assert found is not None, "the nodes of the reference are others"
+    parts = [found]
+    for number in scene.moving:
+        record = solved.summary["rigid_bodies"][scene.rigid_bodies[number].name]
+        own = np.zeros(2 * scene.dimension)
+        own[: scene.dimension] = record["displacement"]
+        turn = np.atleast_1d(record["rotation"])
+        own[scene.dimension : scene.dimension + len(turn)] = turn
+        parts.append(own)
+    return np.concatenate(parts)
+
+
+def _rigid_error(solved: Any, found: np.ndarray, known: np.ndarray) -> float:
+    """Largest difference of displacements, and of rotations times the length of the scene.
+
+    Of motions that no row sees neither answer is the right one: they are left out.
+    """
+    scene = solved.model.scene
+    length = max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+    free = [w for w in solved.summary["certificate"]["warnings"] if "can move freely" in w]
+    worst = 0.0
+    for nth, number in enumerate(scene.moving):
+        name = scene.rigid_bodies[number].name
+        if any(w.startswith(name) or f"{name}" in w.split(" can move")[0] for w in free):
+            continue
+        error = np.abs(found[2 * nth : 2 * nth + 2] - known[2 * nth : 2 * nth + 2]).max(axis=1)
+        worst = max(worst, float(error[0]), length * float(error[1]))
+    return worst
+
+
+def summary(verdicts: list[Verdict]) -> str:
+    """Counts of verdicts."""
+    counts = Counter(v.kind for v in verdicts)
+    lines = [f"{len(verdicts)} scenes from seed {verdicts[0].seed} on"]
+    return "\n".join([*lines, *(f"{kind}: {count}" for kind, count in counts.most_common())])
+
+
+def main() -> int:
+    """Judge scenes, tell what is not quiet, count at the end; exit code 1 if there was a fault."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("scenes", type=int, nargs="?", default=300)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    arguments = parser.parse_args()
+    verdicts = []
+    for seed in range(arguments.first, arguments.first + arguments.scenes):
+        verdict = judge(seed)
+        verdicts.append(verdict)
+        if verdict.kind not in QUIET:
+            print(f"{seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True)
+    print(summary(verdicts))
+    return int(any(v.fault for v in verdicts))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

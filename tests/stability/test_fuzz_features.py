@@ -1,0 +1,81 @@
+"""Random scenes with rigid bodies, ties, heat and interference: none is answered wrongly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contact_app.run.solve import solve_scene
+from tests.stability.feature_scenes import feature_scene
+from tests.stability.fuzz_features import judge
+
+FAST, SLOW = 12, 300
+
+
+@pytest.mark.parametrize("seed", range(FAST))
+def test_random_scene(seed: int) -> None:
+    verdict = judge(seed)
+    assert not verdict.fault, verdict
+
+
+@pytest.mark.slow
+def test_300_random_scenes() -> None:
+    verdicts = [judge(seed) for seed in range(FAST, FAST + SLOW)]
+    assert [v for v in verdicts if v.fault] == []
+    kinds = [v.kind for v in verdicts]
+    assert kinds.count("agrees") > 0.5 * SLOW
+    assert kinds.count("degraded") + kinds.count("undecided") < 0.05 * SLOW
+
+
+def test_the_scenes_have_all_features() -> None:
+    """Equal for equal seeds, and with something of everything."""
+    made = [feature_scene(seed)[0] for seed in range(100)]
+    assert made[7] == feature_scene(7)[0]
+    contacts = [c for scene in made for c in scene["contacts"]]
+    assert sum("tied" in c for c in contacts) > 15
+    assert sum("interference" in c for c in contacts) > 15
+    rigid = [b["rigid"] for scene in made for b in scene["bodies"] if "rigid" in b]
+    shapes = [shape for one in rigid for shape in (one if isinstance(one, list) else [one])]
+    assert {next(iter(shape)) for shape in shapes} == {"plane", "sphere", "cylinder"}
+    assert any(isinstance(one, list) for one in rigid)
+    keys = {key for scene in made for condition in scene["conditions"] for key in condition}
+    assert {"temperature", "rotation", "total_force", "total_moment", "displacement"} <= keys
+
+
+def test_a_rigid_body_that_is_off_is_a_fault() -> None:
+    """The judge itself: a motion that contact decides must not be another one."""
+    seed = next(
+        s for s in range(20)
+        if any("total_force" in c for c in feature_scene(s)[0]["conditions"])
+        and judge(s).kind == "agrees"
+    )  # fmt: skip
+
+    def wrong(scene: Any) -> Any:
+        solved = solve_scene(scene)
+        bodies = {
+            name: {**body, "displacement": (1.01 * np.array(body["displacement"])).tolist()}
+            for name, body in solved.summary["rigid_bodies"].items()
+        }
+        return replace(solved, summary={**solved.summary, "rigid_bodies": bodies})
+
+    assert judge(seed, solve=wrong).kind == "certified wrongly"
+
+
+def test_a_tie_that_slips_is_a_fault() -> None:
+    """The judge itself: displacements of one body that are a little larger."""
+    seed = next(
+        s for s in range(40)
+        if any("tied" in c for c in feature_scene(s)[0]["contacts"]) and judge(s).kind == "agrees"
+    )  # fmt: skip
+
+    def wrong(scene: Any) -> Any:
+        solved = solve_scene(scene)
+        nodes = solved.nodes
+        above = nodes.points[:, -1 if scene.dimension == 3 else 1] > scene.bodies[0].mesh.upper[-1]
+        moved = np.where(above[:, None], 1.001 * nodes.displacement, nodes.displacement)
+        return replace(solved, nodes=replace(nodes, displacement=moved))
+
+    assert judge(seed, solve=wrong).kind == "certified wrongly"
