@@ -23,7 +23,9 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, HeldRows, write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.subdomain.kernels import fixing_nodes
+from solver.tfeti.system import NodePlaces
 
 Array = NDArray[np.float64]
 
@@ -64,6 +66,7 @@ def build_model(
     bcs: Sequence[Any],
     contacts: Sequence[Contact],
     measure: Measure,
+    options: TotalFetiOptions,
 ) -> FormModel:
     """Assemble, write the constraints, factor (collective).
 
@@ -73,6 +76,8 @@ def build_model(
         a and L.
     measure
         Measures the time of a stage.
+    options
+        Of the decomposition: whether parts are factored.
 
     Raises
     ------
@@ -104,7 +109,7 @@ def build_model(
     with together(parts.comm):
         pieces = _subdomains(parts, bodies, eliminated, (stiffness, loads), lifted)
     problem = DualProblem(
-        build_system(pieces, constraints, groups, lambda: measure("factorization"))
+        build_system(pieces, constraints, groups, lambda: measure("factorization"), options)
     )
     return FormModel(
         parts, bodies, exchange, tuple(contacts), facets, problem, merged, _notes(bodies, found)
@@ -152,6 +157,7 @@ def _subdomains(
                 eliminated=fixed,
                 bodies=np.array([body]),
                 kernel=kernel,
+                places=NodePlaces(parts.numbers[None, part], np.zeros((1, 3)), points),
             )
         )
     return result

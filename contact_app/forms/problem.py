@@ -29,7 +29,8 @@ from solver.contact.certificate import Certificate
 from solver.contact.driver import reason_text, solve
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
-from solver.qp.result import Monitor
+from solver.qp.result import Monitor, Reason
+from solver.tfeti.options import TotalFetiOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,9 @@ class ContactProblem:
         The solve ends when penetration, equilibrium, complementarity and duality gap are below
         it, relative to displacement, load and energy.
     method
-        ``auto``, or an algorithm by name, as `solver.method` of a scene.
+        ``auto``: active sets on the undecomposed bodies with multigrid, Total FETI with one
+        subdomain a rank where that ends without a certificate. Or an algorithm by name, as
+        `solver.method` of a scene: ``primal``, ``active-set``, ``smalbe``.
     max_iterations
         Of the solver.
     u
@@ -126,20 +129,22 @@ class ContactProblem:
             The solver found no answer; the message says why.
         """
         self._answer = None
-        timings = Timings()
-        with timings.measure("setup"):
+        timings, said = Timings(), []
+        method = self.options.method
+        model: FormModel | None = None
+        solution: Solution | None = None
+        if method in ("auto", "primal"):
             try:
-                model = build_model(
-                    self._space, (self.a, self.L), self.bcs, self.contacts, timings.measure
-                )
-            except FAILURES as error:
-                raise _no_answer(error) from error
-        with timings.measure("solve"):
-            try:
-                solution = solve(model.problem, self.options, monitor)
-            except FAILURES as error:
-                raise _no_answer(error) from error
-        said = [*model.notes, *filter(None, [slow_blas_warning()])]
+                model, solution = self._by("primal", timings, monitor)
+                why = "" if _is_final(solution) else reason_text(solution)
+            except CouldNotRunError as error:
+                why = str(error)
+            if why:
+                said.append(f"multigrid left no certified answer ({why}): solved by Total FETI")
+        if solution is None or said:
+            model, solution = self._by("auto" if method == "primal" else method, timings, monitor)
+        assert model is not None
+        said += [*model.notes, *filter(None, [slow_blas_warning()])]
         solution = replace(
             solution, certificate=replace(solution.certificate, warnings=tuple(said))
         )
@@ -147,6 +152,32 @@ class ContactProblem:
         if not solution.converged and model.parts.comm.rank == 0:
             warnings.warn(f"not certified: {reason_text(solution)}", RuntimeWarning, stacklevel=2)
         return self.u
+
+    def _by(
+        self, method: Method, timings: Timings, monitor: Monitor | None
+    ) -> tuple[FormModel, Solution]:
+        """The answer of a method (collective).
+
+        Raises
+        ------
+        CouldNotRunError
+            There is none.
+        """
+        factored = TotalFetiOptions(factored=method != "primal")
+        try:
+            with timings.measure("setup"):
+                model = build_model(
+                    self._space,
+                    (self.a, self.L),
+                    self.bcs,
+                    self.contacts,
+                    timings.measure,
+                    factored,
+                )
+            with timings.measure("solve"):
+                return model, solve(model.problem, replace(self.options, method=method), monitor)
+        except FAILURES as error:
+            raise _no_answer(error) from error
 
     def _evaluated(self, model: FormModel, solution: Solution, timings: Timings) -> _Answer:
         """Fields and summary (collective)."""
@@ -204,6 +235,11 @@ class ContactProblem:
     def summary(self) -> dict[str, Any]:
         """What `summary.json` has of a scene: mesh, solver, solution, contacts, certificate."""
         return self._solved.summary
+
+
+def _is_final(solution: Solution) -> bool:
+    """Whether no other method is to be tried."""
+    return solution.converged or solution.reason in (Reason.STOPPED, Reason.MAX_ITERATIONS)
 
 
 def _no_answer(error: Exception) -> CouldNotRunError:

@@ -8,6 +8,7 @@ is then held, u - Z (W Z)⁻¹ W u with Z the motions.
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.primal.merged import MergedSystem, split_motions
@@ -18,6 +19,9 @@ Array = NDArray[np.float64]
 
 UNSEEN = 1e-10
 """Squared length of what rows see of a motion, over that of the largest, below which it is free."""
+
+SPRINGLESS = 1e-12
+"""Stiffness against a motion over the largest entry of K, up to which no spring resists it."""
 
 
 class FreeMotions:
@@ -73,7 +77,10 @@ def _supports(system: MergedSystem) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _unseen(system: MergedSystem, motions: Array) -> Array:
-    """Orthonormal combinations of rigid motions (unknowns, k) that no row sees (collective)."""
+    """Orthonormal combinations of rigid motions (unknowns, k) that nothing sees (collective).
+
+    Neither a row, nor a held unknown, nor the stiffness, which has springs in it for some forms.
+    """
     comm = system.comm
     seen = [system.multiply(system.C, np.ascontiguousarray(m)) for m in motions.T]
     held = motions[system.held]
@@ -81,4 +88,9 @@ def _unseen(system: MergedSystem, motions: Array) -> Array:
     values, vectors = np.linalg.eigh(gram)
     free = motions @ vectors[:, values <= UNSEEN * max(values.max(), np.finfo(float).tiny)]
     square = comm.allreduce(free.T @ free)
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(square), free.T).T)
+    free = np.asarray(np.linalg.solve(np.linalg.cholesky(square), free.T).T)
+    images = [system.multiply(system.K, np.ascontiguousarray(m)) for m in free.T]
+    energy = comm.allreduce(free.T @ np.array(images).reshape(-1, len(free)).T)
+    stiffest = comm.allreduce(float(system.diagonal.max(initial=0.0)), op=MPI.MAX)
+    values, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
+    return free @ vectors[:, values <= SPRINGLESS * stiffest]

@@ -203,7 +203,7 @@ def _unfactored(
             classes.append(
                 unfactored_class(
                     own.stiffness, own.points, d, own.nodes[node] * d + component,
-                    len(own.bodies), own.eliminated,
+                    len(own.bodies), own.eliminated, own.kernel,
                 )
             )  # fmt: skip
         except ValueError as error:  # of this rank: the others go on

@@ -163,6 +163,7 @@ def unfactored_class(
     touched: NDArray[np.int64],
     members: int,
     eliminated: NDArray[np.int64] | None,
+    kernel: NDArray[np.float64] | None = None,
 ) -> SubdomainClass:
     """A class without factor and kernel, for methods that solve for the displacements.
 
@@ -173,7 +174,7 @@ def unfactored_class(
     ValueError
         The stiffness resists a rigid motion.
     """
-    rigid = orthonormal_kernel(points, dimension)
+    rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
     check_kernel(stiffness, rigid)
     every = np.arange(stiffness.shape[0])
     free = every if eliminated is None else np.setdiff1d(every, eliminated)
