@@ -228,6 +228,13 @@ def tagged(tags: Any) -> NDArray[np.int32]:
     return np.asarray(tags.indices)
 
 
+def is_tagged(mesh: Any, tags: Any) -> bool:
+    """Whether mesh tags are of a mesh, and not of another one."""
+    if _MODERN:
+        return tags.topology is mesh.topology._cpp_object
+    return tags.mesh.topology is mesh.topology
+
+
 def adjacency(links: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Arrays (links, offsets) of an adjacency list or connectivity."""
     return np.asarray(links.array), np.asarray(links.offsets)

@@ -116,6 +116,8 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
             raise TypeError(f"{at}.facet_tags must be dolfinx's mesh tags of facets")
         if tags.dim != d - 1:
             raise ValueError(f"{at}.facet_tags are of dimension {tags.dim}; facets have {d - 1}")
+        if not versions.is_tagged(mesh, tags):
+            raise ValueError(f"{at}.facet_tags are of another mesh than the forms")
         if (contact.obstacle is None) == (contact.against is None):
             raise ValueError(f"{at} needs an obstacle or `against`, and not both")
         for tag in (contact.tag, contact.against):

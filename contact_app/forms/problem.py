@@ -20,6 +20,7 @@ from contact_app.forms.results import (
     contact_at_nodes,
     contact_records,
     nearest_gap,
+    reaction_records,
     summary_of,
 )
 from contact_app.machine.environment import slow_blas_warning
@@ -201,7 +202,10 @@ class ContactProblem:
                 return result
 
             fields = function(pressure, "contact_pressure"), function(gap, "gap")
-            records = contact_records(model, owners, found)
+            records = (
+                contact_records(model, owners, found),
+                reaction_records(model, solution, owners, self.bcs),
+            )
         summary = summary_of(model, solution, displacement, records, timings)
         return _Answer(solution, *fields, summary)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from contact_app.forms.boundary import Facets
 from contact_app.forms.model import FormModel, largest
 from contact_app.forms.parts import Parts
-from contact_app.forms.rows import in_the_mean
+from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
@@ -182,11 +183,43 @@ def contact_records(
     return records
 
 
-def reactions(model: FormModel, solution: Solution, owners: Owners) -> Array:
-    """Force of the conditions on each node, (owned, d), zero where nothing is held (collective).
+def reaction_records(
+    model: FormModel, solution: Solution, owners: Owners, bcs: Sequence[Any]
+) -> list[dict[str, Any]]:
+    """The list `reactions` of the summary: force and moment of each condition (collective).
 
-    The residual K u - f of a node is the force of conditions and contacts on it; of contact rows
-    only the part in components that are held is there beside a condition.
+    Where several conditions hold a component of a node, the first has the reaction.
+    """
+    d, comm, x = model.parts.dimension, model.parts.comm, owners.points
+    force = np.zeros((owners.count, 3))
+    force[:, :d] = _force_of_conditions(model, solution, owners)
+    taken, records = np.zeros((owners.count, 3), bool), []
+    for number, condition in enumerate(bcs):
+        holds = np.zeros((owners.count, 3), bool)
+        held = held_components(model.parts, [condition]).astype(float)
+        holds[:, :d] = owners.sums(held) > 0.0
+        mine = np.where(holds & ~taken, force, 0.0)
+        taken |= holds
+        on = holds.any(axis=1)
+        sums = np.concatenate([
+            [on.sum()], x[on].sum(axis=0), mine.sum(axis=0), np.cross(x, mine).sum(axis=0),
+        ])  # fmt: skip
+        count, *rest = comm.allreduce(sums)
+        middle, total, moment = np.array(rest).reshape(3, 3)
+        point = middle / max(count, 1.0)
+        moment = moment - np.cross(point, total)
+        records.append({
+            "on": f"bcs[{number}]", "force": total.tolist(),
+            "moment": float(moment[2]) if d == 2 else moment.tolist(), "point": point.tolist(),
+        })  # fmt: skip
+    return records
+
+
+def _force_of_conditions(model: FormModel, solution: Solution, owners: Owners) -> Array:
+    """Force of conditions and contacts on each node, (owned, d) (collective).
+
+    It is the residual K u - f. In held components, where contact rows have no part of it, what
+    these push there is taken off.
     """
     d, problem = model.parts.dimension, model.problem
     residual = [
@@ -207,7 +240,7 @@ def summary_of(
     model: FormModel,
     solution: Solution,
     displacement: Array,
-    contacts: list[dict[str, Any]],
+    records: tuple[list[dict[str, Any]], list[dict[str, Any]]],
     timings: Timings,
 ) -> dict[str, Any]:
     """What `summary.json` has of a scene, as far as forms have it (collective).
@@ -215,7 +248,10 @@ def summary_of(
     Parameters
     ----------
     displacement : (owned, dimension)
+    records
+        `contacts` and `reactions`.
     """
+    contacts, reactions = records
     comm, parts = model.parts.comm, model.parts
     magnitude = np.linalg.norm(displacement, axis=1)
     mesh = parts.space.mesh
@@ -240,6 +276,7 @@ def summary_of(
             "max_contact_pressure": max((c["max_pressure"] for c in contacts), default=0.0),
         },
         "contacts": contacts,
+        "reactions": reactions,
         "certificate": certificate,
         "timings": timings.as_dict(),
         "environment": environment(comm),

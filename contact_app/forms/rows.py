@@ -152,17 +152,23 @@ def _mortar_rows(
 def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Array, NDArray]:
     """Held nodes as `NodeConditions` takes them; the last of several values, as in dolfinx."""
     d, dofmap = parts.dimension, parts.space.dofmap
-    size = d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
-    value, mask = np.zeros(size), np.zeros(size, bool)
-    for condition in bcs:
-        mask[np.asarray(condition.dof_indices()[0])] = True
+    value = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts))
     versions.set_values(bcs, value)
-    mask, value = mask.reshape(-1, d)[parts.blocks], value.reshape(-1, d)[parts.blocks]
+    mask, value = held_components(parts, bcs), value.reshape(-1, d)[parts.blocks]
     some = np.flatnonzero(mask.any(axis=1))
     return (
         parts.numbers[some], parts.points[some], mask[some],
         np.where(mask[some], value[some], 0.0), np.zeros(len(some), np.int64),
     )  # fmt: skip
+
+
+def held_components(parts: Parts, bcs: Sequence[Any]) -> NDArray[np.bool_]:
+    """Which components of the copies Dirichlet conditions hold, (copies, d)."""
+    d, dofmap = parts.dimension, parts.space.dofmap
+    mask = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts), bool)
+    for condition in bcs:
+        mask[np.asarray(condition.dof_indices()[0])] = True
+    return mask.reshape(-1, d)[parts.blocks]
 
 
 def _contradiction(contacts: Sequence[Contact], error: ContradictionError) -> Exception:

@@ -348,7 +348,8 @@ class Iterate:
 
     def _step_image(self, alpha: float) -> None:
         """The image of x - αp."""
-        if self.image is not None and self._image_p is not None:
+        # BLAS refuses a rank without interface
+        if self.image is not None and self._image_p is not None and self.image.size:
             daxpy(self._image_p.ravel(), self.image.ravel(), a=-alpha)  # in place
 
     def settle(self) -> None:

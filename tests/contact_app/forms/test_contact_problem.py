@@ -127,6 +127,50 @@ def test_tagged_facets_press_on_each_other(cell: str, degree: int) -> None:
     assert problem.certificate.passed
 
 
+@pytest.mark.parametrize("method", ["primal", "active-set"])
+def test_springs_hold_some_motions_and_none_others(method: str) -> None:
+    forms = problems.block("hexahedron", 1)
+    mesh = forms.space.mesh
+    v, u = forms.a.arguments()
+    floor = Contact(forms.contacts[0].facet_tags, 3, Plane(point=(0, 0, 0), normal=(0, 1, 0)))
+    problem = ContactProblem(
+        forms.a + 2.0 * u[0] * v[0] * ufl.dx,
+        ufl.inner(fem.Constant(mesh, np.array([0.3, -1.0, 0.0])), v) * ufl.dx,
+        contacts=[floor], tolerance=1e-9, method=method,
+    )  # fmt: skip
+    uh = problem.solve()
+    assert problem.certificate.passed
+    assert problem.summary["solver"]["method"] == method
+    assert "can move freely" in problem.certificate.warnings[0]
+    assert problem.summary["contacts"][0]["force"] == pytest.approx([0, 0.3, 0], abs=1e-7)
+    carried = fem.assemble_scalar(fem.form(2.0 * uh[0] * ufl.dx))
+    assert carried == pytest.approx(0.3 * 0.3, rel=1e-6)
+
+
+@pytest.mark.parametrize(("cell", "kind"), [("tetrahedron", "prescribed"), ("triangle", "sphere")])
+def test_loads_contact_forces_and_reactions_are_in_balance(cell: str, kind: str) -> None:
+    forms = problems.block(cell, 2, kind=kind)
+    problem = forms.problem()
+    problem.solve()
+    d = forms.space.mesh.geometry.dim
+    size = (1.0, 0.6, 0.5)[:d]
+    middle = 0.5 * np.array([1.0, 0.6, 0.5 if d == 3 else 0.0])
+    load = np.zeros(3)
+    load[:d] = np.array([0.1, -0.5, 0.05])[:d] * np.prod(size)
+    force, moment = load.copy(), np.zeros(3)
+    records = problem.summary["contacts"] + problem.summary["reactions"]
+    assert len(records) == 1 + len(forms.bcs)
+    for record in records:
+        arm = np.array(record["point"]) - middle
+        force += record["force"]
+        turn = record["moment"] if d == 3 else [0.0, 0.0, record["moment"]]
+        moment += np.cross(arm, record["force"]) + turn
+    scale = max(np.linalg.norm(record["force"]) for record in records)
+    assert np.linalg.norm(problem.summary["contacts"][0]["force"]) > 0.0
+    assert force == pytest.approx(np.zeros(3), abs=1e-8 * scale)
+    assert moment == pytest.approx(np.zeros(3), abs=1e-8 * scale)
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", problems.PROBLEMS)
 def test_the_answer_is_the_same_on_1_2_and_3_ranks(name: str) -> None:

@@ -108,11 +108,12 @@ def test_conditions_that_are_refused(body: Square) -> None:
         ContactProblem(body.a, body.L, [3])
 
 
-def contacts_of(tags: Any) -> dict[str, tuple[Any, type, str]]:
-    cells = dolfinx.mesh.meshtags(
-        tags_mesh(tags), 2, np.array([0], np.int32), np.array([1], np.int32)
-    )
+def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
+    cells = dolfinx.mesh.meshtags(mesh, 2, np.array([0], np.int32), np.array([1], np.int32))
+    other = problems.box("triangle", (3, 3), (1.0, 1.0), MPI.COMM_WORLD)
+    foreign = problems.facet_tags(other, {1: problems.bottom})
     return {
+        "foreign": (Contact(foreign, 1, FLOOR), ValueError, "of another mesh"),
         "no contact": (FLOOR, TypeError, "must be a Contact"),
         "no tags": (Contact(None, 1, FLOOR), TypeError, "mesh tags of facets"),
         "cell tags": (Contact(cells, 1, FLOOR), ValueError, "of dimension 2"),
@@ -129,12 +130,8 @@ def contacts_of(tags: Any) -> dict[str, tuple[Any, type, str]]:
     }
 
 
-def tags_mesh(tags: Any) -> Any:
-    return problems.box("triangle", (3, 3), (1.0, 1.0), MPI.COMM_WORLD)
-
-
 def test_contacts_that_are_refused(body: Square, tags: Any) -> None:
-    for name, (contact, kind, text) in contacts_of(tags).items():
+    for name, (contact, kind, text) in contacts_of(tags, body.space.mesh).items():
         with pytest.raises(kind, match=text):
             ContactProblem(body.a, body.L, contacts=[contact])
             pytest.fail(name)
