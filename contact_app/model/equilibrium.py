@@ -9,13 +9,20 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import block_diag
 
-from contact_app.errors import NoEquilibriumError
+from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.far_obstacles import distant
 from contact_app.model.rigid import RigidUnknowns
-from contact_app.scene.bodies import Body
+from contact_app.scene.bodies import MOTION_NAMES, Body
+from contact_app.scene.conditions import BodyContact
 from contact_app.scene.scene import Scene
 from meshes import Partition
-from solver.contact.equilibrium import BodyBalance, balance, by_body, holds
+from solver.contact.equilibrium import (
+    BodyBalance,
+    balance,
+    by_body,
+    held_motions,
+    loose_motions,
+)
 from solver.tfeti.constraints.rows import ContactRows, HeldRows
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 
@@ -53,21 +60,25 @@ def body_balances(
     seen, joined = (_contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
     balances: list[BodyBalance | None] = [None] * count
     for group in groups_in_contact(scene):
-        held_rows = []
+        held_rows, requested = [], []
         for b in group:
             if b >= elastic:
                 held_rows.append(np.eye(MOTIONS[d])[rigid.held(b - elastic)[0]])
+                requested.append(np.zeros((0, MOTIONS[d])))
                 continue
             first, last = partition.first_node[b], partition.first_node[b + 1]
             mine = (held.nodes >= first) & (held.nodes < last)
             motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
             held_rows.append(motions[held.held[mine]])
+            _refuse_held_twice(scene, b, held_motions(comm, held_rows[-1]))
+            asked = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
+            requested.append(np.eye(MOTIONS[d])[asked])
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
         contact_rows, tied_rows = (
             of_group[np.diff(of_group.indptr) > 0].toarray()
             for of_group in (rows[:, columns] for rows in (seen, joined))
         )
-        both = np.concatenate([block_diag(*held_rows), tied_rows])
+        both = np.concatenate([block_diag(*held_rows), block_diag(*requested), tied_rows])
         found = balance(
             comm, both, contact_rows, work[group].ravel(),
             float(scale[group].sum()),
@@ -80,9 +91,32 @@ def body_balances(
                 + "".join(f"\n  {hint}" for hint in hints)
             )
         shares = by_body(found.free_motions, MOTIONS[d])
+        sliding = np.zeros((both.shape[1], 0))
+        if group.max() < elastic:
+            moved = _moved_by_contact(scene, contact, group)
+            sliding = loose_motions(comm, both, contact_rows, moved)
+        loose = dict(zip(group, sliding.reshape(len(group), MOTIONS[d], -1), strict=True))
         for b, rows, free in zip(group, held_rows, shares, strict=True):
-            balances[b] = BodyBalance(free, None, holds(comm, rows), found.held)
+            stopped = held_motions(comm, rows).shape[1] == 0
+            balances[b] = BodyBalance(free, None, stopped, found.held, loose[b])
     return [b for b in balances if b is not None]
+
+
+def _refuse_held_twice(scene: Scene, b: int, left: NDArray[np.float64]) -> None:
+    """Refuse to hold a rigid motion that displacement conditions stop already.
+
+    Parameters
+    ----------
+    left : (motions, k)
+        Orthonormal rigid motions that the conditions on the body leave.
+    """
+    for motion in scene.bodies[b].hold:
+        if np.abs(left[motion]).max(initial=0.0) < 1e-6:
+            name = MOTION_NAMES[scene.dimension][motion]
+            raise ConfigurationError(
+                f"{scene.at(f'bodies[{b}].hold')}: displacement conditions stop {name} of "
+                f"{scene.bodies[b].name} already; hold is for motions that they leave"
+            )
 
 
 def group_numbers(scene: Scene) -> NDArray[np.int64]:
@@ -129,6 +163,27 @@ def _contact_motions(
     return sparse.csr_matrix(
         (value, (rows, columns)), shape=(len(contact.nodes), len(scene.body_names) * MOTIONS[d])
     )
+
+
+def _moved_by_contact(
+    scene: Scene, contact: ContactRows, group: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Relative motion of the sides of the contact rows of a group under its rigid motions.
+
+    (rows · dimension, bodies · motions).
+    """
+    d = scene.dimension
+    moved = np.zeros((len(contact.nodes), d, len(group), MOTIONS[d]))
+    for number, touching in enumerate(scene.touching):
+        mine = np.flatnonzero(contact.sources == number)
+        sides = [(touching.body, 1.0)]
+        sides += [(touching.other, -1.0)] if isinstance(touching, BodyContact) else []
+        for body, sign in sides:
+            place = np.flatnonzero(group == body)
+            if len(place):
+                frame = body_frame(scene.bodies[body])
+                moved[mine, :, place[0]] += sign * rigid_motions(contact.points[mine], d, *frame)
+    return moved.reshape(-1, len(group) * MOTIONS[d])
 
 
 def _leaving(scene: Scene, group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:

@@ -38,6 +38,7 @@ from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, HeldRows, write_rows
+from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.system import NodePlaces
@@ -76,6 +77,10 @@ class Model:
         The cells of points whose displacement is asked for.
     sections
         The cells on either side of planes at which section forces are asked for.
+    supports
+        Rows that hold rigid motions.
+    loose
+        Rigid motions of each body that contact hardly resists, (motions, k).
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -95,6 +100,8 @@ class Model:
     probes: tuple[Probe, ...] = ()
     temperatures: tuple[NDArray[np.float64] | None, ...] = ()
     sections: tuple[SectionPiece, ...] = ()
+    supports: SupportRows = field(default_factory=SupportRows)
+    loose: tuple[NDArray[np.float64], ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -234,6 +241,8 @@ def model_of_outline(
         probes=known.probes,
         temperatures=tuple(_temperatures(known, members) for members in classes.values()),
         sections=known.sections,
+        supports=supports,
+        loose=tuple(b.loose for b in balances),
         notes=tuple(_notes(scene, known, problem)),
     )
 

@@ -1,12 +1,21 @@
-"""Rows that hold rigid motions which nothing else holds and no load works on."""
+"""Rows that hold rigid motions: those nothing else holds, and those a body asks to be held.
+
+A motion that nothing holds and no load works on is held at a few nodes: any way of holding it
+leaves stresses alone. A motion that is held on request may meet a resistance. It is held in the
+mean over the surface of a part of the body: with M (n · d, motions) the rigid motions at these
+nodes, M⁺ u is the rigid motion nearest to u in the mean square, and its held parts are zero. What
+the row pushes, M⁺ᵀ λ, is work on the held motion alone: it leaves the balance of the others be.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_app.model.equilibrium import body_frame
 from contact_app.model.rigid import FAINT, NODES, RigidUnknowns
 from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.contact.equilibrium import BodyBalance
@@ -17,24 +26,27 @@ from solver.tfeti.subdomain.kernels import fixing_nodes, rigid_motions
 def support_rows(
     scene: Scene, partition: Partition, surface: SurfaceCopies, balances: list[BodyBalance]
 ) -> SupportRows:
-    """Rows that hold free motions at a few nodes of each body's first subdomain.
+    """Rows that hold motions of each body, on its first subdomain.
 
     Those of a rigid body are at the nodes that stand for it.
     """
     supports = _of_rigid_bodies(scene, partition, surface, balances)
     firsts = np.cumsum([0, *partition.subdomains_of_body])[:-1]
     for local, s in enumerate(partition.subdomains):
-        motions = balances[s.body].free_motions
-        if s.number != firsts[s.body] or motions.shape[1] == 0:
+        if s.number != firsts[s.body]:
             continue
-        points = s.points()[surface.local[local]]
-        chosen = fixing_nodes(points, scene.dimension)
-        frame = body_frame(scene.bodies[s.body])
-        seen = rigid_motions(points[chosen], scene.dimension, *frame) @ motions
-        basis = np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0]
-        for row in basis.T:
-            supports.copies.append(surface.starts[local] + chosen)
-            supports.values.append(row.reshape(len(chosen), -1))
+        body, points = scene.bodies[s.body], s.points()[surface.local[local]]
+        start = surface.starts[local]
+        motions = balances[s.body].free_motions
+        if motions.shape[1]:
+            chosen = fixing_nodes(points, scene.dimension)
+            seen = rigid_motions(points[chosen], scene.dimension, *body_frame(body)) @ motions
+            basis = np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0]
+            for row in basis.T:
+                supports.add(start + chosen, row.reshape(len(chosen), -1))
+        for row in _mean_motions(scene.dimension, body, points):
+            copies = np.arange(start, start + len(points))
+            supports.add(copies, row.reshape(len(points), -1), s.body, points)
     return supports
 
 
@@ -50,6 +62,16 @@ def _of_rigid_bodies(
         for motion in balances[len(scene.bodies) + nth].free_motions.T:
             values = np.zeros(unknowns.size)
             values[unknowns.slots] = np.where(held | (np.abs(motion) < FAINT), 0.0, motion)
-            supports.copies.append(len(surface.nodes) + NODES * nth + np.arange(NODES))
-            supports.values.append(values.reshape(NODES, -1))
+            copies = len(surface.nodes) + NODES * nth + np.arange(NODES)
+            supports.add(copies, values.reshape(NODES, -1))
     return supports
+
+
+def _mean_motions(dimension: int, body: Body, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Orthonormal rows that see the held motions of a body at some nodes, and none of the others.
+
+    (held, n · dimension).
+    """
+    motions = rigid_motions(points, dimension, *body_frame(body))
+    inverse = np.linalg.pinv(motions.reshape(len(points) * dimension, -1))
+    return np.asarray(np.linalg.qr(inverse[list(body.hold)].T)[0].T)

@@ -168,6 +168,9 @@ def _cut(scene: Scene, axis: int) -> Scene:
         raise AsymmetryError(f"{scene.rigid_bodies[0].name} is rigid")
     if scene.ties:
         raise AsymmetryError(f"{scene.ties[0].source} is tied")
+    for body in scene.bodies:
+        if body.hold:
+            raise AsymmetryError(f"{body.name} has rigid motions that are held on request")
     mirror = _plane(scene, axis)
     halves = _halves(scene, mirror)
     left = [half.body for half in halves if half.body is not None]

@@ -6,6 +6,9 @@ the residual is the reaction and what a contact row of several nodes does there.
 conditions hold the same component of a node, the first one in the file has the reaction. The moment
 is about the centroid of the boundary, the mean of its nodes where it has no facet.
 
+Rigid motions of a body that are held on request have a reaction of their own, after the conditions,
+on the body as a whole.
+
 Where the scene was cut at planes of symmetry, a condition of the whole consists of images of
 conditions of what was solved, as a contact does (`results.contacts`). The conditions at the cuts
 are none of the file's and are left out.
@@ -21,12 +24,15 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, boundary_nodes
+from contact_app.model.equilibrium import body_frame
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.results.mirror import whole
 from contact_app.results.resultants import Resultant, joined
+from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
 from solver.contact.solution import Solution
+from solver.tfeti.constraints.rows import RowKind
 
 Array = NDArray[np.float64]
 
@@ -45,7 +51,7 @@ def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> lis
             if (origin := image.origin(source)) in found
         ]
         records.append({"on": on, **joined(pieces, scene.dimension)})
-    return records
+    return [*records, *_hold_records(model, solution)]
 
 
 def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resultant]:
@@ -87,6 +93,34 @@ def _add_contact(model: Model, solution: Solution, force: Array) -> None:
         query = model.node_exchange.among(held.node)
         at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
         np.add.at(force, (query.nodes - query.first, at[0]), at[1])
+
+
+def _hold_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
+    """Force and moment on each body whose rigid motions are held on request (collective).
+
+    About the centre of the body.
+    """
+    scene, problem, supports = model.scene, model.problem, model.supports
+    rows = np.flatnonzero(problem.kinds == RowKind.SUPPORT)
+    sums = np.zeros((len(scene.bodies), 6))
+    for row, body, values, points in zip(
+        rows, supports.bodies, supports.values, supports.points, strict=True
+    ):
+        if body >= 0:
+            force = np.zeros((len(points), 3))
+            force[:, : scene.dimension] = -solution.multiplier[row] * values
+            arm = points - body_frame(scene.bodies[body])[0]
+            sums[body] += *force.sum(axis=0), *np.cross(arm, force).sum(axis=0)
+    sums = model.comm.allreduce(sums)
+    names, records = MOTION_NAMES[scene.dimension], []
+    for asked, total in zip(scene.bodies, sums, strict=True):
+        if asked.hold:
+            whole_force = Resultant(total[:3], total[3:], body_frame(asked)[0], 1.0)
+            records.append({
+                "on": asked.name, "hold": [names[k] for k in asked.hold],
+                **joined([whole_force], scene.dimension),
+            })  # fmt: skip
+    return records
 
 
 @dataclass(frozen=True, eq=False)

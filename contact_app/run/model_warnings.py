@@ -33,8 +33,10 @@ from contact_app.accuracy.trust import few_cells
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
+from contact_app.results.free_motions import free_motions
 from contact_app.run.faceted_curves import sagittas
 from contact_app.run.repeated_sentences import said_once
+from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.contact.driver import reason_text
@@ -261,6 +263,21 @@ def _free_motions(answer: Answer) -> list[str]:
     return [note for note in answer.model.notes if "can move freely" in note]
 
 
+def _slides(answer: Answer) -> Iterator[str]:
+    """Bodies that slide where facets alone resist (collective)."""
+    scene = answer.model.scene
+    for found in free_motions(answer.model, answer.nodes):
+        if not answer.model.loose[found.body].any():
+            continue
+        body = scene.bodies[found.body]
+        names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in found.names)
+        yield (
+            f"{body.name} slides by {found.largest:.3g} along {found.along}, which its contacts "
+            f"hardly resist: facets of round surfaces alone decide how far; without that motion "
+            f"its largest displacement is {found.without:.3g}; `hold: [{names}]` holds it"
+        )
+
+
 def _apart(answer: Answer) -> list[str]:
     """Tied surfaces that do not lie on each other."""
     return [note for note in answer.model.notes if "the tied surfaces are" in note]
@@ -365,6 +382,6 @@ CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _beside_obstacles, _between_nodes,
     _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending, _moved_far,
     _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates,
-    _free_motions, _apart,
+    _free_motions, _slides, _apart,
 )  # fmt: skip
 """What an answer is asked, in the order in which its warnings are told."""

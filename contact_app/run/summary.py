@@ -13,6 +13,7 @@ from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.contacts import contact_records
+from contact_app.results.free_motions import free_motions
 from contact_app.results.mirror import whole_summary
 from contact_app.results.probes import probe_records
 from contact_app.results.reactions import reaction_records
@@ -66,6 +67,10 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
     if solved.model.scene.rigid_bodies:
         summary |= rigid_records(solved.model, solved.solution, nodes, summary["reactions"])
+    slides = free_motions(solved.model, nodes)
+    if slides:
+        bodies = solved.model.scene.bodies
+        summary["free_motions"] = [slide.record(bodies[slide.body].name) for slide in slides]
     if solved.model.probes:
         summary["probes"] = probe_records(solved.model, solved.solution)
     if solved.model.sections:

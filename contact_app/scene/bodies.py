@@ -11,6 +11,7 @@ from contact_app.scene.material import Material
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
+MOTION_NAMES = {2: ("x", "y", "rz"), 3: ("x", "y", "z", "rx", "ry", "rz")}
 CELLS_PER_CUBE = {"tetrahedron": 6, "triangle": 2}
 
 
@@ -140,6 +141,9 @@ class Body:
     cuts
         Boundaries at which it was cut from the rest of a symmetric body, whose surface has no part
         of them.
+    hold
+        Numbers of the rigid motions that are held in the mean, as `rigid_motions` counts them:
+        along the axes, then about them.
     """
 
     name: str
@@ -149,6 +153,7 @@ class Body:
     boundaries: dict[str, Expression]
     degree_given: bool = True
     cuts: tuple[str, ...] = ()
+    hold: tuple[int, ...] = ()
 
     @property
     def nodes(self) -> int:

@@ -156,6 +156,10 @@ def _places(configuration: c.Configuration) -> dict[str, str]:
     places |= {
         f"cases.{name}": configuration.where(("cases", name)) for name in configuration.cases or ()
     }
+    places |= {
+        f"bodies[{i}].hold": configuration.where(("bodies", i, "hold"))
+        for i in range(len(configuration.bodies))
+    }
     places["cases"] = configuration.where(("cases",))
     places["accuracy"] = configuration.where(("accuracy",))
     places["certificate.guaranteed"] = configuration.where(("certificate", "guaranteed"))

@@ -197,6 +197,11 @@ class Body(Model):
         description="Named parts of the surface; boxes also know x-, x+, y-, y+, z-, z+, and "
         "meshes from files their groups of facets.",
     )
+    hold: list[str] = Field(
+        default_factory=list,
+        description="Rigid motions of the body that are held in the mean: x, y, z move it, rx, ry, "
+        "rz turn it about its centre.",
+    )
 
 
 class Plane(Model):

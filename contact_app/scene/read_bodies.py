@@ -8,7 +8,7 @@ from typing import Any
 
 from contact_app.machine.memory import needed_bytes
 from contact_app.scene import configuration as c
-from contact_app.scene.bodies import CELLS, Body, BodyMesh, Box
+from contact_app.scene.bodies import CELLS, MOTION_NAMES, Body, BodyMesh, Box
 from contact_app.scene.expressions import Expression, ExpressionError
 from contact_app.scene.keys import Keys, Place
 from contact_app.scene.material import Material
@@ -63,8 +63,20 @@ def _body(keys: Keys, i: int, body: c.Body) -> Body:
         degree=body.degree,
         materials=materials,
         boundaries=_boundaries(keys, body, mesh, (*path, "boundaries")),
+        hold=_held_motions(keys, body, (*path, "hold")),
         degree_given="degree" in body.model_fields_set or keys.configuration.certificate.guaranteed,
     )
+
+
+def _held_motions(keys: Keys, body: c.Body, path: Place) -> tuple[int, ...]:
+    """Numbers of the rigid motions that are held."""
+    names = MOTION_NAMES[keys.dimension]
+    for i, name in enumerate(body.hold):
+        if name not in names:
+            keys.fail((*path, i), f"is {name!r}; allowed: {', '.join(names)}")
+        if name in body.hold[:i]:
+            keys.fail((*path, i), f"is {name}, which is given before")
+    return tuple(sorted(names.index(name) for name in body.hold))
 
 
 def _check_mean_dilatation(keys: Keys, body: c.Body, cell: str, path: Place) -> None:

@@ -267,6 +267,9 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
                 f"{scene.pairs[0].source} is of bodies against bodies, whose gap is kept in the "
                 "mean only"
             )
+        held = [body.name for body in scene.bodies if body.hold]
+        if held:
+            raise NoAdmissibleStressError(f"`hold` keeps {held[0]} in place in the mean only")
         needed = stress_bytes(scene)
         available = partition.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
         if needed > available:

@@ -1,0 +1,278 @@
+"""Draw the parts of the tutorials with Gmsh: ``make_parts.py [NAME …] [--size LENGTH] [--to DIR]``.
+
+Those beside this file are as coarse as a tutorial allows; ``--size`` is the size of cells near
+contact, ``--order 2`` gives cells with nodes amid their edges, which follow the round boundaries.
+Needs Gmsh's Python module, as ``make.py`` does. Lengths are in millimetres.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import gmsh
+
+HERE = Path(__file__).parent
+Box = tuple[float, float, float, float, float, float]
+
+
+def pin_in_lug(size: float) -> None:
+    """A lug of thickness 10 with an eye of radius 10.02 on a pin of radius 10."""
+    occ = gmsh.model.occ
+    eye = occ.addCylinder(0, -5, 0, 0, 10, 0, 20)
+    shank = occ.addBox(-60, -5, -15, 60, 10, 30)
+    (body, _) = occ.fuse([(3, eye)], [(3, shank)])
+    hole = occ.addCylinder(0, -5, 0, 0, 10, 0, 10.02)
+    (found, _) = occ.cut(body, [(3, hole)])
+    lug = found[0][1]
+    pin = occ.addCylinder(0, -9, 0, 0, 18, 0, 10)
+    occ.synchronize()
+    bore = _round(lug, 10.02, 1)
+    _name(3, {"lug": [lug], "pin": [pin]})
+    _name(2, {
+        "bore": bore, "shaft": _round(pin, 10.0, 1), "pull": _flat(lug, 0, -60),
+        "ends": _flat(pin, 1, -9) + _flat(pin, 1, 9),
+    })  # fmt: skip
+    _sizes([_near(bore, size, 4 * size, 0.5, 25)])
+
+
+def bolted_flange(size: float) -> None:
+    """Two T-stubs, flange on flange, with two bolt holes each; washers of radius 11 about them."""
+    upper, lower = _stub(1), _stub(-1)
+    gmsh.model.occ.synchronize()
+    _drop_loose_faces()
+    _name(3, {"upper": [upper], "lower": [lower]})
+    under, over = _flat(upper, 2, 0), _flat(lower, 2, 0)
+    _name(2, {
+        "under": under, "over": over, "pull": _flat(upper, 2, 52), "foot": _flat(lower, 2, -52),
+        "upper_washers": _as_wide(_flat(upper, 2, 12), 22.0),
+        "lower_washers": _as_wide(_flat(lower, 2, -12), 22.0),
+    })  # fmt: skip
+    _sizes([_near(under, size, 2.5 * size, 4, 40), _near(over, 1.25 * size, 2.5 * size, 4, 40)])
+
+
+def ball_in_grooves(size: float) -> None:
+    """A ball of radius 5 between two blocks with a groove of radius 5.2 along y in each.
+
+    Fine where Hertz's ellipses of contact are, long along y and narrow across.
+    """
+    occ = gmsh.model.occ
+    lower, upper = _race(-1), _race(1)
+    ball = occ.addSphere(0, 0, 0, 5)
+    occ.synchronize()
+    _name(3, {"ball": [ball], "lower": [lower], "upper": [upper]})
+    _name(2, {
+        "skin": _surfaces(ball), "lower_groove": _round(lower, 5.2, 1, (0, 0, 0.2)),
+        "upper_groove": _round(upper, 5.2, 1, (0, 0, -0.2)), "foot": _flat(lower, 2, -9),
+        "top": _flat(upper, 2, 9),
+    })  # fmt: skip
+    _sizes([_in_box((-1.75, -0.32, z - 0.3, 1.75, 0.32, z + 0.3), size, 1.6) for z in (-5, 5)])
+
+
+def pillow_block(size: float) -> None:
+    """A bearing block with a bore of radius 16, bolted to the floor through two holes."""
+    occ = gmsh.model.occ
+    base = occ.addBox(-60, -20, 0, 120, 40, 15)
+    boss = occ.addCylinder(0, -20, 45, 0, 40, 0, 30)
+    neck = occ.addBox(-30, -20, 10, 60, 40, 35)
+    (body, _) = occ.fuse([(3, base)], [(3, boss), (3, neck)])
+    bolts = [occ.addCylinder(x, 0, 0, 0, 0, 20, 5.5) for x in (-47, 47)]
+    halves = []
+    for z in (29, 45):  # the load acts on one of them
+        bore, side = occ.addCylinder(0, -20, 45, 0, 40, 0, 16), occ.addBox(-20, -20, z, 40, 40, 16)
+        (half, _) = occ.intersect([(3, bore)], [(3, side)])
+        halves += half
+    (body, _) = occ.cut(body, [*halves, *((3, bolt) for bolt in bolts)])
+    discs = [(2, occ.addDisk(x, 0, 15, 10, 10)) for x in (-47, 47)]
+    (found, _) = occ.fragment(body, discs)
+    block = next(tag for dimension, tag in found if dimension == 3)
+    occ.synchronize()
+    _drop_loose_faces()
+    bottom, lining = _flat(block, 2, 0), _round(block, 16, 1, (0, 0, 45))
+    heights = {face: gmsh.model.occ.getCenterOfMass(2, face)[2] for face in lining}
+    _name(3, {"block": [block]})
+    _name(2, {
+        "base": bottom, "crown": [f for f, z in heights.items() if z > 45.0],
+        "sole": [f for f, z in heights.items() if z < 45.0],
+        "holes": [f for x in (-47, 47) for f in _round(block, 5.5, 2, (x, 0, 0))],
+        "washers": _as_wide(_flat(block, 2, 15), 20.0),
+    })  # fmt: skip
+    _sizes([_near(bottom, size, 2 * size, 5, 40)])
+
+
+def hub_on_shaft(size: float) -> None:
+    """A hub with four holes and a bore of radius 19.98 on a shaft of radius 20."""
+    occ = gmsh.model.occ
+    shaft = occ.addCylinder(0, 0, -40, 0, 0, 80, 20)
+    hub = occ.addCylinder(0, 0, -15, 0, 0, 30, 40)
+    places = [
+        (31 * math.cos(a), 31 * math.sin(a)) for a in (0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
+    ]
+    tools = [occ.addCylinder(x, y, -15, 0, 0, 30, 4) for x, y in places]
+    tools.append(occ.addCylinder(0, 0, -15, 0, 0, 30, 19.98))
+    (found, _) = occ.cut([(3, hub)], [(3, tool) for tool in tools])
+    hub = found[0][1]
+    occ.synchronize()
+    bore = _round(hub, 19.98, 2)
+    holes = [f for x, y in places for f in _round(hub, 4, 2, (x, y, 0))]
+    _name(3, {"hub": [hub], "shaft": [shaft]})
+    _name(2, {
+        "bore": bore, "seat": _round(shaft, 20, 2), "end": _flat(shaft, 2, -40), "holes": holes,
+    })  # fmt: skip
+    _sizes([_near(bore, size, 3 * size, 0.5, 25), _near(holes, min(size, 2.5), 3 * size, 0.3, 14)])
+
+
+def _stub(side: int) -> int:
+    """A T-stub above (1) or below (-1) the plane z = 0."""
+    occ = gmsh.model.occ
+    flange = occ.addBox(-50, -30, min(0, 12 * side), 100, 60, 12)
+    web = occ.addBox(-5, -30, 12 if side > 0 else -52, 10, 60, 40)
+    (body, _) = occ.fuse([(3, flange)], [(3, web)])
+    holes = [(3, occ.addCylinder(x, 0, 0, 0, 0, 12 * side, 6)) for x in (-30, 30)]
+    (body, _) = occ.cut(body, holes)
+    discs = [(2, occ.addDisk(x, 0, 12 * side, 11, 11)) for x in (-30, 30)]
+    (found, _) = occ.fragment(body, discs)
+    return next(tag for dimension, tag in found if dimension == 3)
+
+
+def _race(side: int) -> int:
+    """A block with a groove above (1) or below (-1) the ball."""
+    occ = gmsh.model.occ
+    block = occ.addBox(-6, -6, 3.5 if side > 0 else -9, 12, 12, 5.5)
+    groove = occ.addCylinder(0, -7, -0.2 * side, 0, 14, 0, 5.2)
+    (found, _) = occ.cut([(3, block)], [(3, groove)])
+    return found[0][1]
+
+
+def _drop_loose_faces() -> None:
+    """Remove what is left of the washers' discs over the holes: faces of no volume."""
+    for face in gmsh.model.getEntities(2):
+        if not len(gmsh.model.getAdjacencies(*face)[0]):
+            gmsh.model.removeEntities([face], recursive=True)
+
+
+def _surfaces(volume: int) -> list[int]:
+    """Faces of a volume."""
+    return [abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False)]
+
+
+def _round(
+    volume: int, radius: float, axis: int, centre: Sequence[float] = (0.0, 0.0, 0.0)
+) -> list[int]:
+    """Faces of a volume on a cylinder about a line along an axis."""
+    found = []
+    for face in _surfaces(volume):
+        if gmsh.model.getType(2, face) == "Cylinder":
+            lower, upper = gmsh.model.getParametrizationBounds(2, face)
+            middle = [0.5 * (a + b) for a, b in zip(lower, upper, strict=True)]
+            away = [
+                x - c for x, c in zip(gmsh.model.getValue(2, face, middle), centre, strict=True)
+            ]
+            away[axis] = 0.0
+            if abs(math.hypot(*away) - radius) < 1e-6:
+                found.append(face)
+    return found
+
+
+def _flat(volume: int, axis: int, at: float) -> list[int]:
+    """Faces of a volume in a plane across an axis."""
+    boxes = {face: gmsh.model.getBoundingBox(2, face) for face in _surfaces(volume)}
+    return [
+        f for f, box in boxes.items() if max(abs(box[axis] - at), abs(box[axis + 3] - at)) < 1e-4
+    ]
+
+
+def _as_wide(faces: list[int], width: float) -> list[int]:
+    """Those of some faces that are so wide along x."""
+    boxes = {face: gmsh.model.getBoundingBox(2, face) for face in faces}
+    return [face for face, box in boxes.items() if abs(box[3] - box[0] - width) < 0.1]
+
+
+def _name(dimension: int, groups: dict[str, list[int]]) -> None:
+    """Make physical groups; raises where one is empty."""
+    for name, tags in groups.items():
+        if not tags:
+            raise ValueError(f"no face of the part is its {name}")
+        gmsh.model.addPhysicalGroup(dimension, tags, name=name)
+
+
+def _near(faces: list[int], fine: float, coarse: float, begin: float, end: float) -> int:
+    """Sizes of cells that grow with the distance from some faces, between two distances."""
+    field = gmsh.model.mesh.field
+    distance, sizes = field.add("Distance"), field.add("Threshold")
+    field.setNumbers(distance, "SurfacesList", faces)
+    field.setNumber(distance, "Sampling", 60)
+    options = {"InField": distance, "SizeMin": fine, "SizeMax": coarse, "DistMin": begin,
+               "DistMax": end}  # fmt: skip
+    for key, value in options.items():
+        field.setNumber(sizes, key, value)
+    return sizes
+
+
+def _in_box(box: Box, fine: float, coarse: float) -> int:
+    """Sizes of cells inside a box, and away from it."""
+    field = gmsh.model.mesh.field
+    sizes = field.add("Box")
+    names = ("XMin", "YMin", "ZMin", "XMax", "YMax", "ZMax")
+    options = dict(zip(names, box, strict=True)) | {"VIn": fine, "VOut": coarse, "Thickness": 5}
+    for key, value in options.items():
+        field.setNumber(sizes, key, value)
+    return sizes
+
+
+def _sizes(fields: list[int]) -> None:
+    """Let the smallest of some sizes decide, and make the mesh."""
+    smallest = gmsh.model.mesh.field.add("Min")
+    gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
+    gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+    for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
+        gmsh.option.setNumber(f"Mesh.{option}", 0)
+    gmsh.option.setNumber("Mesh.Algorithm3D", 10)
+    gmsh.model.mesh.generate(3)
+
+
+PARTS: dict[str, tuple[Callable[[float], None], float, int]] = {
+    "ball_in_grooves": (ball_in_grooves, 0.2, 1),
+    "bolted_flange": (bolted_flange, 5.5, 1),
+    "hub_on_shaft": (hub_on_shaft, 6.0, 2),
+    "pillow_block": (pillow_block, 5.0, 1),
+    "pin_in_lug": (pin_in_lug, 2.5, 2),
+}
+"""What draws each part, and the size near contact and the order of the cells beside this file."""
+
+
+def draw(name: str, size: float, order: int, file: Path) -> int:
+    """Draw a part, write its mesh; how many nodes it has."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+    gmsh.model.add(name)
+    PARTS[name][0](size)
+    gmsh.model.mesh.setOrder(order)
+    if order == 2:
+        gmsh.model.mesh.optimize("HighOrder")
+    gmsh.write(str(file))
+    count = len(gmsh.model.mesh.getNodes()[0])
+    gmsh.finalize()
+    return count
+
+
+def main() -> None:
+    """Draw the parts named on the command line, or all of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(PARTS)}; all unless given")
+    parser.add_argument("--size", type=float, help="size of the cells near contact")
+    parser.add_argument("--order", type=int, choices=(1, 2), help="of the cells")
+    parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
+    given = parser.parse_args()
+    for name in given.names or PARTS:
+        file = given.to / f"{name}.msh"
+        _, size, order = PARTS[name]
+        nodes = draw(name, given.size or size, given.order or order, file)
+        print(f"{file}: {nodes:,} nodes")
+
+
+if __name__ == "__main__":
+    main()
