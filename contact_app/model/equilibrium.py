@@ -21,6 +21,7 @@ from solver.contact.equilibrium import (
     balance,
     by_body,
     held_motions,
+    holds,
     loose_motions,
 )
 from solver.tfeti.constraints.rows import ContactRows, HeldRows
@@ -97,8 +98,7 @@ def body_balances(
             sliding = loose_motions(comm, both, contact_rows, moved)
         loose = dict(zip(group, sliding.reshape(len(group), MOTIONS[d], -1), strict=True))
         for b, rows, free in zip(group, held_rows, shares, strict=True):
-            stopped = held_motions(comm, rows).shape[1] == 0
-            balances[b] = BodyBalance(free, None, stopped, found.held, loose[b])
+            balances[b] = BodyBalance(free, None, holds(comm, rows), found.held, loose[b])
     return [b for b in balances if b is not None]
 
 

@@ -96,6 +96,11 @@ def held_motions(comm: MPI.Intracomm, held: NDArray[np.float64]) -> NDArray[np.f
     return _null_space(comm.allreduce(held.T @ held))
 
 
+def holds(comm: MPI.Intracomm, held: NDArray[np.float64]) -> bool:
+    """Whether held rows (rows, motions) of all ranks alone stop every rigid motion."""
+    return held_motions(comm, held).shape[1] == 0
+
+
 def loose_motions(
     comm: MPI.Intracomm,
     held: NDArray[np.float64],
