@@ -51,7 +51,7 @@ def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> lis
             if (origin := image.origin(source)) in found
         ]
         records.append({"on": on, **joined(pieces, scene.dimension)})
-    return [*records, *_hold_records(model, solution)]
+    return records
 
 
 def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resultant]:
@@ -95,10 +95,10 @@ def _add_contact(model: Model, solution: Solution, force: Array) -> None:
         np.add.at(force, (query.nodes - query.first, at[0]), at[1])
 
 
-def _hold_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
-    """Force and moment on each body whose rigid motions are held on request (collective).
+def hold_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
+    """Entries of `reactions` for bodies whose rigid motions are held on request (collective).
 
-    About the centre of the body.
+    Force on the body, and moment about its centre.
     """
     scene, problem, supports = model.scene, model.problem, model.supports
     rows = np.flatnonzero(problem.kinds == RowKind.SUPPORT)

@@ -16,7 +16,7 @@ from contact_app.results.contacts import contact_records
 from contact_app.results.free_motions import free_motions
 from contact_app.results.mirror import whole_summary
 from contact_app.results.probes import probe_records
-from contact_app.results.reactions import reaction_records
+from contact_app.results.reactions import hold_records, reaction_records
 from contact_app.results.rigid import rigid_records
 from contact_app.results.sections import section_records
 from contact_app.results.ties import in_order_of_file, tie_records
@@ -67,6 +67,7 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
     if solved.model.scene.rigid_bodies:
         summary |= rigid_records(solved.model, solved.solution, nodes, summary["reactions"])
+    summary["reactions"] += hold_records(solved.model, solved.solution)
     slides = free_motions(solved.model, nodes)
     if slides:
         bodies = solved.model.scene.bodies
