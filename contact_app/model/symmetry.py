@@ -158,8 +158,8 @@ def halved(scene: Scene) -> Halving:
     return Halving(scene, tuple(notes))
 
 
-def _cut(scene: Scene, axis: int) -> Scene:
-    """The lower side of the middle of an axis; raises where the scene does not mirror about it."""
+def _refuse_whole(scene: Scene) -> None:
+    """Raise where a scene has what acts on whole bodies or boundaries only."""
     if scene.total_loads:
         raise AsymmetryError(
             f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
@@ -171,6 +171,11 @@ def _cut(scene: Scene, axis: int) -> Scene:
     for body in scene.bodies:
         if body.hold:
             raise AsymmetryError(f"{body.name} has rigid motions that are held on request")
+
+
+def _cut(scene: Scene, axis: int) -> Scene:
+    """The lower side of the middle of an axis; raises where the scene does not mirror about it."""
+    _refuse_whole(scene)
     mirror = _plane(scene, axis)
     halves = _halves(scene, mirror)
     left = [half.body for half in halves if half.body is not None]
