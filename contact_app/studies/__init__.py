@@ -1,1 +1,1 @@
-"""Studies: the paper's tables and figures again, ours beside theirs."""
+"""Studies: programs that measure this application or reproduce tables and figures of the paper."""

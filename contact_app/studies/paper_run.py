@@ -22,11 +22,11 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model, build_model
 from contact_app.results.history import History
 from contact_app.results.report import write_summary
-from contact_app.results.surface import surface_fields, write_lattice, write_surface
 from contact_app.run.progress import Interruption, Progress, together
 from contact_app.run.summary import Totals, summarise
 from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
+from contact_app.studies.surface import surface_fields, write_lattice, write_surface
 from solver import MPRGP, SMALBE, BoxQP, Reason
 from solver.contact.answers import certified_answer
 from solver.contact.checkpoint import Attention, Checkpoint, Saver

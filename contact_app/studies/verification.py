@@ -19,7 +19,7 @@ the answer beside those of the theory. How each is measured:
 * Confined column: resultant of the wall that is squeezed against.
 
 Meshes of round bodies are coarse ones drawn in Gmsh (``meshes/samples/coarse``), every edge halved
-so often as a size asks for, new nodes put on the circle or ball (`meshes.refine_on_sphere`).
+so often as a size asks for, new nodes put on the circle or ball (`refine_on_sphere`).
 
 Sources: H. Hertz (1882); K. L. Johnson, *Contact Mechanics* (1985), chapters 2 and 4; S. P.
 Timoshenko, J. N. Goodier, *Theory of Elasticity* (1970), section 28.
@@ -43,8 +43,8 @@ from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
 from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
+from contact_app.studies.refine_on_sphere import refined_round
 from meshes import CellMesh
-from meshes.refine_on_sphere import refined_round
 
 ROOT = Path(__file__).parents[2]
 EXACT = 1e-7

@@ -129,7 +129,7 @@ def loose_motions(
 
 
 def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]]:
-    """Deal free motions of several bodies out to them, so that holding the shares holds all.
+    """Distribute free motions of several bodies among them: where the parts are held, all are.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from solver.backend import Statuses
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.constraints.contact_edge import mirror_image
-from solver.tfeti.constraints.hierarchy import RowLevels
+from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.recycling import Directions, RecyclingOptions
 
@@ -48,9 +48,11 @@ class TotalFeti:
         """
         return ActiveSetProblem(self.problem, statuses, multiplier, self._directions)
 
-    def hierarchy(self, warm: bool) -> RowLevels:
+    def hierarchy(self, warm: bool) -> ConstraintHierarchy:
         """Levels where bodies are thin and nothing is known of the answer (collective)."""
-        return RowLevels(self.problem, thinned=self.problem.held_without_contact and not warm)
+        return ConstraintHierarchy(
+            self.problem, coarsened=self.problem.held_without_contact and not warm
+        )
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
         """Active rows in the mirror image of leaving ones (collective)."""

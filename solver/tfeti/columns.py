@@ -1,8 +1,8 @@
 """Contact rows of slender bodies solved whole: active sets on columns of F, made as rows close.
 
-In bending F is so ill-conditioned that steps of active-set methods undo each other by the hundred.
-A row that closes takes one product, F e, and no row a second one; each set of closed rows is
-solved exactly by a dense factor, and the levels of `RowLevels` keep the sets small until they are
+In bending F is so ill-conditioned that hundreds of steps of active-set methods undo each other.
+Here each row that closes costs one operator application, F e, once. A dense factor solves each
+active set exactly, and the levels of `ConstraintHierarchy` keep the sets small until they are
 nearly right. The method is that of primal-dual active sets (Hintermüller, Ito, Kunisch, 2002).
 """
 
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import linalg
 
-from solver.tfeti.constraints.hierarchy import RowLevels
+from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
 
@@ -36,7 +36,7 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
     Where no subdomain floats. Zeros at no cost where no body is slender.
     """
     comm = problem.comm
-    levels = RowLevels(problem, thinned=True)
+    levels = ConstraintHierarchy(problem, coarsened=True)
     result, products = np.zeros(problem.size), 0
     if levels.finest:
         return result, products

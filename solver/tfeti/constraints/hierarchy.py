@@ -29,7 +29,7 @@ HALVINGS = 20
 """Levels tried: cells of a millionth of the contacts' extent."""
 
 
-class RowLevels:
+class ConstraintHierarchy:
     """Which contact rows may close, level by level.
 
     Attributes
@@ -38,8 +38,8 @@ class RowLevels:
         Contact rows of the level.
     """
 
-    def __init__(self, problem: DualProblem, thinned: bool) -> None:
-        self._levels = _levels(problem) if thinned else []
+    def __init__(self, problem: DualProblem, coarsened: bool) -> None:
+        self._levels = _levels(problem) if coarsened else []
         self._all = problem.inequality
         self.refine()
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
 from solver.tfeti.columns import on_columns
-from solver.tfeti.constraints.hierarchy import RowLevels
+from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.hard_scenes import slender, wall
@@ -23,7 +23,7 @@ def problem(made: Config, parts: list[int]) -> DualProblem:
 def test_levels_of_a_slender_body_are_nested_and_even() -> None:
     """Each has the rows of the one before, and about twice as many, no stretch without."""
     dual = problem(slender(100.0, [200, 2]), [10, 1])
-    levels = RowLevels(dual, thinned=True)
+    levels = ConstraintHierarchy(dual, coarsened=True)
     x = dual.contact.points[:, 0]
     before = np.zeros(dual.size, bool)
     counts = []
@@ -42,7 +42,7 @@ def test_levels_of_a_slender_body_are_nested_and_even() -> None:
 
 @pytest.mark.parametrize("made", [wall(16), slender(5.0, [45, 9])])
 def test_thick_bodies_have_none(made: Config) -> None:
-    assert RowLevels(problem(made, [2, 1]), thinned=True).finest
+    assert ConstraintHierarchy(problem(made, [2, 1]), coarsened=True).finest
 
 
 @pytest.mark.ratchet

@@ -11,10 +11,10 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.results.surface import SurfaceFields, surface_fields, write_lattice, write_surface
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from contact_app.studies.surface import SurfaceFields, surface_fields, write_lattice, write_surface
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 

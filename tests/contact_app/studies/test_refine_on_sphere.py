@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_app.studies.refine_on_sphere import refined_round
 from meshes import MeshError, load_mesh
 from meshes.quadratic import straight_middles
-from meshes.refine_on_sphere import refined_round
 from meshes.unstructured import CellMesh
 
-SAMPLES = Path(__file__).parents[2] / "meshes" / "samples"
+SAMPLES = Path(__file__).parents[3] / "meshes" / "samples"
 CASES = {
     "coarse/disc_quarter.msh": (2, "rim", (0.0, 50.0), 50.0),
     "coarse/roller_on_block.msh": (2, "face", (0.0, 50.0), 50.0),
