@@ -3,13 +3,15 @@
 A contact row is one direction at one contact point: its normal, or a direction of its tangential
 frame. On a set the rows that are active hold with equality (closed in the normal, sticking in the
 frame); the multipliers of all others are prescribed: zero where the point is open, the slip
-traction where it slides. So a backend needs no contact law, and a law (`solver.contact.law`) needs
-no backend.
+traction where it slides. In space statuses may turn the frames, so that the first of the two
+directions is that in which a point slides; in the second one it gives way with a compliance C,
+B u - c = C λ. So a backend needs no contact law, and a law (`solver.contact.law`) needs no
+backend.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -25,6 +27,35 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
+class Turn:
+    """Tangential frames of contact points in space, turned in their planes; this rank's.
+
+    Attributes
+    ----------
+    first, second : (points,)
+        The two tangential rows of each point.
+    cosine, sine : (points,)
+        Of the angle from the first direction to the new first one.
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    cosine: Array
+    sine: Array
+
+    def turned(self, x: Array) -> Array:
+        """Values (rows,) in the turned frames."""
+        result, one, other = x.copy(), x[self.first], x[self.second]
+        result[self.first] = self.cosine * one + self.sine * other
+        result[self.second] = self.cosine * other - self.sine * one
+        return result
+
+    def back(self, x: Array) -> Array:
+        """Values (rows,) in turned frames in the original ones."""
+        return replace(self, sine=-self.sine).turned(x)
+
+
+@dataclass(frozen=True, eq=False)
 class Statuses:
     """What holds in each row while a backend solves; local parts.
 
@@ -34,23 +65,46 @@ class Statuses:
         Contact rows that hold with equality.
     tractions : (rows,)
         Multipliers of the contact rows that are not active; None where all are zero.
+    turn
+        Frames in which all of this is said; None on all ranks where none is turned.
+    compliance : (rows,)
+        C of the active rows, zero for most; None on all ranks where it is for all.
     """
 
     active: Mask
     tractions: Array | None = None
+    turn: Turn | None = None
+    compliance: Array | None = None
+
+    @property
+    def holding(self) -> Mask:
+        """Rows in the original frames in which nothing moves, (rows,)."""
+        if self.compliance is None:
+            return self.active
+        return self.active & (self.compliance == 0.0)
 
     def changed(self, other: Statuses) -> Mask:
-        """Rows whose status or prescribed multiplier differs."""
+        """Rows whose status, prescribed multiplier or frame differs."""
         differs = self.active != other.active
-        if self.tractions is None and other.tractions is None:
-            return differs
-        own, others = (0.0 if s.tractions is None else s.tractions for s in (self, other))
-        return differs | (~self.active & np.not_equal(own, others))
+        if self.tractions is not None or other.tractions is not None:
+            own, others = (0.0 if s.tractions is None else s.tractions for s in (self, other))
+            differs = differs | (~self.active & np.not_equal(own, others))
+        if self.turn is not None or other.turn is not None:
+            differs = differs | (self._angles() != other._angles())
+        return differs
+
+    def _angles(self) -> Array:
+        """The sine of the turn, plus two where its cosine is negative, (rows,)."""
+        result = np.zeros(len(self.active))
+        if self.turn is not None:
+            result[self.turn.first] = self.turn.sine + 2.0 * (self.turn.cosine < 0.0)
+        return result
 
     def fingerprint(self, comm: MPI.Intracomm) -> int:
         """A number that tells statuses apart (collective)."""
         tractions = b"" if self.tractions is None else self.tractions.tobytes()
-        return hash(tuple(comm.allgather(hash((self.active.tobytes(), tractions)))))
+        angles = b"" if self.turn is None else self._angles().tobytes()
+        return hash(tuple(comm.allgather(hash((self.active.tobytes(), tractions, angles)))))
 
 
 class SetState(Protocol):
@@ -63,6 +117,10 @@ class SetState(Protocol):
     @property
     def distance(self) -> Array:
         """B u - c, in contact rows the penetration, over the displacement of the row's body."""
+
+    @property
+    def jumps(self) -> Array:
+        """B u - c."""
 
     @property
     def strained(self) -> float:

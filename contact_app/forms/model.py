@@ -101,7 +101,7 @@ def build_model(
     first = parts.comm.exscan(parts.count) or 0
     numbers = np.repeat(first + np.arange(parts.count), np.diff(parts.starts))
     of_held = eliminated[bodies.of_node[held.nodes - exchange.first]]
-    rows, contact, tied = write_rows(exchange, numbers, held, contact, of_held)
+    rows, contact, _, tied = write_rows(exchange, numbers, held, contact, of_held)
     constraints = ConstraintRows(
         exchange, rows, contact, _supports(parts, bodies, found, first), found.without_contact, tied
     )

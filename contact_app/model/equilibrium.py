@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,14 @@ from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.contact.equilibrium import (
     BodyBalance,
+    FrictionCones,
     balance,
     by_body,
     held_motions,
     holds,
     loose_motions,
 )
+from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.rows import ContactRows, HeldRows
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 
@@ -34,6 +37,7 @@ def body_balances(
     holding: tuple[HeldRows, ContactRows],
     contact: ContactRows,
     loads: Iterable[NDArray[np.float64] | None],
+    friction: FrictionRows | None = None,
 ) -> list[BodyBalance]:
     """What holds each body, (bodies,): elastic ones first, then moving rigid ones.
 
@@ -59,30 +63,23 @@ def body_balances(
         work[elastic + nth] = rigid.loads(nth)
         scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
     seen, joined = (_contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
+    points = None
+    if friction is not None:
+        slips = _contact_motions(scene, partition, friction.rows, rigid)
+        points = ContactPoints(friction, friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * count
     for group in groups_in_contact(scene):
-        held_rows, requested = [], []
-        for b in group:
-            if b >= elastic:
-                held_rows.append(np.eye(MOTIONS[d])[rigid.held(b - elastic)[0]])
-                requested.append(np.zeros((0, MOTIONS[d])))
-                continue
-            first, last = partition.first_node[b], partition.first_node[b + 1]
-            mine = (held.nodes >= first) & (held.nodes < last)
-            motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
-            held_rows.append(motions[held.held[mine]])
-            _refuse_held_twice(scene, b, held_motions(comm, held_rows[-1]))
-            asked = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
-            requested.append(np.eye(MOTIONS[d])[asked])
+        held_rows, requested = _holding(scene, partition, held, rigid, group)
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
-        contact_rows, tied_rows = (
-            of_group[np.diff(of_group.indptr) > 0].toarray()
-            for of_group in (rows[:, columns] for rows in (seen, joined))
-        )
+        some, tied_rows = seen[:, columns], joined[:, columns]
+        mine = np.diff(some.indptr) > 0
+        contact_rows = some[mine].toarray()
+        tied_rows = tied_rows[np.diff(tied_rows.indptr) > 0].toarray()
+        cones = points.cones(mine, columns) if points is not None else None
         both = np.concatenate([block_diag(*held_rows), block_diag(*requested), tied_rows])
         found = balance(
             comm, both, contact_rows, work[group].ravel(),
-            float(scale[group].sum()),
+            float(scale[group].sum()), cones,
         )  # fmt: skip
         if found.escape is not None:
             hints = distant(scene, contact.gaps, contact.sources, comm)
@@ -95,11 +92,39 @@ def body_balances(
         sliding = np.zeros((both.shape[1], 0))
         if group.max() < elastic:
             moved = _moved_by_contact(scene, contact, group)
-            sliding = loose_motions(comm, both, contact_rows, moved)
+            resisting = contact_rows
+            if cones is not None:
+                resisting = np.concatenate([contact_rows, cones.slips])
+            sliding = loose_motions(comm, both, resisting, moved)
         loose = dict(zip(group, sliding.reshape(len(group), MOTIONS[d], -1), strict=True))
         for b, rows, free in zip(group, held_rows, shares, strict=True):
             balances[b] = BodyBalance(free, None, holds(comm, rows), found.held, loose[b])
     return [b for b in balances if b is not None]
+
+
+def _holding(
+    scene: Scene,
+    partition: Partition,
+    held: HeldRows,
+    rigid: RigidUnknowns,
+    group: NDArray[np.int64],
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Held rows of each body of a group on its rigid motions, and motions held on request."""
+    d, comm, elastic = scene.dimension, partition.comm, len(scene.bodies)
+    held_rows, requested = [], []
+    for b in group:
+        if b >= elastic:
+            held_rows.append(np.eye(MOTIONS[d])[rigid.held(b - elastic)[0]])
+            requested.append(np.zeros((0, MOTIONS[d])))
+            continue
+        first, last = partition.first_node[b], partition.first_node[b + 1]
+        mine = (held.nodes >= first) & (held.nodes < last)
+        motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
+        held_rows.append(motions[held.held[mine]])
+        _refuse_held_twice(scene, b, held_motions(comm, held_rows[-1]))
+        asked = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
+        requested.append(np.eye(MOTIONS[d])[asked])
+    return held_rows, requested
 
 
 def _refuse_held_twice(scene: Scene, b: int, left: NDArray[np.float64]) -> None:
@@ -117,6 +142,32 @@ def _refuse_held_twice(scene: Scene, b: int, left: NDArray[np.float64]) -> None:
                 f"{scene.at(f'bodies[{b}].hold')}: displacement conditions stop {name} of "
                 f"{scene.bodies[b].name} already; hold is for motions that they leave"
             )
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoints:
+    """Tangential rows by their contact rows.
+
+    Attributes
+    ----------
+    normal : (k,)
+        Contact row of each tangential row.
+    slips : (k, bodies · motions)
+        Tangential rows applied to the rigid motions.
+    """
+
+    friction: FrictionRows
+    normal: NDArray[np.int64]
+    slips: sparse.csr_matrix
+
+    def cones(self, chosen: NDArray[np.bool_], columns: NDArray[np.int64]) -> FrictionCones:
+        """The cones of some contact rows (rows,), on the motions of some columns."""
+        mine = chosen[self.normal]
+        normal = (np.cumsum(chosen) - 1)[self.normal[mine]]
+        return FrictionCones(
+            self.slips[mine][:, columns].toarray(), normal, self.friction.coefficients[mine],
+            self.friction.limits[mine],
+        )  # fmt: skip
 
 
 def group_numbers(scene: Scene) -> NDArray[np.int64]:

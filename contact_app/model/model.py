@@ -173,6 +173,9 @@ def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
     c[rows] = known.held.values[at, unknowns[rows] % d]
     c[problem.inequality] = known.contact.gaps * problem.contact.spread
     c[problem.tied] = known.tied.rows.gaps * problem.system.tied.spread
+    friction = known.tangential
+    if friction is not None:
+        c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
     case = problem.with_loads(forces, lifting, c)
     return replace(
         model, scene=scene, problem=case, needed=known.needed, left_out=known.left_out,
@@ -200,10 +203,13 @@ def model_of_outline(
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
     unknowns = RigidUnknowns.of(scene, partition)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
-    rows, contact, tied = write_rows(
+    friction = known.tangential
+    rows, contact, tangential, tied = write_rows(
         exchange, of_copies, held, known.contact, eliminated[body_of_held], options,
-        known.tied.rows,
+        known.tied.rows, None if friction is None else friction.rows,
     )  # fmt: skip
+    if friction is not None:
+        friction = replace(friction, rows=tangential)
     supports = support_rows(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene, partition, lifting)
@@ -215,7 +221,7 @@ def model_of_outline(
             _assembled(scene, known, key, members, lifting) for key, members in classes.items()
         ] + rigid_subdomains(unknowns, surface, partition)
     constraints = ConstraintRows(
-        exchange, rows, contact, supports, all(b.steady for b in balances), tied
+        exchange, rows, contact, supports, all(b.steady for b in balances), tied, friction
     )
     problem = DualProblem(
         build_system(

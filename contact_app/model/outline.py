@@ -30,6 +30,7 @@ from contact_app.model.conditions import (
 )
 from contact_app.model.decomposition import choose_split
 from contact_app.model.equilibrium import body_balances, groups_in_contact
+from contact_app.model.friction import always_rough, friction_rows
 from contact_app.model.heat import free_strains, node_temperatures, thermal_loads
 from contact_app.model.loads import load_vectors
 from contact_app.model.method import subdomains_of
@@ -48,6 +49,7 @@ from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from solver.contact.equilibrium import BodyBalance
 from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.rows import (
     ContactRows,
     ContradictionError,
@@ -110,6 +112,8 @@ class Outline:
         it, None without heat.
     balances
         What holds each body, elastic ones first, then moving rigid ones.
+    friction
+        Tangential rows at all candidate rows of this rank; None without friction.
     """
 
     partition: Partition
@@ -131,6 +135,7 @@ class Outline:
     temperatures: list[NDArray[np.float64] | None]
     thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
+    friction: FrictionRows | None = None
 
     @property
     def all_contact(self) -> ContactRows:
@@ -152,10 +157,19 @@ class Outline:
         return gaps, sources
 
     @property
+    def tangential(self) -> FrictionRows | None:
+        """Tangential rows at the contact rows of this rank; None without friction."""
+        return None if self.friction is None else self.friction.at(self.contact)
+
+    @property
     def eliminated(self) -> NDArray[np.bool_]:
-        """Bodies that are one held subdomain: no gluing, no coarse problem, (bodies,)."""
+        """Bodies that are one held subdomain: no gluing, no coarse problem, (bodies,).
+
+        With friction all bodies float, as its active sets need a coarse problem.
+        """
         whole = np.array([n == 1 for n in self.partition.subdomains_of_body])
-        return whole & np.array([b.held for b in self.balances[: len(whole)]])
+        held = np.array([b.held for b in self.balances[: len(whole)]])
+        return whole & held & (self.friction is None)
 
 
 Tell = Callable[[Scene, Outline], None]
@@ -203,17 +217,19 @@ def outline(
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
     found = _loads(scene, partition, elements, timings)
-    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads)
+    friction = friction_rows(scene, partition, exchange, contact, held, tied.rows, merged)
+    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads, friction)
     reach = np.full(len(scene.touching), np.inf)
     if not isinstance(needed, str) or needed == "estimated":
         reach = _reach(scene, partition, contact, found, balances)
     if isinstance(needed, str):
         all_rows = np.ones(len(contact.nodes), bool)
         needed = all_rows if needed == "all" else estimated(contact, reach)
+        needed |= always_rough(scene, contact)
     return Outline(
         partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
         merged, reach, elements, found.linear, probes, locate_sections(scene, partition),
-        found.loads, tied, found.temperatures, found.thermal, balances,
+        found.loads, tied, found.temperatures, found.thermal, balances, friction,
     )  # fmt: skip
 
 
@@ -249,13 +265,15 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
             return None
     found = _loads(scene, partition, known.elements, timings)
-    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads)
+    friction = friction_rows(scene, partition, known.exchange, contact, held, tied.rows, merged)
+    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads, friction)
     reach = _reach(scene, partition, contact, found, balances)
-    needed = estimated(contact, reach)
+    needed = estimated(contact, reach) | always_rough(scene, contact)
     return replace(
         known, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
         merged=merged, reach=reach, linear=found.linear, loads=found.loads,
         tied=tied, temperatures=found.temperatures, thermal=found.thermal, balances=balances,
+        friction=friction,
     )  # fmt: skip
 
 

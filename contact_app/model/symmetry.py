@@ -171,6 +171,9 @@ def _refuse_whole(scene: Scene) -> None:
     for body in scene.bodies:
         if body.hold:
             raise AsymmetryError(f"{body.name} has rigid motions that are held on request")
+    rough = [contact for contact in scene.touching if contact.friction is not None]
+    if rough:
+        raise AsymmetryError(f"{rough[0].source} has friction")
 
 
 def _cut(scene: Scene, axis: int) -> Scene:

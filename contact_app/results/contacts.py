@@ -138,30 +138,32 @@ class ContactsOfWhole:
 
     def counts(self) -> list[dict[str, int]]:
         """Nodes of each contact by their status, nodes of several images once (collective)."""
-        counts = np.zeros((len(self._scene.contact_names), 2), np.int64)
+        counts = np.zeros((len(self._scene.contact_names), 3), np.int64)
         for number in range(len(counts)):
             seen: list[Image] = []
             for image in self.images:
-                at, closed = self._carriers(image, number)
+                at, status = self._carriers(image, number)
                 new = np.ones(len(at), bool)
                 for earlier in seen:
                     new &= ~self._coincide(image, earlier, at)
-                counts[number] += (new & ~closed).sum(), (new & closed).sum()
+                counts[number] += np.bincount(status[new], minlength=3)
                 seen.append(image)
         return [
-            {"open": int(left), "stick": 0, "slip": int(closed)}
-            for left, closed in self._comm.allreduce(counts)
+            {"open": int(left), "stick": int(stick), "slip": int(slip)}
+            for left, stick, slip in self._comm.allreduce(counts)
         ]
 
-    def _carriers(self, image: Image, number: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Nodes of a contact in an image that may carry force, and which are closed."""
-        at, closed = np.zeros(0, np.int64), np.zeros(0, bool)
+    def _carriers(self, image: Image, number: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Nodes of a contact in an image that may carry force, and their status, 0 to 2."""
+        at, status = np.zeros(0, np.int64), np.zeros(0, np.int64)
         for origin in self.origins(image, number):
             contact = self._nodes.contacts[origin]
             at = np.concatenate([at, (contact.nodes - self._nodes.first)[contact.carriers]])
-            closed = np.concatenate([closed, contact.closed[contact.carriers]])
+            status = np.concatenate([status, contact.status[contact.carriers]])
         nodes, place = np.unique(at, return_inverse=True)
-        return nodes, np.bincount(place.reshape(-1), closed, len(nodes)) > 0.0
+        worst = np.zeros(len(nodes), np.int64)
+        np.maximum.at(worst, place.reshape(-1), status)
+        return nodes, worst
 
     def pressure(self, image: Image, number: int) -> Array:
         """Pressure of a contact at the images of the nodes, (nodes,); 0 away from it."""

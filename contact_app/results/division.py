@@ -31,6 +31,7 @@ from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import facets_of
 from contact_app.model.candidates import NEARLY_PARALLEL
 from contact_app.model.model import Model
+from contact_app.results.friction import friction_at_rows
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.scene import Scene
@@ -61,6 +62,12 @@ class ContactLoads:
         Force on the body of `on`, and its moment about the node.
     areas : (loads,)
         Area on which it acts; NaN where it is the node's share of the boundary.
+    friction : (loads, 3)
+        The part of `vectors` that is along the surface.
+    slips : (loads, 3)
+        Along what is touched.
+    sticks : (loads,)
+        Whether friction holds the node.
     """
 
     sources: NDArray[np.int64]
@@ -69,6 +76,9 @@ class ContactLoads:
     vectors: Array
     moments: Array
     areas: Array
+    friction: Array
+    slips: Array
+    sticks: NDArray[np.bool_]
 
 
 def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactLoads:
@@ -90,9 +100,18 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     force[own] = given[order[own]]
     vectors = np.zeros((len(order), 3))
     vectors[:, : model.scene.dimension] = force[:, None] * rows.normals
+    rough = friction_at_rows(problem, solution)
+    friction, turned, slips = np.zeros((3, len(order), 3))
+    sticks = np.zeros(len(order), bool)
+    for mine, values in (
+        (friction, rough.forces), (turned, rough.moments), (slips, rough.slips),
+        (sticks, rough.sticks),
+    ):  # fmt: skip
+        mine[own] = values[order[own]]
     loads = ContactLoads(
-        rows.sources, rows.nodes, force, vectors, force[:, None] * rows.moments, rows.areas
-    )
+        rows.sources, rows.nodes, force, vectors + friction,
+        force[:, None] * rows.moments + turned, rows.areas, friction, slips, sticks,
+    )  # fmt: skip
     label = _together(rows, own, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
@@ -182,7 +201,7 @@ def _divided(
 
     return ContactLoads(
         loads.sources, loads.nodes, divided(loads.force), divided(loads.vectors),
-        divided(loads.moments), loads.areas,
+        divided(loads.moments), loads.areas, divided(loads.friction), loads.slips, loads.sticks,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ tolerance, are averaged. Contact quantities are known at the owner already.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,10 @@ from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.material import von_mises
 from solver.contact.solution import Solution
 
-POINT_FIELDS = ("displacement", "contact_pressure", "gap")
+FRICTION_FIELDS = ("friction_traction", "slip", "contact_status")
+"""Fields at nodes that scenes with friction alone have."""
+
+POINT_FIELDS = ("displacement", "contact_pressure", "gap", *FRICTION_FIELDS)
 """Fields at nodes that can be asked for."""
 
 NODAL_FIELDS = ("nodal_stress", "nodal_von_mises")
@@ -45,6 +49,11 @@ class NodeFields:
     gap : (nodes,)
         Distance left to the nearest obstacle along its normal, between bodies its mean about a
         node of `on`; NaN where there is no contact row.
+    friction_traction, slip : (nodes, dimension)
+        Friction force per area on the body of `on`, and its slip along what it touches; where
+        contacts overlap those of the one that presses most.
+    contact_status : (nodes,)
+        0 open, 1 stick, 2 slip.
     contact_force : (3,)
         Resultant of the obstacles on the bodies, of this rank's nodes.
     pair_forces : (pairs, 3)
@@ -61,6 +70,9 @@ class NodeFields:
     contact_pressure: NDArray[np.float64]
     contacts: tuple[NodesInContact, ...]
     gap: NDArray[np.float64]
+    friction_traction: NDArray[np.float64]
+    slip: NDArray[np.float64]
+    contact_status: NDArray[np.float64]
     contact_force: NDArray[np.float64]
     pair_forces: NDArray[np.float64]
     without_area: int
@@ -97,11 +109,28 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         contact_pressure=pressure,
         contacts=forces.contacts,
         gap=gap,
+        **_friction(forces.contacts, exchange.first, size, d),
         contact_force=resultants[:obstacles].sum(axis=0),
         pair_forces=resultants[obstacles:],
         without_area=forces.without_area,
         slack=far,
     )
+
+
+def _friction(
+    contacts: Sequence[NodesInContact], first: int, size: int, d: int
+) -> dict[str, NDArray[np.float64]]:
+    """The fields of friction at nodes from `first` on; where contacts meet the one that presses."""
+    traction, slip, status = np.zeros((size, d)), np.zeros((size, d)), np.zeros(size)
+    pressed = np.full(size, -1.0)
+    for contact in contacts:
+        at = contact.nodes - first
+        most = contact.pressure > pressed[at]
+        some = at[most]
+        pressed[some] = contact.pressure[most]
+        traction[some], slip[some] = contact.traction[most, :d], contact.slips[most, :d]
+        status[some] = contact.status[most]
+    return {"friction_traction": traction, "slip": slip, "contact_status": status}
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from contact_app.results.fields import (
     slabs,
 )
 from contact_app.results.mirror import Image, Whole, whole
-from contact_app.results.result_size import components, file_names, result_bytes
+from contact_app.results.result_size import components, file_names, result_bytes, wanted_fields
 from contact_app.results.vtu import VTUWriter
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
 
@@ -52,7 +52,7 @@ def write_fields(model: Model, fields: Fields, directory: Path) -> list[Path]:
     if not files:
         return files
     nodes, cells, found = fields.nodes, fields.cells, whole(model, fields.nodes)
-    wanted = model.scene.output.fields
+    wanted = wanted_fields(model.scene)
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     point_fields |= fields.nodal
     known = {"stress": cells.stress, "von_mises": cells.von_mises, **_numbers(model)}

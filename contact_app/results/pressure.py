@@ -70,6 +70,12 @@ class NodesInContact:
         Area that the force at a closed node acts on; 0 at others.
     forces, moments : (n, 3)
         Force on the body of `on`, and its moment about the node.
+    traction : (n, 3)
+        Friction force per area on the body of `on`.
+    slips : (n, 3)
+        Of the body of `on` along what it touches.
+    sticks : (n,)
+        Closed nodes that friction holds.
     """
 
     nodes: NDArray[np.int64]
@@ -80,6 +86,14 @@ class NodesInContact:
     areas: Array
     forces: Array
     moments: Array
+    traction: Array
+    slips: Array
+    sticks: NDArray[np.bool_]
+
+    @property
+    def status(self) -> NDArray[np.int64]:
+        """0 where a node is open, 1 where it sticks, 2 where it slides, (n,)."""
+        return np.where(self.closed, np.where(self.sticks, 1, 2), 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +161,10 @@ def _in_contact(
     pressure = at_owned(usable, force[usable] / area[usable])
     if body.degree == 2:
         pressure = boundary.recovered(pressure) if at_nodes else boundary.at_all_nodes(pressure)
-    every = np.ones(len(mine), bool)
+    every, wide = np.ones(len(mine), bool), area > 0.0
+    traction = at_owned(wide, loads.friction[mine][wide] / area[wide, None])
+    if body.degree == 2 and not at_nodes:
+        traction = np.stack([boundary.at_all_nodes(part) for part in traction.T], axis=1)
     carriers = on if at_nodes else boundary.areas > 0.0
     of_owned = NodesInContact(
         nodes=surface.owned,
@@ -158,6 +175,9 @@ def _in_contact(
         areas=at_owned(usable, area[usable]),
         forces=at_owned(every, loads.vectors[mine]),
         moments=at_owned(every, loads.moments[mine]),
+        traction=traction,
+        slips=at_owned(every, loads.slips[mine]),
+        sticks=at_owned(every, loads.sticks[mine].astype(float)) > 0.0,
     )
     found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
     return found, int((loaded & ~usable).sum())

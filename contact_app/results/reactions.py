@@ -84,11 +84,12 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
 
 
 def _add_contact(model: Model, solution: Solution, force: Array) -> None:
-    """Add what contact and tied rows push against held components of their nodes (collective)."""
-    problem = model.problem
-    for rows, mine in (
-        (problem.contact, problem.inequality), (problem.system.tied, problem.tied)
-    ):  # fmt: skip
+    """Add what contact, tangential and tied rows push against held components (collective)."""
+    problem, friction = model.problem, model.problem.system.friction
+    parts = [(problem.contact, problem.inequality), (problem.system.tied, problem.tied)]
+    if friction is not None:
+        parts.append((friction.rows, problem.tangential))
+    for rows, mine in parts:
         of_rows, held = solution.multiplier[mine] * rows.spread, rows.held
         query = model.node_exchange.among(held.node)
         at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from contact_app.results.fields import CELL_FIELDS, NODAL_FIELDS, POINT_FIELDS
+from contact_app.results.fields import (
+    CELL_FIELDS,
+    FRICTION_FIELDS,
+    NODAL_FIELDS,
+    POINT_FIELDS,
+)
 from contact_app.results.vtu import vtu_bytes
 from contact_app.results.xdmf import CELL_TYPES, cell_type_name, grid_bytes
 from contact_app.scene.scene import Scene
 
-COMPONENTS = {"displacement": 3, "stress": 9, "nodal_stress": 9}
+COMPONENTS = {
+    "displacement": 3, "friction_traction": 3, "slip": 3, "stress": 9, "nodal_stress": 9,
+}  # fmt: skip
 """Components that are written of the fields that are no scalars."""
 
 
@@ -16,6 +23,12 @@ def components(name: str) -> int:
     for base in NODAL_FIELDS:
         name = base if name.startswith(base) else name
     return COMPONENTS.get(name, 1)
+
+
+def wanted_fields(scene: Scene) -> list[str]:
+    """The fields a scene asks for that it can have."""
+    left_out = () if scene.has_friction else FRICTION_FIELDS
+    return [name for name in scene.output.fields if name not in left_out]
 
 
 def file_names(scene: Scene, name: str = "solution") -> list[str]:
@@ -51,7 +64,7 @@ def _vertices(scene: Scene) -> int:
 
 def _components(scene: Scene, alone: int | None) -> tuple[int, int]:
     """Components of all fields at nodes and in cells."""
-    wanted = scene.output.fields
+    wanted = wanted_fields(scene)
     at_nodes = sum(components(name) for name in wanted if name in POINT_FIELDS)
     materials = max(len(body.materials) for body in scene.bodies)
     sides = 1 if materials == 1 else 1 + materials

@@ -344,7 +344,7 @@ def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tu
         except FAILURES as error:
             why = failure_text(error)
     fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
-    if fewest and not is_undecomposed(scene):
+    if fewest and not is_undecomposed(scene) and not scene.has_friction:
         direct = solve_directly(model, solution, asked.monitor)
         if direct is not None and (solution is None or direct.converged):
             return direct, (

@@ -14,6 +14,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.contacts import contact_records
 from contact_app.results.free_motions import free_motions
+from contact_app.results.friction import dissipated_work
 from contact_app.results.mirror import whole_summary
 from contact_app.results.probes import probe_records
 from contact_app.results.reactions import hold_records, reaction_records
@@ -108,6 +109,11 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
             "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
             "contact_force": list(totals.contact_force),
             "max_contact_pressure": totals.max_contact_pressure,
+            **(
+                {"dissipated_work": dissipated_work(problem, solution)}
+                if scene.has_friction
+                else {}
+            ),
         },
         "certificate": certificate,
         "timings": timings.as_dict(),
@@ -123,7 +129,7 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
     subdomains
         On all ranks.
     """
-    tied = problem.count(RowKind.TIED)
+    tied, tangential = (problem.count(kind) for kind in (RowKind.TIED, RowKind.TANGENT))
     return {
         "subdomains": subdomains,
         "congruence_classes": problem.comm.allreduce(len(problem.classes)),
@@ -132,6 +138,7 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
         "dirichlet": problem.count(RowKind.DIRICHLET) + problem.count(RowKind.SUPPORT),
         "contact": problem.count(RowKind.CONTACT),
         **({"tied": tied} if tied else {}),
+        **({"tangential": tangential} if tangential else {}),
     }
 
 

@@ -116,6 +116,22 @@ class Temperature:
 
 
 @dataclass(frozen=True)
+class Friction:
+    """A law of friction; one of its numbers is None.
+
+    Attributes
+    ----------
+    coulomb
+        μ of |λ_t| ≤ μ λ_n.
+    tresca
+        s of |λ_t| ≤ s, force per area, on the whole boundary, open or not.
+    """
+
+    coulomb: float | None = None
+    tresca: float | None = None
+
+
+@dataclass(frozen=True)
 class Contact:
     """A boundary that may touch an obstacle.
 
@@ -129,6 +145,8 @@ class Contact:
         Number of the rigid body that the obstacle is of, and its number there; None and zero if it
         is of none. A contact with a rigid body of several obstacles is one with each of them, of
         the same source.
+    friction
+        None where the boundary slides freely.
     """
 
     body: int
@@ -136,6 +154,7 @@ class Contact:
     obstacle: Obstacle
     source: str
     interference: float = 0.0
+    friction: Friction | None = None
     rigid: int | None = None
     part: int = 0
 
@@ -161,6 +180,8 @@ class BodyContact:
     ----------
     interference
         Overlap along the normal beside that of the geometry.
+    friction
+        None where the boundaries slide freely.
     """
 
     body: int
@@ -169,6 +190,7 @@ class BodyContact:
     other_boundary: str
     source: str
     interference: float = 0.0
+    friction: Friction | None = None
 
 
 @dataclass(frozen=True)

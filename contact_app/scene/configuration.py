@@ -34,7 +34,7 @@ from contact_app.scene.yaml_reader import Key, key_text
 
 FIELDS = (
     "displacement", "stress", "von_mises", "nodal_stress", "nodal_von_mises", "contact_pressure",
-    "gap", "body", "material",
+    "gap", "friction_traction", "slip", "contact_status", "body", "material",
 )  # fmt: skip
 EXPANSIONS = (
     "fixed",
@@ -322,6 +322,24 @@ class Condition(Model):
             ) from None  # fmt: skip
 
 
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+
+
+class Friction(Model):
+    """What keeps two surfaces from sliding: exactly one law."""
+
+    coulomb: NotNegative | None = Field(
+        None,
+        description="Coefficient of friction: the friction traction is at most this times the "
+        "contact pressure.",
+    )
+    tresca: NotNegative | None = Field(
+        None,
+        description="Slip limit (force per area): the friction traction is at most this on the "
+        "whole boundary of `on`, open or not.",
+    )
+
+
 class Contact(Model):
     """A boundary that may touch something: an obstacle or another body."""
 
@@ -336,6 +354,11 @@ class Contact(Model):
         False,
         description="The two boundaries hold together in all directions; their meshes need not "
         "match.",
+    )
+    friction: Friction | None = Field(
+        None,
+        description="Friction: {coulomb: coefficient} or {tresca: slip limit}; without it the "
+        "boundary slides freely.",
     )
     interference: Number = Field(
         0.0,

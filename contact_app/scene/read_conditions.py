@@ -11,6 +11,7 @@ from contact_app.scene.conditions import (
     BodyForce,
     Contact,
     DisplacementCondition,
+    Friction,
     Pressure,
     Temperature,
     Tie,
@@ -175,11 +176,18 @@ class ConditionReader:
                 f"is for two elastic bodies; {contact.against} is rigid: hold the boundary with a "
                 "displacement condition instead",
             )
+        if self._friction(contact.friction, (*path, "friction")) is not None:
+            self.keys.fail(
+                (*path, "friction"),
+                f"is for obstacles and elastic bodies; {contact.against} is rigid: leave friction "
+                "out, or give the body as an obstacle or with a mesh",
+            )
         body, boundary = self._boundary(contact.on, (*path, "on"))
         self._refuse_repeated(i, contact)
         number = self.rigid.names.index(contact.against or "")
+        source, overlap = f"contacts[{i}]", contact.interference
         return [
-            Contact(body, boundary, shape, f"contacts[{i}]", contact.interference, number, part)
+            Contact(body, boundary, shape, source, overlap, rigid=number, part=part)
             for part, shape in enumerate(self.rigid.bodies[number].obstacles)
         ]
 
@@ -203,9 +211,12 @@ class ConditionReader:
         body, boundary = self._boundary(contact.on, (*path, "on"))
         if contact.tied:
             self._refuse_beside_tied(contact, path)
+        friction = self._friction(contact.friction, (*path, "friction"))
         if contact.obstacle is not None:
             obstacle = read_obstacle(self.keys, contact.obstacle, (*path, "obstacle"))
-            return Contact(body, boundary, obstacle, f"contacts[{i}]", contact.interference)
+            return Contact(
+                body, boundary, obstacle, f"contacts[{i}]", contact.interference, friction
+            )
         other, other_boundary = self._boundary(contact.against or "", (*path, "against"))
         if other == body:
             self.keys.fail(
@@ -217,8 +228,47 @@ class ConditionReader:
         if contact.tied:
             return Tie(body, boundary, other, other_boundary, f"contacts[{i}]")
         return BodyContact(
-            body, boundary, other, other_boundary, f"contacts[{i}]", contact.interference
+            body, boundary, other, other_boundary, f"contacts[{i}]", contact.interference, friction
         )
+
+    def _friction(self, given: c.Friction | None, path: Place) -> Friction | None:
+        """A law of friction; None where a limit of zero makes it none."""
+        if given is None:
+            return None
+        laws = [key for key in ("coulomb", "tresca") if getattr(given, key) is not None]
+        if len(laws) != 1:
+            self.keys.fail(
+                path,
+                f"has {' and '.join(laws) or 'no law'}; exactly one is allowed, "
+                "{coulomb: coefficient} or {tresca: slip limit}",
+            )
+        if not getattr(given, laws[0]):
+            return None
+        self._refuse_beside_friction(path)
+        return Friction(given.coulomb, given.tresca)
+
+    def _refuse_beside_friction(self, path: Place) -> None:
+        """Refuse what does not know of friction."""
+        configuration = self.keys.configuration
+        other: tuple[Place, str] | None = None
+        if configuration.accuracy is not None:
+            other = ("accuracy",), "an accuracy"
+        elif configuration.certificate.guaranteed:
+            other = ("certificate", "guaranteed"), "a guaranteed bound"
+        elif configuration.solver.tolerance == "auto":
+            other = ("solver", "tolerance"), "an automatic tolerance"
+        if other is not None:
+            self.keys.fail(
+                path,
+                f"does not go together with {other[1]} ({configuration.where(other[0])}): its "
+                "estimate of the error knows nothing of friction tractions; leave one of them out",
+            )
+        if configuration.solver.method not in ("auto", "active-set"):
+            self.keys.fail(
+                path,
+                f"needs solver.method auto or active-set; it is {configuration.solver.method} "
+                f"({configuration.where(('solver', 'method'))})",
+            )
 
     def _refuse_beside_tied(self, contact: c.Contact, path: Place) -> None:
         """Refuse what has no meaning where two bodies hold together."""

@@ -258,6 +258,11 @@ class Scene:
         return (*self.contacts, *self.pairs)
 
     @property
+    def has_friction(self) -> bool:
+        """Whether some contact has friction."""
+        return any(contact.friction is not None for contact in self.touching)
+
+    @property
     def contact_names(self) -> tuple[ContactName, ...]:
         """All contacts in the order of the file, of the whole where it was cut."""
         if self.mirrors:

@@ -21,7 +21,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
-from solver.contact.law import ContactLaw, Frictionless
+from solver.contact.law import ContactLaw, Found, Frictionless
 from solver.contact.monitoring import on_active_set
 from solver.errors import QPError
 from solver.qp.iterate import Iterate, Watch
@@ -94,7 +94,7 @@ class Start:
     Attributes
     ----------
     active : (rows,)
-        The initial active set.
+        The normal rows of the initial active set.
     multiplier : (rows,)
         Where the first set begins; the smallest multiplier in equilibrium if None.
     alternative
@@ -209,7 +209,7 @@ def active_set_loop(
     update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge)
     seen, counts = set[int](), Counts()
     reduction = options.first_reduction if hierarchy.finest else options.coarse_reduction
-    statuses = Statuses(start.active & hierarchy.allowed)
+    statuses = law.initial(start.active & hierarchy.allowed, start.multiplier)
     released, again = np.zeros_like(start.active), np.zeros_like(start.active)
     found: Outcome[S] = Outcome(None, None, statuses, counts)
     for number in range(options.most_sets):
@@ -240,10 +240,11 @@ def active_set_loop(
         if found.reason is not None or found.state is None:
             break
         following = found.following
-        if alternative is not None and not _peels(comm, statuses, following, options.peeled):
+        if alternative is not None and not _peels(backend, statuses, following, options.peeled):
             alternative = None
         if alternative is not None and number == 1:  # the second set in a row peels
-            following = replace(following, active=following.active & alternative())
+            fewer = following.active & (alternative() | ~backend.contact_rows)
+            following = law.consistent(replace(following, active=fewer))
             alternative = None
         if update.release_at_edge:
             again |= released & following.active
@@ -280,7 +281,7 @@ def solve_on_set(
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, on_set.counts)
         changes = _changes(comm, on_set.statuses, following)
-        asks = test.may_end_early or not changes
+        asks = test.may_end_early or not changes or update.nearly(following, on_set, state)
         lack = test.required_reduction(state) if asks else math.inf
         at_end = not changes and on_set.at_round_off
         if lack <= 1.0 or at_end:
@@ -324,10 +325,14 @@ class ActiveSetUpdate(Generic[S]):
 
     def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask]:
         """The next statuses, and the rows released as mirror images, (rows,) (collective)."""
-        backend, active = self.backend, on_set.statuses.active
+        backend, before = self.backend, on_set.statuses
+        active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
-        strongest = _largest(backend.comm, state.multiplier[active])
-        stays = self.law.may_stay_active(state.multiplier, error * strongest)
+        strongest = _largest(backend.comm, state.multiplier[before.active])
+        found = Found(
+            state.multiplier, state.jumps, state.distance, error * strongest, error, strongest
+        )
+        stays = self.law.may_stay_active(state.multiplier, found.force)
         released = np.zeros_like(active)
         if self.release_at_edge:
             released = stays & backend.mirror_image(active, active & ~stays)
@@ -336,12 +341,18 @@ class ActiveSetUpdate(Generic[S]):
             joins = self.hierarchy.allowed & self.law.closes(state.distance, error)
             if not backend.comm.allreduce(int(active.sum())):
                 joins &= self._first_to_close(state, joins)
-            next_active = backend.contact_rows & np.where(active, stays, joins)
-            following = Statuses(next_active, self.law.tractions(state.multiplier, next_active))
-            if self.hierarchy.finest or _changes(backend.comm, on_set.statuses, following):
+            normals = backend.contact_rows & np.where(active, stays, joins)
+            following = self.law.following(normals, found, before)
+            if self.hierarchy.finest or _changes(backend.comm, before, following):
                 break
             self.hierarchy.refine()
         return following, released
+
+    def nearly(self, following: Statuses, on_set: SetSolve[S], state: S) -> bool:
+        """Whether the next statuses differ so little that an answer may do (collective)."""
+        active = on_set.statuses.active
+        strongest = _largest(self.backend.comm, state.multiplier[active])
+        return self.law.nearly(following, on_set.statuses, strongest)
 
     def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
         """Penetrated rows that a growing load closes first; others may then stay open."""
@@ -366,10 +377,11 @@ def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
     return float(few) / max(float(all_rows), 1.0)
 
 
-def _peels(comm: MPI.Intracomm, statuses: Statuses, following: Statuses, share: float) -> bool:
-    """Whether at least that share of the rows leaves and none joins (collective)."""
-    active, next_active = statuses.active, following.active
-    joined, gone, before = comm.allreduce(
+def _peels(backend: Backend[S], statuses: Statuses, following: Statuses, share: float) -> bool:
+    """Whether at least that share of the contact rows leaves and none joins (collective)."""
+    rows = backend.contact_rows
+    active, next_active = statuses.active & rows, following.active & rows
+    joined, gone, before = backend.comm.allreduce(
         np.array([(next_active & ~active).sum(), (active & ~next_active).sum(), active.sum()])
     )
     return not joined and bool(gone > share * before)

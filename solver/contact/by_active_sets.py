@@ -12,6 +12,8 @@ from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, 
 from solver.contact.answers import answer_of_state
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.duality_gap import duality_gap
+from solver.contact.friction_law import Friction
+from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
 from solver.contact.task import Task
@@ -26,6 +28,9 @@ METHOD = "active-set"
 
 ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
 """Why active sets end a solve; for other reasons SMALBE-M may go on."""
+
+FRICTION = 5
+"""Active sets that are tried with friction, over those without: slip limits take their own."""
 
 LOOSE = 1e-2
 """Share of an iterate's jumps that is left where its duality gap only tells how far it is."""
@@ -99,8 +104,11 @@ def solve_from(
     """
     test = _CertificateTest(task.problem, task.rule)
     asks = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
+    law, options = contact_law(task.problem, task.rule.tolerance), task.active_sets
+    if task.problem.friction is not None:
+        options = replace(options, most_sets=FRICTION * options.most_sets)
     found = active_set_loop(
-        TotalFeti(task.problem), start, asks, task.inner, task.monitor, saver, task.active_sets
+        TotalFeti(task.problem), start, asks, task.inner, task.monitor, saver, options, law
     )
     if found.reason not in ENDS:
         return found, None
@@ -110,6 +118,19 @@ def solve_from(
         answer = answer_of_state(task.problem, task.rule, found.state)
     assert answer is not None
     return found, replace(answer, reason=found.reason, method=METHOD)
+
+
+def contact_law(problem: DualProblem, tolerance: float) -> ContactLaw:
+    """The law of the contacts of a problem.
+
+    Parameters
+    ----------
+    tolerance
+        Relative accuracy that is asked for.
+    """
+    if problem.friction is None:
+        return Frictionless()
+    return Friction(points=problem.friction, comm=problem.comm, tolerance=tolerance)
 
 
 class _CertificateTest:

@@ -15,6 +15,12 @@ is another matter. Any û will do. The nearest one to u is open wherever u is, w
 λᵀ (c - B u), first order in the error; rows that press are therefore closed in û where that costs
 less, second order.
 
+Friction. λ_t is a friction force over its slip limit, s = μ λ_n of the answer or what is given, and
+w the slip. `friction_cone` is what |λ_t| exceeds s by. `slip_alignment` is the sum of
+|s w - |w| λ_t| over all points, zero where every point either rests or slides along a force at its
+limit, or the largest slip of a point that should rest, if that is more. The duality gap is that of
+the problem with the limits s, to which û adds s |ŵ| - λ_t · ŵ ≥ 0 at each point.
+
 What the numbers are relative to. Each body is measured by its own sizes: lengths by its largest
 displacement, forces by its load (the largest of the sums of the magnitudes of loads, of reactions
 and of contact forces), the gap by its strain energy ½ a(u,u). A weak body beside a strong one, or a
@@ -53,6 +59,8 @@ NUMBERS = (
     "complementarity",
     "equilibrium",
     "duality_gap",
+    "friction_cone",
+    "slip_alignment",
 )
 
 EQUILIBRIUM_FLOOR = 1e-9
@@ -78,6 +86,13 @@ class Certificate:
         ‖K u - f + Bᵀ λ‖ over the load, in the 2-norm of all unknowns that are solved for.
     duality_gap
         J(û) - D(λ) over the strain energy, with what rounding may add.
+    friction_cone
+        Largest friction force beyond its limit, over the load.
+    slip_alignment
+        Slips against their friction forces over load times largest displacement, or the largest
+        slip below the limit over the largest displacement.
+    frictional
+        Whether the scene has friction.
     passed
         Whether all of them are below the tolerance asked for.
     round_off
@@ -96,6 +111,9 @@ class Certificate:
     duality_gap: float
     passed: bool
     round_off: float = 0.0
+    friction_cone: float = 0.0
+    slip_alignment: float = 0.0
+    frictional: bool = False
     warnings: tuple[str, ...] = field(default=())
     worst: tuple[int, ...] = field(default=())
 
@@ -128,6 +146,8 @@ class Certificate:
         """As `summary.json` holds it."""
         found = {**asdict(self), "warnings": list(self.warnings)}
         del found["worst"]
+        if not found.pop("frictional"):
+            del found["friction_cone"], found["slip_alignment"]
         return found
 
 
@@ -220,11 +240,13 @@ def certify(
     lengths = body_lengths(bodies, moved, problem.free_lengths)
     state = equilibrium_of(problem, multiplier, displacements)
     rounded, disturbed = round_off(problem, displacements)
-    force = np.where(contact, multiplier * problem.spread, 0.0)
+    force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
     forces = forces_on_bodies(problem, multiplier, force, state.reactions)
     gaps = group_gaps(problem, multiplier, interface, relaxations)
     bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
-    work = float(comm.allreduce(multiplier @ residual))
+    work = float(
+        comm.allreduce(multiplier @ residual - _friction_work(problem, multiplier, residual))
+    )
     idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))
     roundings = (np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2
     measures = Measures(
@@ -242,16 +264,62 @@ def certify(
     moving = rounded / np.finfo(np.float64).eps
     load = sizes(bodies, np.where(measures.scales > 0.0, measures.loads, moving))
     away = np.abs(slack) / bodies.of_rows(lengths)
-    pulls = np.maximum(-force, 0.0) / bodies.of_rows(load)
+    pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)
     found = {
         "max_penetration": _worst_rows(problem, np.where(slack > 0.0, away, 0.0), contact),
-        "max_gluing_jump": _worst_rows(problem, away, ~contact),
+        "max_gluing_jump": _worst_rows(problem, away, ~problem.conditional),
         "min_multiplier": _worst_rows(problem, pulls, contact),
         "complementarity": idle / (load * lengths),
         "equilibrium": state.imbalance / load,
         "duality_gap": _relative_gaps(problem, measures),
+        **_friction(problem, multiplier, residual, load, lengths),
     }
-    return _certificate(found, rounded / load).judged(tolerance), measures
+    frictional = problem.friction is not None
+    certificate = replace(_certificate(found, rounded / load), frictional=frictional)
+    return certificate.judged(tolerance), measures
+
+
+def _friction_work(
+    problem: DualProblem, multiplier: NDArray[np.float64], residual: NDArray[np.float64]
+) -> float:
+    """Σ s |w| of this rank: a part of J(û), but not of the energy of the bodies."""
+    points = problem.friction
+    if points is None:
+        return 0.0
+    return float(points.slip_limits(multiplier) @ points.sizes(points.slips(residual)))
+
+
+def _friction(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    load: NDArray[np.float64],
+    lengths: NDArray[np.float64],
+) -> dict[str, NDArray[np.float64]]:
+    """The numbers of friction of each body, (bodies,) (collective)."""
+    points, bodies = problem.friction, problem.bodies
+    if points is None:
+        return {name: np.zeros(bodies.count) for name in ("friction_cone", "slip_alignment")}
+    rows = points.rows[points.first]
+    here = np.zeros(problem.size, bool)
+    here[rows] = True
+
+    def at_rows(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        result = np.zeros(problem.size)
+        result[rows] = values
+        return result
+
+    forces, slips = points.forces(multiplier), points.slips(residual)
+    size, limit, slip = points.sizes(forces), points.slip_limits(multiplier), points.sizes(slips)
+    beyond = at_rows(np.maximum(size - limit, 0.0)) / bodies.of_rows(load)
+    askew = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
+    rests = ~points.sliding(multiplier)[rows]
+    moved = at_rows(np.where(rests, slip, 0.0)) / bodies.of_rows(lengths)
+    astray = problem.comm.allreduce(bodies.sum_rows(at_rows(askew), here)) / (load * lengths)
+    return {
+        "friction_cone": _worst_rows(problem, beyond, here),
+        "slip_alignment": np.maximum(astray, _worst_rows(problem, moved, here)),
+    }
 
 
 def _with_unsolved(
@@ -283,6 +351,8 @@ def _certificate(
         complementarity=numbers["complementarity"],
         equilibrium=numbers["equilibrium"],
         duality_gap=numbers["duality_gap"],
+        friction_cone=numbers["friction_cone"],
+        slip_alignment=numbers["slip_alignment"],
         passed=False,
         round_off=float(rounded[worst["equilibrium"]]),
         worst=tuple(worst[name] for name in NUMBERS) if several else (),

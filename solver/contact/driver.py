@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.answers import answer_of_iterate, answer_of_state
-from solver.contact.by_active_sets import solve_from_first_set
+from solver.contact.by_active_sets import METHOD, solve_from_first_set
 from solver.contact.by_mprgp import solve_by_mprgp
 from solver.contact.by_primal import solve_by_multigrid
 from solver.contact.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
@@ -129,10 +129,10 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
     found, answer = solve_from_first_set(task, restart, Saver(checkpoint), start)
     if answer is not None:
         return answer
-    if method == "auto":
+    if method == "auto" and problem.friction is None:
         return solve_by_smalbe(task, found, None)
     if found.state is None:  # nothing better than the loads shared out among the constraints
         answer = answer_of_iterate(problem, task.rule, np.zeros(problem.size), None)
     else:
         answer = answer_of_state(problem, task.rule, found.state)
-    return replace(answer, counts=found.counts, reason=Reason.UNSETTLED, method=method)
+    return replace(answer, counts=found.counts, reason=Reason.UNSETTLED, method=METHOD)

@@ -1,7 +1,8 @@
 """The duality gap J(û) - D(λ) of an answer, by groups of bodies that can touch each other.
 
 û is an admissible neighbour of the displacements u, λ is in equilibrium with the loads, and the gap
-bounds ½ ‖û - u*‖²_K: the derivation stands in `solver.contact.certificate`.
+bounds ½ ‖û - u*‖²_K: the derivation stands in `solver.contact.certificate`. With friction u* is the
+solution with the slip limits frozen at those of λ.
 """
 
 from __future__ import annotations
@@ -107,10 +108,18 @@ def _way(
     closed: NDArray[np.bool_] | None,
     rest: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The way û - u to an admissible û that closes some contact rows, and λᵀ (c - B û)."""
-    change, residual = feasible_displacements(problem, interface, closed, rest)
+    """The way û - u to an admissible û that closes some contact rows, and what it costs by λ.
+
+    That is λᵀ (c - B û), and of friction s |w| - λ_t · w of the slips w of û.
+    """
+    friction = problem.friction
+    sliding = None if friction is None else friction.sliding(multiplier)
+    change, residual = feasible_displacements(problem, interface, closed, rest, sliding)
     change -= interface
     work = np.where(problem.inequality, -multiplier * np.minimum(residual, 0.0), 0.0)
+    if friction is not None:
+        rows, lost = friction.work_lost(multiplier, residual)
+        work[rows] += lost
     bodies = problem.bodies
     groups = bodies.groups[bodies.rows[:, 0]]
     return change, np.bincount(groups, work, bodies.group_count).astype(np.float64)

@@ -11,15 +11,20 @@ contact rows applied to the rigid motions. By Farkas' lemma there is no such λ 
 rigid motion r with D r = 0, N r ≤ 0 and eᵀ r > 0: the body leaves in the direction r, and the
 load drives it. The residual of the non-negative least-squares problem is this r.
 
+With Coulomb friction the contact forces of a point lie in a cone, that of the rays N + μ t of all
+unit tangents t, and with Tresca friction the friction forces of all points together in a convex
+set. Of these a motion r meets what opposes it most, the ray with t along T r: r is an escape iff
+N r + μ |T r| ≤ 0 at each point and eᵀ r > Σ s |T r|.
+
 The problem has six equations and as many unknowns as contact rows, spread over ranks. It is
-solved by column generation: each round every rank offers the row the residual violates most, and
-the small problem of all rows offered so far is solved anew, by scipy's bounded least squares (its
-`nnls` returned points that are not optimal in one release).
+solved by column generation: each round every rank offers the row, or the ray, that the residual
+violates most, and the small problem of all rows offered so far is solved anew, by scipy's bounded
+least squares (its `nnls` returned points that are not optimal in one release).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -32,6 +37,10 @@ ROUNDS = 200
 SLIDING = 0.03
 """Sine of the angle between a motion and the surfaces along which it is taken for a slide: normals
 of a ball of 2.6 to 10 facets a radian are off by 0.002 to 0.015."""
+
+HEAVY = 1e3
+"""Weight of the equation that the shares of friction forces add up to one: the sum is off by the
+residual over its square, which vanishes in equilibrium; 1e6 left residuals of rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +69,56 @@ class BodyBalance:
     loose: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
 
 
+@dataclass(frozen=True, eq=False)
+class FrictionCones:
+    """Tangential rows of contact points with friction, this rank's.
+
+    Attributes
+    ----------
+    slips : (k, motions)
+        Tangential rows applied to the rigid motions; those of one point have one contact row.
+    normal : (k,)
+        Contact row of each.
+    coefficients, limits : (k,), (k,)
+        μ, and slip limits that are given; one of them is 0.
+    """
+
+    slips: NDArray[np.float64]
+    normal: NDArray[np.int64]
+    coefficients: NDArray[np.float64]
+    limits: NDArray[np.float64]
+
+    def along(self, motions: NDArray[np.float64]) -> FrictionCones:
+        """On motions that are combinations (motions, k) of the present ones."""
+        return replace(self, slips=self.slips @ motions)
+
+    def directions(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
+        """T r over the length of that of its point, zero where nothing slides, (k,)."""
+        slip = self.slips @ motion
+        size = np.sqrt(np.bincount(self.normal, slip**2, rows))[self.normal]
+        return np.divide(slip, size, out=np.zeros(len(slip)), where=size > 0.0)
+
+    def opposing(
+        self, rows: NDArray[np.float64], motion: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Contact rows (rows, motions) with the friction that opposes a motion most."""
+        pull = (self.coefficients * self.directions(motion, len(rows)))[:, None] * self.slips
+        result = rows.copy()
+        np.add.at(result, self.normal, pull)
+        return result
+
+    def given(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
+        """What friction with given limits does to a motion it opposes, (motions,)."""
+        return (self.limits * self.directions(motion, rows)) @ self.slips
+
+
 def balance(
     comm: MPI.Intracomm,
     held: NDArray[np.float64],
     contact: NDArray[np.float64],
     load: NDArray[np.float64],
     load_scale: float,
+    friction: FrictionCones | None = None,
 ) -> BodyBalance:
     """Examine one body, or several together.
 
@@ -79,14 +132,19 @@ def balance(
         Work of all loads on the rigid motions, summed over ranks.
     load_scale
         Sum of the magnitudes of the loads; smaller residuals than 1e-9 of it are round-off.
+    friction
+        Of some of the contact rows; None on all ranks where no contact has friction.
     """
     gram_held = comm.allreduce(held.T @ held)
     gram_contact = comm.allreduce(contact.T @ contact)
+    if friction is not None:
+        gram_contact += comm.allreduce(friction.slips.T @ friction.slips)
     allowed = _null_space(gram_held)
     free = _null_space(gram_held + gram_contact)
     if allowed.shape[1] == 0:
         return BodyBalance(free, None, held=True)
-    residual = _residual(comm, contact @ allowed, allowed.T @ load, 1e-9 * load_scale)
+    cones = None if friction is None else friction.along(allowed)
+    residual = _residual(comm, contact @ allowed, allowed.T @ load, 1e-9 * load_scale, cones)
     escape = None if residual is None else allowed @ (residual / np.linalg.norm(residual))
     return BodyBalance(free, escape, held=False)
 
@@ -156,28 +214,63 @@ def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]
 
 
 def _residual(
-    comm: MPI.Intracomm, rows: NDArray[np.float64], load: NDArray[np.float64], tolerance: float
+    comm: MPI.Intracomm,
+    rows: NDArray[np.float64],
+    load: NDArray[np.float64],
+    tolerance: float,
+    friction: FrictionCones | None = None,
 ) -> NDArray[np.float64] | None:
-    """Residual of min ‖load - rowsᵀ λ‖ over λ ≥ 0, or None if it vanishes."""
-    chosen = np.zeros((0, len(load)))
+    """Residual of min ‖load - rowsᵀ λ - friction‖ over λ ≥ 0, or None if it vanishes."""
+    chosen, bounded = np.zeros((0, len(load))), np.zeros((0, len(load)))
     residual = load
     for _ in range(ROUNDS):
         if np.linalg.norm(residual) <= tolerance:
             return None
-        violation = rows @ residual
+        rays = rows if friction is None else friction.opposing(rows, residual)
+        violation = rays @ residual
         best = int(np.argmax(violation)) if len(violation) else -1
         threshold = 1e-10 * np.linalg.norm(residual)
-        offer = rows[best] if best >= 0 and violation[best] > threshold else None
+        offer = rays[best] if best >= 0 and violation[best] > threshold else None
         offers = [row for row in comm.allgather(offer) if row is not None]
         fresh = [row for row in offers if not (np.abs(chosen - row).max(axis=1) < 1e-14).any()]
-        if not fresh:
+        pull = np.zeros((0, len(load)))
+        if friction is not None:
+            pull = _more(comm, friction.given(residual, len(rows)), bounded, residual)
+        if not fresh and not len(pull):
             return residual
-        chosen = np.vstack([chosen, *fresh])
-        multiplier = lsq_linear(
-            chosen.T, load, bounds=(0.0, np.inf), method="bvls", tol=1e-14, max_iter=1000
-        ).x
-        residual = load - chosen.T @ multiplier
-    return residual
+        chosen, bounded = np.vstack([chosen, *fresh]), np.vstack([bounded, pull])
+        residual = load - _nearest(chosen, bounded, load)
+    return residual if friction is None else None
+
+
+def _more(
+    comm: MPI.Intracomm,
+    own: NDArray[np.float64],
+    bounded: NDArray[np.float64],
+    residual: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """The sum of friction forces with given limits against a motion, if it is new, (0 or 1, n)."""
+    pull = comm.allreduce(own)
+    known = max((bounded @ residual).max(initial=0.0), 0.0)
+    if pull @ residual <= known + 1e-10 * np.linalg.norm(residual) * np.linalg.norm(pull):
+        return np.zeros((0, len(pull)))
+    return pull[None]
+
+
+def _nearest(
+    chosen: NDArray[np.float64], bounded: NDArray[np.float64], load: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The nearest point to the load of  chosenᵀ λ + boundedᵀ w,  λ, w ≥ 0, Σ w ≤ 1."""
+    columns, target = chosen.T, load
+    if len(bounded):  # with a slack variable the sum is one; its equation weighs most
+        heavy = HEAVY * max(np.abs(bounded).max(), np.abs(load).max())
+        sums = np.concatenate([np.zeros(len(chosen)), np.full(len(bounded) + 1, heavy)])
+        columns = np.hstack([columns, bounded.T, np.zeros((len(load), 1))])
+        columns, target = np.vstack([columns, sums]), np.append(load, heavy)
+    weights = lsq_linear(
+        columns, target, bounds=(0.0, np.inf), method="bvls", tol=1e-14, max_iter=1000
+    ).x
+    return np.asarray((columns @ weights)[: len(load)])
 
 
 def _null_space(gram: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,10 +1,10 @@
 """Contact laws: which contact forces are admissible, and when a point opens or closes.
 
-A law is one object. The active-set loop asks it which active rows may stay active, which others
-join them, and which multipliers the rest have; the certificate's numbers are those of its
-conditions. A new law is a new class: Tresca's and Coulomb's laws keep active the tangential rows
-whose traction is below the slip limit and prescribe the slip traction of the others, a tied contact
-keeps every row active.
+A law is one object. The active-set loop asks it which active normal rows may stay active and which
+others join them, and then for the statuses of all rows; the certificate's numbers are those of its
+conditions. A new law is a new class: Tresca's and Coulomb's laws (`solver.contact.friction_law`)
+keep active the tangential rows whose traction is below the slip limit and prescribe the slip
+traction of the others, a tied contact keeps every row active.
 """
 
 from __future__ import annotations
@@ -15,26 +15,73 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.backend import Statuses
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a state of a set tells a law.
+
+    Attributes
+    ----------
+    multiplier, jumps, distance : (rows,)
+        λ, B u - c, and that over the displacement of the row's body, as `SetState` has them.
+    force, away
+        Multipliers and distances that are none: their share of the error of the state.
+    strongest
+        The largest multiplier of an active row.
+    """
+
+    multiplier: Array
+    jumps: Array
+    distance: Array
+    force: float
+    away: float
+    strongest: float
+
 
 class ContactLaw(Protocol):
-    """What the active-set loop asks of a contact law; arrays are (rows,), local parts."""
+    """What the active-set loop asks of a contact law; arrays are (rows,), local parts.
+
+    `may_stay_active` and `closes` are asked of normal rows alone.
+    """
 
     @property
     def name(self) -> str:
         """For messages."""
 
-    def may_stay_active(
-        self, multiplier: NDArray[np.float64], tolerance: float
-    ) -> NDArray[np.bool_]:
+    def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Active rows whose multiplier the law admits, to a tolerance."""
 
-    def closes(self, distance: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
+    def closes(self, distance: Array, tolerance: float) -> Mask:
         """Open rows whose penetration the law does not admit, to a tolerance."""
 
-    def tractions(
-        self, multiplier: NDArray[np.float64], active: NDArray[np.bool_]
-    ) -> NDArray[np.float64] | None:
-        """Multipliers of the rows that are not active from now on; None where all are zero."""
+    def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
+        """Statuses for a set of active normal rows, near a multiplier if given (collective)."""
+
+    def consistent(self, statuses: Statuses) -> Statuses:
+        """The statuses after normal rows were taken out of the active set (collective)."""
+
+    def following(self, normals: Mask, found: Found, before: Statuses) -> Statuses:
+        """Statuses with the normal rows that are active from now on (collective).
+
+        Parameters
+        ----------
+        before
+            Of the set that the state solves.
+        """
+
+    def nearly(self, after: Statuses, before: Statuses, strongest: float) -> bool:
+        """Whether statuses differ so little that an answer may do as it is (collective).
+
+        Parameters
+        ----------
+        strongest
+            The largest multiplier of an active row.
+        """
 
 
 @dataclass(frozen=True)
@@ -43,18 +90,26 @@ class Frictionless:
 
     name: str = "frictionless"
 
-    def may_stay_active(
-        self, multiplier: NDArray[np.float64], tolerance: float
-    ) -> NDArray[np.bool_]:
+    def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Rows without a tensile multiplier."""
         return multiplier > -tolerance
 
-    def closes(self, distance: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
+    def closes(self, distance: Array, tolerance: float) -> Mask:
         """Rows that are penetrated."""
         return distance > tolerance
 
-    def tractions(
-        self, multiplier: NDArray[np.float64], active: NDArray[np.bool_]
-    ) -> NDArray[np.float64] | None:
-        """None: an open row carries no force."""
-        return None
+    def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
+        """The active rows; the others carry no force."""
+        return Statuses(active)
+
+    def consistent(self, statuses: Statuses) -> Statuses:
+        """The same."""
+        return statuses
+
+    def following(self, normals: Mask, found: Found, before: Statuses) -> Statuses:
+        """The active rows; the others carry no force."""
+        return Statuses(normals)
+
+    def nearly(self, after: Statuses, before: Statuses, strongest: float) -> bool:
+        """Never: a row that changes its status changes the answer."""
+        return False

@@ -147,7 +147,7 @@ def forces_on_bodies(
     Parameters
     ----------
     force : (dual,)
-        Contact forces, zero on other rows.
+        Contact and friction forces, zero on other rows.
     reactions : (bodies,)
         At eliminated unknowns.
     """
@@ -155,7 +155,7 @@ def forces_on_bodies(
     given = bodies.sum_members([np.abs(f).sum(axis=0) for f in problem.forces])
     holding = (problem.kinds == RowKind.DIRICHLET) | problem.tied
     held = bodies.sum_rows(np.abs(multiplier * problem.spread), holding)
-    touching = bodies.sum_rows(np.abs(force), problem.inequality)
+    touching = bodies.sum_rows(np.abs(force), problem.conditional)
     sums = np.asarray(problem.comm.allreduce(np.array([given, held, touching])))
     return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
 

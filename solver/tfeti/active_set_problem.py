@@ -21,10 +21,11 @@ from solver.backend import Statuses
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
+from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
-from solver.tfeti.preconditioner import DualPreconditioner
+from solver.tfeti.preconditioner import CompliantPreconditioner, DualPreconditioner
 from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
 
@@ -58,7 +59,7 @@ class State:
     motions : (kernels,)
         α, with which the jumps of the rows that hold with equality are smallest.
     active : (dual,)
-        Contact rows that hold with equality.
+        Contact and tangential rows that hold with equality.
     jumps : (dual,)
         B u - c.
     sizes : (dual,)
@@ -86,7 +87,7 @@ class State:
     def worst(self, problem: DualProblem) -> float:
         """Largest jump or penetration, over the displacement of its body."""
         one_sided = problem.inequality & ~self.active
-        distance = self.distance
+        distance = np.where(problem.tangential & ~self.active, 0.0, self.distance)
         return largest_magnitude(
             problem.comm, np.where(one_sided, np.maximum(distance, 0.0), distance)
         )
@@ -127,6 +128,10 @@ class ActiveSetProblem:
         directions: Directions | None = None,
     ) -> None:
         self.statuses = statuses
+        turn, self._compliance = statuses.turn, statuses.compliance
+        if turn is not None:  # what is recycled knows the original frames alone
+            problem, directions = problem.turned(turn), None
+            multiplier = None if multiplier is None else turn.turned(multiplier)
         self._tractions = _outside(statuses, problem)
         if self._tractions is not None:
             problem = problem.with_constraint_forces(self._tractions)
@@ -134,22 +139,28 @@ class ActiveSetProblem:
         directions = directions or Directions(problem)
         recycled = Recycled(directions, active)
         self.reduced = problem.with_active(active, multiplier)
-        assert self.reduced.coarse is not None
+        coarse = self.reduced.coarse
+        assert coarse is not None
         if not recycled.empty:
             self.reduced = self.reduced.beginning_at(*recycled.best(self.reduced.rhs))
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does
-        own = DualPreconditioner(self.reduced, math.inf)
-        operator = RecordedOperator(self.reduced, directions)
+        base = DualPreconditioner(self.reduced, math.inf)
+        own: Preconditioner = base
+        rhs = self.reduced.rhs
+        if self._compliance is not None:
+            own = CompliantPreconditioner(base, self.reduced, self._compliance)
+            give = self._compliance * self.reduced.offset
+            coarse.project_transpose(give, give)
+            rhs = rhs - give
+        operator = RecordedOperator(self.reduced, directions, self._compliance)
         preconditioner = DeflatedPreconditioner(own, recycled, operator)
-        self._iterate = it = Iterate(
-            BoxQP(operator, self.reduced.rhs), preconditioner=preconditioner
-        )
+        self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
         it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
         it.measure_b()
         it.begin()
-        it.counts.hessian += 1  # of the right-hand side
+        it.counts.hessian += 1 if self._tractions is None else 2  # of the right-hand side
         self._weight = it.reduction.norm(self.reduced.offset)
         self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
         self._before = it.reduction.collectives
@@ -164,7 +175,7 @@ class ActiveSetProblem:
         problem, coarse = self.problem, self.reduced.coarse
         assert coarse is not None
         once, twice = np.empty(problem.size), np.empty(problem.size)
-        coarse.apply(np.where(self.problem.inequality & ~self.active, 0.0, problem.d), once)
+        coarse.apply(np.where(self.problem.conditional & ~self.active, 0.0, problem.d), once)
         coarse.apply(once, twice)
         size = largest_magnitude(problem.comm, once)
         if not largest_magnitude(problem.comm, twice - once) <= IDEMPOTENT * size:
@@ -203,7 +214,7 @@ class ActiveSetProblem:
         """Norm of the right-hand side outside the range of P (collective)."""
         assert self.reduced.coarse is not None
         outside = np.empty(self.problem.size)
-        self.reduced.coarse.apply_transpose(self.reduced.rhs, outside)
+        self.reduced.coarse.apply_transpose(self._iterate.qp.b, outside)
         return self._iterate.reduction.norm(outside)
 
     @property
@@ -248,7 +259,8 @@ class ActiveSetProblem:
         u = self.reduced.displacements_of_offset - it.image
         strained = problem.strain_energy(multiplier, u)
         jumps = problem.residual(u)  # d - F λ
-        alpha = -self.reduced.coarse.coefficients(jumps)
+        given = jumps if self._compliance is None else jumps - self._compliance * multiplier
+        alpha = -self.reduced.coarse.coefficients(given)
         kernel_part = np.empty(problem.size)
         problem.coarse.extend(alpha, kernel_part)
         jumps += kernel_part
@@ -256,11 +268,14 @@ class ActiveSetProblem:
         if self._tractions is not None:
             multiplier = multiplier + self._tractions
         sizes = problem.spread * problem.bodies.of_rows(problem.lengths(u))
-        return State(multiplier, alpha, self.active, jumps, sizes, u, strained)
+        turn = self.statuses.turn
+        if turn is not None:
+            multiplier, jumps = turn.back(multiplier), turn.back(jumps)
+        return State(multiplier, alpha, self.statuses.holding, jumps, sizes, u, strained)
 
 
 def _outside(statuses: Statuses, problem: DualProblem) -> NDArray[np.float64] | None:
     """The prescribed multipliers, zero on the rows that hold with equality."""
     if statuses.tractions is None:
         return None
-    return np.where(problem.inequality & ~statuses.active, statuses.tractions, 0.0)
+    return np.where(problem.conditional & ~statuses.active, statuses.tractions, 0.0)

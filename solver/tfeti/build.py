@@ -15,6 +15,7 @@ from scipy import sparse
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.rows import ContactRows, RowKind, Rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.options import TotalFetiOptions
@@ -82,6 +83,8 @@ class ConstraintRows:
         Whether gluing, held and tied rows alone stop every rigid motion.
     tied
         Geometry of the tied rows, in row order; None where there are none.
+    friction
+        Tangential rows, in row order; None where no contact of any rank has friction.
     """
 
     exchange: NodeExchange
@@ -90,6 +93,7 @@ class ConstraintRows:
     supports: SupportRows
     held_without_contact: bool
     tied: ContactRows | None = None
+    friction: FrictionRows | None = None
 
 
 def build_system(
@@ -127,6 +131,7 @@ def build_system(
     kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
     ordered = order_rows(exchange, rows, constraints.supports, columns, size, kernels)
     in_contact = ordered.kinds == RowKind.CONTACT
+    tangential = ordered.kinds == RowKind.TANGENT
     loads = loads_on(
         classes, [s.forces for s in subdomains], [s.lifting for s in subdomains], ordered.c
     )
@@ -134,12 +139,14 @@ def build_system(
     if comm.allreduce(len(loads.e)):
         with measure():
             coarse = CoarseProblem(
-                ordered.B, kernels, in_contact, ordered.weight, ordered.alike, options
+                ordered.B, kernels, in_contact | tangential, ordered.weight, ordered.alike, options
             )
     wide = np.zeros(len(ordered.kinds), bool)
     wide[in_contact] = contact.wide
     tied = contact.none() if constraints.tied is None else constraints.tied
     wide[ordered.kinds == RowKind.TIED] = tied.wide
+    if constraints.friction is not None:
+        wide[tangential] = constraints.friction.rows.wide
     widths = [len(cls.interface) for cls in classes]
     bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths)
     matrix = Constraints(
@@ -148,7 +155,17 @@ def build_system(
     )  # fmt: skip
     places = () if factored else tuple(s.places for s in subdomains if s.places is not None)
     return ContactSystem(
-        comm, d, tuple(classes), matrix, contact, loads, bodies, tied, places, exchange.total
+        comm,
+        d,
+        tuple(classes),
+        matrix,
+        contact,
+        loads,
+        bodies,
+        tied,
+        places,
+        exchange.total,
+        constraints.friction,
     )
 
 

@@ -23,11 +23,18 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy import sparse
 
+from solver.backend import Turn
 from solver.tfeti.bodies import Bodies, body_lengths, largest
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, local_rows, petsc_rows
+from solver.tfeti.constraints.friction import FrictionPoints
+from solver.tfeti.constraints.matrix import (
+    ConstraintMatrix,
+    RowWeights,
+    TurnedConstraintMatrix,
+    local_rows,
+    petsc_rows,
+)
 from solver.tfeti.constraints.rows import ContactRows, RowKind
 from solver.tfeti.dual_operator import DualOperator, interface_slices
 from solver.tfeti.projected import ProjectedOperator
@@ -107,15 +114,25 @@ class DualProblem:
         return DualProblem(self.system.with_loads(forces, lifting, c), known)
 
     def with_constraint_forces(self, multiplier: NDArray[np.float64]) -> DualProblem:
-        """The problem in which -Bᵀ λ of a given multiplier (dual,) acts as a load."""
-        forces, loads = self.constraint_forces(multiplier), []
-        for cls, part, load in zip(
-            self.classes, interface_slices(self.classes), self.forces, strict=True
+        """The problem in which -Bᵀ λ of a given multiplier (dual,) acts as a load.
+
+        One application of F finds what these loads do.
+        """
+        forces, loads, works = self.constraint_forces(multiplier), [], []
+        own, free_works = self._free
+        moved = np.empty_like(own)
+        self.F.solve_interface(forces, moved)
+        np.subtract(own, moved, out=moved)  # K⁺ (f - Bᵀ λ)
+        for cls, part, load, work in zip(
+            self.classes, interface_slices(self.classes), self.forces, free_works, strict=True
         ):
             changed = load.copy(order="F")
             changed[cls.interface] -= forces[part].reshape(cls.members, -1).T
             loads.append(changed)
-        return self.with_loads(loads)
+            lost = (forces[part] * (own[part] + moved[part])).reshape(cls.members, -1)
+            works.append(work - lost.sum(axis=1))
+        system = self.system.with_loads(loads)
+        return DualProblem(system, Known(operator=self.F, free=(moved, works)))
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -144,7 +161,7 @@ class DualProblem:
 
     @property
     def wide(self) -> NDArray[np.bool_]:
-        """Contact and tied rows over several nodes, which overlap others, (dual,)."""
+        """Contact, tangential and tied rows over several nodes, (dual,): they overlap others."""
         return self.system.constraints.wide
 
     @property
@@ -218,6 +235,24 @@ class DualProblem:
         return self.kinds == RowKind.CONTACT
 
     @cached_property
+    def tangential(self) -> NDArray[np.bool_]:
+        """Which local rows are tangential rows."""
+        return self.kinds == RowKind.TANGENT
+
+    @cached_property
+    def conditional(self) -> NDArray[np.bool_]:
+        """Which local rows may hold with equality or not: contact and tangential rows."""
+        return self.inequality | self.tangential
+
+    @cached_property
+    def friction(self) -> FrictionPoints | None:
+        """Contact points with friction; None where no rank has any."""
+        rows = self.system.friction
+        if rows is None:
+            return None
+        return FrictionPoints.of(rows, self.contact, self.tangential, self.inequality)
+
+    @cached_property
     def tied(self) -> NDArray[np.bool_]:
         """Which local rows are tied rows."""
         return self.kinds == RowKind.TIED
@@ -229,13 +264,15 @@ class DualProblem:
 
     @cached_property
     def spread(self) -> NDArray[np.float64]:
-        """One over the length of the unscaled row on contact and tied rows, 1 elsewhere.
+        """One over the length of the unscaled row on contact, tangential and tied rows, else 1.
 
         The multiplier of such a row times it is the force, its residual over it the distance.
         """
         result = np.ones(self.size)
         result[self.inequality] = self.contact.spread
         result[self.tied] = self.system.tied.spread
+        if self.system.friction is not None:
+            result[self.tangential] = self.system.friction.rows.spread
         return result
 
     @cached_property
@@ -256,11 +293,6 @@ class DualProblem:
         local.eliminate_zeros()
         return ConstraintMatrix(self.comm, local, B.columns, B.nodal, B.components)
 
-    @property
-    def _contact_rows(self) -> sparse.csr_matrix:
-        """This rank's contact rows of B."""
-        return self.B.local[self.inequality]
-
     def contact_stiffness(self) -> tuple[NDArray[np.float64], float]:
         """What K holds against each contact row on its own, and against any unknown (collective).
 
@@ -268,22 +300,18 @@ class DualProblem:
         -------
         Diagonal of B diag(K) Bᵀ, (contact rows,), and the largest entry of diag(K) on interfaces.
         """
-        parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
-        diagonal = np.concatenate([np.empty(0), *parts])
-        largest = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
-        squares = self._contact_rows.power(2)
-        found = np.empty(squares.shape[0])
-        ConstraintMatrix(self.comm, squares, self.B.columns).apply(diagonal, found)
-        return found, largest
+        parts = [c.stiffness.diagonal()[c.interface] for c in self.classes if c.members]
+        top = max((float(part.max(initial=0.0)) for part in parts), default=0.0)
+        return self.row_stiffness(self.inequality), self.comm.allreduce(top, op=MPI.MAX)
 
     @cached_property
     def overlap(self) -> NDArray[np.float64]:
-        """Row sums of |B Bᵀ| over contact and tied rows, 1 for other rows.
+        """Row sums of |B Bᵀ| over contact, tangential and tied rows, 1 for other rows.
 
         They bound what the corrections of rows that are not orthogonal add up to.
         """
         result = np.ones(self.size)
-        overlapping = self.inequality | self.tied
+        overlapping = self.conditional | self.tied
         contact = self.deforming.local[overlapping]
         if self.comm.allreduce(int(self.wide.any())):
             matrix = petsc_rows(self.comm, contact, self.B.columns)
@@ -487,7 +515,7 @@ class DualProblem:
     def with_active(
         self, active: NDArray[np.bool_], near: NDArray[np.float64] | None = None
     ) -> DualProblem:
-        """The problem in which these contact rows hold with equality and the others are empty.
+        """The problem in which these rows hold with equality and the other contact rows are empty.
 
         Without active rows that is the problem without contact. Only where the bodies are
         `held_without_contact`; else the coarse problem can be singular.
@@ -495,22 +523,23 @@ class DualProblem:
         Parameters
         ----------
         active : (dual,)
-            Contact rows that hold with equality.
+            Contact and tangential rows that hold with equality.
         near : (dual,)
             λ̃ is the multiplier in equilibrium next to this one, instead of the smallest.
         """
-        keep = np.where(self.inequality & ~active, 0.0, 1.0)
+        keep = np.where(self.conditional & ~active, 0.0, 1.0)
         own, loads = self.system.constraints, self.system.loads
         constraints = replace(
             own,
             B=self.B.scaled(RowWeights(keep)),
-            kinds=np.where(self.inequality, np.int8(RowKind.SUPPORT), self.kinds),
+            kinds=np.where(self.conditional, np.int8(RowKind.SUPPORT), self.kinds),
             coarse=None if own.coarse is None else own.coarse.weighted(keep),
         )
         system = replace(
             self.system,
             constraints=constraints,
             contact=self.contact.none(),
+            friction=None,
             loads=replace(loads, c=self.c * keep),
         )
         offset = None
@@ -520,6 +549,27 @@ class DualProblem:
             constraints.coarse.carry(self.e - missing, change)
             offset = near * keep + change
         return DualProblem(system, Known(free=self._free, d=keep * self.d, offset=offset))
+
+    def turned(self, turn: Turn) -> DualProblem:
+        """The same problem in turned tangential frames."""
+        own, loads = self.system.constraints, self.system.loads
+        B = TurnedConstraintMatrix(self.B, turn)
+        coarse = None if own.coarse is None else own.coarse.turned(B)
+        system = replace(
+            self.system,
+            constraints=replace(own, B=B, coarse=coarse),
+            loads=replace(loads, c=turn.turned(loads.c)),
+        )
+        return DualProblem(system, Known(free=self._free, d=turn.turned(self.d)))
+
+    def row_stiffness(self, rows: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """What K holds against some rows on their own, diag(B diag(K) Bᵀ) (collective)."""
+        parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
+        diagonal = np.concatenate([np.empty(0), *parts])
+        squares = self.B.local[rows].power(2)
+        found = np.empty(squares.shape[0])
+        ConstraintMatrix(self.comm, squares, self.B.columns).apply(diagonal, found)
+        return found
 
     def beginning_at(
         self, change: NDArray[np.float64], displacements: NDArray[np.float64]

@@ -27,20 +27,21 @@ def feasible_multiplier(
     """λ made admissible: zero on contact rows that do not touch, nowhere negative, Gλ = e.
 
     What is missing in Gλ = e is put on the rows that hold with equality, gluing, held and
-    touching contact rows; where those cannot carry it (a body kept by too few touching rows) open
-    contact rows take a small share.
+    touching contact rows, and tangential rows of sticking points; where those cannot carry it (a
+    body kept by too few touching rows) open contact rows take a small share. Friction forces stay
+    within what changes of limits count for none, which the certificate tells.
 
     Parameters
     ----------
     multiplier : (dual,)
         λ.
     touching : (dual,)
-        Contact rows whose multiplier is above its bound.
+        Contact rows whose multiplier is above its bound, and tangential rows of sticking points.
     """
     multiplier = np.where(problem.inequality & ~touching, 0.0, multiplier)
     if problem.coarse is None:
         return np.where(problem.inequality, np.maximum(multiplier, 0.0), multiplier)
-    return _balance(problem, multiplier, problem.inequality & ~touching)
+    return _balance(problem, multiplier, problem.conditional & ~touching)
 
 
 def _balance(
@@ -53,6 +54,7 @@ def _balance(
     assert problem.coarse is not None
     root = np.where(open_rows, OPEN_WEIGHT, 1.0)
     coarse = None
+    sliding = problem.tangential & open_rows
     missing = np.empty(len(problem.e))
     change = np.empty(problem.size)
     tolerance = 1e-13 * max(
@@ -61,7 +63,7 @@ def _balance(
     for attempt in range(2 * ROUNDS):
         empty = problem.inequality & (multiplier < 0.0)
         if attempt < ROUNDS:
-            empty |= open_rows
+            empty |= problem.inequality & open_rows
         multiplier[empty] = 0.0
         problem.coarse.restrict(multiplier, missing)
         np.subtract(problem.e, missing, out=missing)
@@ -70,6 +72,8 @@ def _balance(
         coarse = coarse or problem.coarse.weighted(root)
         coarse.carry(missing, change)
         change *= root
+        if attempt < ROUNDS:
+            change[sliding] = 0.0
         multiplier += change
     multiplier[problem.inequality & (multiplier < 0.0)] = 0.0
     return multiplier
@@ -80,6 +84,7 @@ def feasible_displacements(
     displacements: NDArray[np.float64],
     closed: NDArray[np.bool_] | None = None,
     rest: float = 0.0,
+    sliding: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The admissible û nearest to u, both on the interface, and B û - c.
 
@@ -93,6 +98,8 @@ def feasible_displacements(
         Contact rows whose gaps are closed as well, as far as that leaves û admissible.
     rest
         Share of the largest violation that may be left.
+    sliding : (dual,)
+        Tangential rows that may have any slip; None where there are none.
     """
     damping = problem.overlap
     repaired, change = displacements.copy(), np.empty_like(displacements)
@@ -103,6 +110,8 @@ def feasible_displacements(
         previous = np.inf
         for attempt in range(200):
             violation = np.where(rows, np.maximum(residual, 0.0), residual)
+            if sliding is not None:
+                violation[sliding] = 0.0
             size = largest_magnitude(problem.comm, violation)
             if attempt == 0:
                 tolerance = max(tolerance, rest * size)

@@ -147,7 +147,7 @@ def problem_from_arrays(
     first = comm.exscan(len(subdomains)) or 0
     numbers = np.repeat(first + np.arange(len(subdomains)), np.diff(copies.starts))
     floating = np.zeros(len(held_rows.nodes), bool)
-    rows, contact, _ = write_rows(exchange, numbers, held_rows, contact, floating)
+    rows, contact, _, _ = write_rows(exchange, numbers, held_rows, contact, floating)
     bodies = comm.allreduce(max(s.body for s in subdomains), op=MPI.MAX) + 1
     constraints = ConstraintRows(exchange, rows, contact, SupportRows(), False)
     system = build_system(_classes(subdomains, copies), constraints, np.arange(bodies))

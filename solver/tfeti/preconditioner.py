@@ -80,3 +80,38 @@ class DualPreconditioner:
         if penalised:
             self._q /= self.rho
             out += self._q
+
+
+class CompliantPreconditioner:
+    """Approximate inverse of P (F + C) P with a diagonal C, from that of P F P.
+
+    Where a row has a compliance C beside the stiffness k that K holds against it, both in series
+    are k / (1 + C k): the rows are scaled by the root of that share before and after.
+
+    Parameters
+    ----------
+    base
+        That of P F P of the problem.
+    compliance : (dual,)
+        C.
+    """
+
+    def __init__(
+        self, base: DualPreconditioner, problem: DualProblem, compliance: NDArray[np.float64]
+    ) -> None:
+        assert problem.coarse is not None
+        self._base, self._coarse = base, problem.coarse
+        rows = compliance > 0.0
+        self._root = np.ones(problem.size)
+        stiff = problem.row_stiffness(rows)
+        self._root[rows] = 1.0 / np.sqrt(1.0 + compliance[rows] * stiff)
+        self._room = np.empty(problem.size)
+
+    def apply(
+        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
+    ) -> None:
+        """Put z into out."""
+        np.multiply(self._root, r, out=self._room)
+        self._base.apply(self._room, free_mask, out)
+        out *= self._root
+        self._coarse.project(out, out)

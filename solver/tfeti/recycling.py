@@ -26,8 +26,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from solver.qp.preconditioner import Preconditioner
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import RangeOperator
 
 DEPENDENT = 1e-6
@@ -83,7 +83,7 @@ class Directions:
     def __init__(self, problem: DualProblem, options: RecyclingOptions | None = None) -> None:
         self.options = options = options or RecyclingOptions()
         self.problem, self.comm = problem, problem.comm
-        self._contact = np.flatnonzero(problem.inequality)
+        self._contact = np.flatnonzero(problem.conditional)
         entries = 2 * problem.size + problem.B.columns
         self._light = 8 * self.comm.allreduce(entries) <= options.light
         room = options.memory // (8 * max(entries, 1))
@@ -205,17 +205,34 @@ def _inverse_on(basis: NDArray[np.float64], gram: NDArray[np.float64]) -> NDArra
 
 
 class RecordedOperator(RangeOperator):
-    """The operator of a set, which stores the directions it is applied to."""
+    """The operator of a set, which stores the directions it is applied to.
 
-    def __init__(self, reduced: DualProblem, directions: Directions) -> None:
+    Parameters
+    ----------
+    compliance : (dual,)
+        What is added to the diagonal of F; None for nothing.
+    """
+
+    def __init__(
+        self,
+        reduced: DualProblem,
+        directions: Directions,
+        compliance: NDArray[np.float64] | None = None,
+    ) -> None:
         assert reduced.coarse is not None
         super().__init__(reduced.F, reduced.coarse)
+        self._compliance = compliance
         self._directions, self._first = directions, directions.stored
         self._applied = 0
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """P F x."""
-        super().apply(x, out)
+        if self._compliance is None:
+            super().apply(x, out)
+        else:
+            self.F.apply(x, out)
+            out += self._compliance * x
+            self.coarse.project_transpose(out, out)
         self._applied += 1
         if self._directions.wanted(self._applied):
             self._directions.store(x, self.image, out)
@@ -238,7 +255,7 @@ class Recycled:
         if directions.suffice:
             directions.settle()
         self._of, self._comm = directions, directions.comm
-        self._closed = ~directions.problem.inequality | active
+        self._closed = ~directions.problem.conditional | active
         self._inverse = directions.on_set(active)
 
     @property
@@ -263,7 +280,7 @@ class DeflatedPreconditioner:
     """A preconditioner whose result is F-orthogonal to the directions of this and earlier sets."""
 
     def __init__(
-        self, base: DualPreconditioner, recycled: Recycled, operator: RecordedOperator
+        self, base: Preconditioner, recycled: Recycled, operator: RecordedOperator
     ) -> None:
         self._base, self._recycled, self._operator = base, recycled, operator
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from solver.tfeti.bodies import Bodies
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
+from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.rows import ContactRows, RowKind
 from solver.tfeti.subdomain.classes import SubdomainClass
@@ -34,7 +35,7 @@ class Constraints:
     kinds : (dual,)
         `RowKind` of each row.
     wide : (dual,)
-        Contact and tied rows over several nodes, which overlap others.
+        Contact, tangential and tied rows over several nodes, which overlap others.
     coarse
         The coarse problem of rigid motions; None where no subdomain floats.
     held_without_contact
@@ -112,6 +113,8 @@ class ContactSystem:
         Nodes of each class, where the subdomains are not factored; else empty.
     nodes
         Nodes on all ranks.
+    friction
+        Tangential rows, in row order; None where no contact of any rank has friction.
     """
 
     comm: MPI.Intracomm
@@ -124,6 +127,7 @@ class ContactSystem:
     tied: ContactRows
     places: tuple[NodePlaces, ...] = ()
     nodes: int = 0
+    friction: FrictionRows | None = None
 
     def with_loads(
         self,

@@ -63,6 +63,7 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
     stiffness = top * coarse.metric
     springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # none where rigid meets rigid
     stiffness[contact] = np.minimum(springs, top)
+    stiffness[problem.tangential] *= FAINT  # friction is no foundation
     motion = np.empty(problem.size)
 
     def force(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -86,6 +87,7 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
             break
         faint = np.where(found <= 0.0, FAINT, 1.0)
         weights = np.where(contact, faint * stiffness / top, 1.0)
+        weights[problem.tangential] = FAINT
         coarse.weighted(np.sqrt(weights)).solve(rest, step)
         step /= top
         share = 1.0

@@ -77,7 +77,7 @@ class CoarseProblem:
         Kernel on the class's m interface unknowns, in the order of B's columns: a run of m for
         each member.
     inequality : (dual,)
-        Contact rows, which `weighted` may weigh down.
+        Contact and tangential rows, which `weighted` may weigh down.
     metric : (dual,)
         W of the problems that `weighted` makes, one on contact rows; in this one W = I.
     patterns
@@ -176,6 +176,18 @@ class CoarseProblem:
         result._own_factor = factor
         if self._layout.of_factor.size == 1:  # ranks may let go of it at different times
             finalize(result, self._spare.append, factor)
+        return result
+
+    def turned(self, B: ConstraintMatrix) -> CoarseProblem:
+        """The coarse problem of B with turned tangential frames: rows that `weighted` may weigh."""
+        result = copy(self)
+        result.B = B
+        rows = KernelRows(B, self._kernels, self.options.chunk)
+        result._contact = list(rows.alike(np.flatnonzero(self._inequality)))
+        if self.by_patterns:
+            result._product = PatternProduct(rows, self.patterns, self._layout.total, self.metric)
+        else:
+            result._product = _ThroughInterface(B, self._kernels, self._layout, self.metric)
         return result
 
     def _factored(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.backend import Turn
 from solver.tfeti.constraints.nodal import NodalProduct
 from solver.vectors import on_arrays
 
@@ -181,6 +182,43 @@ class ConstraintMatrix:
     def scaled(self, weights: RowWeights) -> ScaledConstraintMatrix:
         """W B, for weights of this rank's rows."""
         return ScaledConstraintMatrix(self, weights)
+
+
+class TurnedConstraintMatrix(ConstraintMatrix):
+    """B with tangential frames turned, rows that are not nodal."""
+
+    def __init__(self, B: ConstraintMatrix, turn: Turn) -> None:
+        self._B, self._turn = B, turn
+        self.comm, self.rows, self.columns, self.first = B.comm, B.rows, B.columns, B.first
+        self.nodal, self.components = B.nodal, B.components
+
+    @cached_property
+    def local(self) -> sparse.csr_matrix:  # type: ignore[override]
+        """Made when it is asked for."""
+        turn, diagonal = self._turn, np.ones(self.rows)
+        diagonal[turn.first] = diagonal[turn.second] = turn.cosine
+        beside = sparse.csr_matrix(
+            (
+                np.concatenate([turn.sine, -turn.sine]),
+                (
+                    np.concatenate([turn.first, turn.second]),
+                    np.concatenate([turn.second, turn.first]),
+                ),
+            ),
+            shape=(self.rows, self.rows),
+        )
+        result = ((sparse.diags(diagonal) + beside) @ self._B.local).tocsr()
+        result.sort_indices()
+        return result
+
+    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Put the product with x into out."""
+        self._B.apply(x, out)
+        out[:] = self._turn.turned(out)
+
+    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Put the product of the transpose with x into out."""
+        self._B.apply_transpose(self._turn.back(x), out)
 
 
 class RowWeights:

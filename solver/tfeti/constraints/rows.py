@@ -17,6 +17,9 @@ contact
     if nothing is left the row is decided by the held values and dropped. At an obstacle a is the
     direction into it, -n, at one node, and of rows in the same direction only the tightest stays.
 
+tangential
+    the slip along a tangent at a contact point with friction; a multiplier of either sign. All
+    rows of a point are scaled alike, so that the bound on its friction force is a disc.
 tied
     the same with equality: the mean jump of two surfaces, component by component.
 
@@ -54,7 +57,12 @@ class RowKind(IntEnum):
     DIRICHLET = 1
     CONTACT = 2
     SUPPORT = 3
+    TANGENT = 4
     TIED = 5
+
+
+SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED
+"""Kinds of rows over nodes that other ranks may own, in the order of their entries."""
 
 
 class ContradictionError(ValueError):
@@ -260,7 +268,7 @@ class Rows:
     row, copy, component, value : (entries,)
         Entries of gluing and held rows; `copy` counts the copies that arrived at this rank.
     contact
-        Entries of contact rows, and after these of tied rows.
+        Entries of contact rows, after these of tangential and of tied rows.
     """
 
     kind: NDArray[np.int8]
@@ -275,9 +283,8 @@ class Rows:
 
     @property
     def _shared(self) -> NDArray[np.int64]:
-        """Places of contact rows, and after these of tied rows."""
-        kinds = RowKind.CONTACT, RowKind.TIED
-        return np.concatenate([np.flatnonzero(self.kind == kind) for kind in kinds])
+        """Places of contact rows, after these of tangential and of tied rows."""
+        return np.concatenate([np.flatnonzero(self.kind == kind) for kind in SHARED])
 
     def touched(self, arrived: int, dimension: int) -> NDArray[np.bool_]:
         """Which components of the arrived copies some row touches (collective)."""
@@ -319,8 +326,10 @@ class SharedEntries:
     ----------
     exchange
         Where the copies meet.
-    entries, rows
-        Entries of so many rows of this rank, of any length; in B they have unit length.
+    entries
+        Entries of rows of this rank, of any length; in B they have unit length.
+    together : (rows,)
+        Numbers from 0 on, the same for rows that are scaled alike: by the longest of them.
     rigid
         Entries at rigid bodies, which do not count for the length; where a row has no others, it
         is as long as these make it.
@@ -328,13 +337,17 @@ class SharedEntries:
     Attributes
     ----------
     lengths : (rows,)
-        Length of each unscaled row on the copies.
+        Length of each unscaled row on the copies, or the longest of those scaled alike.
     """
 
     def __init__(
-        self, exchange: NodeExchange, entries: ContactEntries, rows: int, rigid: ContactEntries
+        self,
+        exchange: NodeExchange,
+        entries: ContactEntries,
+        together: NDArray[np.int64],
+        rigid: ContactEntries,
     ) -> None:
-        own = len(entries.row)
+        own, rows = len(entries.row), len(together)
         entries = ContactEntries.join([entries, rigid], [0, 0])
         self._entries = entries
         self._order = np.argsort(exchange.nodes, kind="stable")
@@ -351,7 +364,9 @@ class SharedEntries:
             np.bincount(entries.row[some], share[some], minlength=rows)
             for some in (slice(own), slice(own, None))
         )
-        self.lengths: NDArray[np.float64] = np.sqrt(np.where(square > 0.0, square, of_rigid))
+        longest = np.zeros(int(together.max(initial=-1)) + 1)
+        np.maximum.at(longest, together, np.where(square > 0.0, square, of_rigid))
+        self.lengths: NDArray[np.float64] = np.sqrt(longest)[together]
 
     def mark(self, touched: NDArray[np.bool_]) -> None:
         """Mark the components (arrived, dimension) of arrived copies the entries touch."""
@@ -532,7 +547,11 @@ def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, NDArray[np.float64]
 
 
 def cut_held(
-    exchange: NodeExchange, rows: ContactRows, held: HeldRows, length: float
+    exchange: NodeExchange,
+    rows: ContactRows,
+    held: HeldRows,
+    length: float,
+    one_sided: bool = True,
 ) -> ContactRows:
     """Move what is held from the rows to their gaps; rows with nothing left are dropped.
 
@@ -540,6 +559,8 @@ def cut_held(
     ----------
     length
         As in `merge_contact`.
+    one_sided
+        Whether rows ask anything of what is held; slips of held nodes may be what they are.
 
     Raises
     ------
@@ -559,7 +580,7 @@ def cut_held(
     gaps = rows.gaps - np.bincount(entries.row, entries.value * value, minlength=count)
     left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
     decided = (left < 1e-18) & ~rows.on_rigid
-    inside = decided & (gaps < -1e-9 * length)
+    inside = decided & (gaps < -1e-9 * length) & one_sided
     problem = None
     if inside.any():
         worst = int(np.argmin(np.where(inside, gaps, np.inf)))
@@ -583,7 +604,8 @@ def write_rows(
     eliminated: NDArray[np.bool_],
     options: TotalFetiOptions | None = None,
     tied: ContactRows | None = None,
-) -> tuple[Rows, ContactRows, ContactRows]:
+    tangential: ContactRows | None = None,
+) -> tuple[Rows, ContactRows, ContactRows, ContactRows]:
     """Write the rows of the owned nodes (collective).
 
     Parameters
@@ -594,10 +616,12 @@ def write_rows(
         Held nodes whose conditions are imposed in the stiffness itself: no rows.
     tied
         Rows that hold with equality, written as contact rows are; sorted by node.
+    tangential
+        Rows of slips at contact points, written as contact rows are; sorted by node and contact.
 
     Returns
     -------
-    The rows, and the contact and tied rows, in row order, with their spread filled in.
+    The rows, and the contact, tangential and tied rows, in row order, with their spread filled in.
     """
     dimension = contact.normals.shape[1]
     order = np.argsort(exchange.nodes, kind="stable")
@@ -639,18 +663,36 @@ def write_rows(
                         np.zeros(len(of) * (m - 1)), weight,
                     )
                 )  # fmt: skip
-    both = [contact, contact.none() if tied is None else tied]
-    counts = [len(rows.nodes) for rows in both]
+    shared, every = _shared(exchange, contact, tangential, tied)
+    parts += [_Part.shared(kind, rows) for kind, rows in zip(SHARED, every, strict=True)]
+    return _assemble(parts, shared), every[0], every[1], every[2]
+
+
+def _shared(
+    exchange: NodeExchange,
+    contact: ContactRows,
+    tangential: ContactRows | None,
+    tied: ContactRows | None,
+) -> tuple[SharedEntries, list[ContactRows]]:
+    """Entries of rows of all kinds of `SHARED`, and these rows with their spread (collective)."""
+    every = [contact, *(contact.none() if r is None else r for r in (tangential, tied))]
+    counts = [len(rows.nodes) for rows in every]
     joined, rigid = (
-        ContactEntries.join([getattr(rows, name) for rows in both], counts)
+        ContactEntries.join([getattr(rows, name) for rows in every], counts)
         for name in ("entries", "rigid")
     )
-    shared = SharedEntries(exchange, joined, sum(counts), rigid)
+    first, last = counts[0], counts[0] + counts[1]
+    together = np.arange(sum(counts))
+    together[first:last] = first + points_of(every[1])
+    shared = SharedEntries(exchange, joined, together, rigid)
     spreads = np.split(1.0 / shared.lengths, np.cumsum(counts)[:-1])
-    both = [replace(rows, spread=spread) for rows, spread in zip(both, spreads, strict=True)]
-    kinds = RowKind.CONTACT, RowKind.TIED
-    parts += [_Part.shared(kind, rows) for kind, rows in zip(kinds, both, strict=True)]
-    return _assemble(parts, shared), both[0], both[1]
+    return shared, [replace(r, spread=s) for r, s in zip(every, spreads, strict=True)]
+
+
+def points_of(rows: ContactRows) -> NDArray[np.int64]:
+    """Number of the contact point of each row, (rows,): rows of one node and contact share it."""
+    new = (np.diff(rows.nodes) != 0) | (np.diff(rows.sources) != 0)
+    return np.cumsum(np.concatenate([np.zeros(min(len(rows.nodes), 1), bool), new]))
 
 
 @dataclass(frozen=True, eq=False)

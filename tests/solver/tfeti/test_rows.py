@@ -48,7 +48,7 @@ def build(nodes: list[int], given: NodeConditions, eliminate: bool = False):
     held = merge_held(exchange, given)
     contact, _ = merge_contact(exchange, given, held, 1.0)
     eliminated = np.full(len(held.nodes), eliminate)
-    rows, contact, _ = write_rows(exchange, np.arange(len(nodes)), held, contact, eliminated)
+    rows, contact, _, _ = write_rows(exchange, np.arange(len(nodes)), held, contact, eliminated)
     B = np.zeros((len(rows.kind), len(nodes) * D))
     row, column, value = rows.entries(np.arange(len(nodes) * D).reshape(-1, D))
     np.add.at(B, (row, column), value)

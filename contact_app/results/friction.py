@@ -1,0 +1,66 @@
+"""Friction of an answer at its contact rows: forces, slips, and whether points stick.
+
+The force on the body of `on` is -Σ λ_k t_k over the tangents t_k of a point, its slip Σ w_k t_k
+what the body moves along what it touches. The work that friction takes is Σ λ_t · w over all
+points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionAtRows:
+    """Friction at the contact rows of this rank, in row order; zero where there is none.
+
+    Attributes
+    ----------
+    forces, moments : (rows, 3)
+        On the body of `on`, and about the node.
+    slips : (rows, 3)
+    sticks : (rows,)
+        Points with friction whose force is below its limit, or nearly at it without a slip.
+    """
+
+    forces: Array
+    moments: Array
+    slips: Array
+    sticks: NDArray[np.bool_]
+
+
+def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows:
+    """Friction of an answer."""
+    count, d = len(problem.contact.nodes), problem.dimension
+    forces, moments, slips = np.zeros((3, count, 3))
+    sticks = np.zeros(count, bool)
+    points, rows = problem.friction, problem.system.friction
+    if points is None or rows is None:
+        return FrictionAtRows(forces, moments, slips, sticks)
+    place, normals = rows.places(problem.contact), rows.rows.normals
+    force = points.forces(solution.multiplier)
+    slip = points.slips(problem.residual(problem.on_interface(solution.displacements)))
+    np.add.at(forces[:, :d], place, force[:, None] * normals)
+    np.add.at(moments, place, force[:, None] * rows.rows.moments)
+    np.add.at(slips[:, :d], place, -slip[:, None] * normals)
+    still = solution.tolerance * solution.measures.displacement
+    rests = ~points.sliding(solution.multiplier)[points.rows[points.first]]
+    sticks[place] = (rests | (points.sizes(slip) <= still))[points.point]
+    return FrictionAtRows(forces, moments, slips, sticks)
+
+
+def dissipated_work(problem: DualProblem, solution: Solution) -> float:
+    """Σ λ_t · w, the work that friction takes (collective)."""
+    points, own = problem.friction, 0.0
+    if points is not None:
+        residual = problem.residual(problem.on_interface(solution.displacements))
+        own = float(points.forces(solution.multiplier) @ points.slips(residual))
+    return float(problem.comm.allreduce(own))

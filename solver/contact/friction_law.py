@@ -1,0 +1,216 @@
+"""Coulomb's and Tresca's law of friction for the active-set loop.
+
+A point sticks, with its tangential rows in the active set, or slides, with its slip traction
+prescribed, s in the direction d of its slip; s = μ λ_n of the last state, or what is given. So
+every set is a symmetric problem. After a set is solved,
+
+* a sticking point whose force exceeds its limit slides in the direction of that force;
+* a sliding point that slips against d sticks;
+* of other sliding points limit and direction follow the state: d is that of  s d + ρ w  with the
+  slip w. In space λ_t = s w / |w| is not linear in w; a set has its derivative, λ_t = s d along d
+  and λ_t = (s / |w|) w across d, a compliance |w| / s of the row across.
+
+Contact and its release are those of Signorini's law. The rules are the semismooth Newton method for
+Tresca friction (G. Stadler, *Path-following and augmented Lagrangian methods for contact problems
+in linear elasticity*, 2007, in the plane), with a fixed point over slip limits. Tractions that
+change by less than what the error of the state leaves open stay as they are; where they change by
+little beside the tolerance, the certificate of the answer is tried before the next set.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.backend import Statuses, Turn
+from solver.contact.law import Found, Frictionless
+from solver.tfeti.constraints.friction import AT_LIMIT, FrictionPoints
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+FAINT = float(np.finfo(np.float64).tiny)
+"""Compliance of a sliding point that has no slip yet: it tells its rows from those that hold."""
+
+
+@dataclass(frozen=True)
+class FrictionOptions:
+    """The tuned numbers of the law.
+
+    Attributes
+    ----------
+    turn
+        ρ: largest slip limit over largest slip, times this. Larger ones overshoot where slips are
+        no larger than what the tractions themselves cause.
+    precision
+        Changes of tractions, over the largest multiplier and the tolerance asked for, at which an
+        answer is tried as it is: the certificate is judged by the slip limits of the answer itself.
+    round_off
+        Changes of tractions that are none, over the largest multiplier.
+    """
+
+    turn: float = 1.5
+    precision: float = 0.1
+    round_off: float = 1e-13
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Friction(Frictionless):
+    """Signorini's conditions along normals, Coulomb's or Tresca's law in tangential rows.
+
+    Attributes
+    ----------
+    points
+        Contact points with friction of this rank.
+    comm
+        Of all ranks.
+    tolerance
+        Relative accuracy asked for.
+    """
+
+    name: str = "friction"
+    points: FrictionPoints
+    comm: MPI.Intracomm
+    tolerance: float = 1e-6
+    options: FrictionOptions = FrictionOptions()
+
+    def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
+        """Points in contact stick; from multipliers of a similar problem those below the limit."""
+        points = self.points
+        touching = active[points.normals[points.first]] | (points.limits > 0.0)
+        sticks, forces = touching, np.zeros(len(points.rows))
+        if multiplier is not None:
+            forces = points.forces(multiplier)
+            size, limit = points.sizes(forces), points.slip_limits(multiplier)
+            sticks = touching & (size < (1.0 - AT_LIMIT) * limit)
+            share = np.divide(limit, size, out=np.zeros(len(size)), where=(size > 0.0) & touching)
+            forces = share[points.point] * forces
+        return self._statuses(active, sticks, forces, np.zeros(len(points.first)))
+
+    def consistent(self, statuses: Statuses) -> Statuses:
+        """The same without friction at points that are open and have no slip limit of their own."""
+        points = self.points
+        normals = self._without_tangents(statuses.active)
+        touching = normals[points.normals[points.first]] | (points.limits > 0.0)
+        sticks = statuses.active[points.rows[points.first]] & touching
+        forces = np.where(touching[points.point], self._prescribed(statuses), 0.0)
+        return self._statuses(normals, sticks, forces, np.zeros(len(points.first)))
+
+    def following(self, normals: Mask, found: Found, before: Statuses) -> Statuses:
+        """Which points stick from now on, and the tractions of those that slide (collective)."""
+        points, multiplier = self.points, found.multiplier
+        stuck = before.active[points.rows[points.first]]
+        forces, slips = points.forces(multiplier), points.slips(found.jumps)
+        size, length = points.sizes(forces), points.sizes(slips)
+        touching = normals[points.normals[points.first]]
+        limit = points.coefficients * np.where(touching, points.pressing(multiplier), 0.0)
+        limit = limit + points.limits
+        spread = points.spread[points.first]
+        slack = found.force * spread
+
+        direction = np.divide(forces, size[points.point], out=np.zeros(len(forces)),
+                              where=size[points.point] > 0.0)  # fmt: skip
+        relative = found.distance[points.rows]
+        back = points.dots(relative, direction)
+        still = np.where(size > 0.0, back < -found.away, points.sizes(relative) <= found.away)
+        sticks = (limit > 0.0) & np.where(stuck, size <= limit + slack, still)
+        wanted = direction * limit[points.point]
+        turning = np.where(stuck, 0.0, self._rho(limit, length, stuck))
+        wanted = self._cut(wanted + turning[points.point] * slips, limit)
+        given = self._prescribed(before)
+        least = self.options.round_off * found.strongest * spread
+        kept = ~stuck & ~sticks & (points.sizes(wanted - given) <= np.maximum(slack, least))
+        give = np.divide(length, limit, out=np.zeros(len(limit)), where=(limit > 0.0) & ~stuck)
+        after = self._statuses(normals, sticks, wanted, give)
+        return self._keeping(after, before, kept)
+
+    def nearly(self, after: Statuses, before: Statuses, strongest: float) -> bool:
+        """Whether all points have their statuses, and tractions that hardly change (collective)."""
+        points = self.points
+        forces, given = self._prescribed(after), self._prescribed(before)
+        spread = points.spread[points.first]
+        least = self.options.precision * self.tolerance * strongest * spread
+        moved = bool((points.sizes(forces - given) > least).any())
+        changed = moved or bool((after.active != before.active).any())
+        return not self.comm.allreduce(int(changed))
+
+    def _cut(self, forces: Array, limit: Array) -> Array:
+        """Forces (k,) with the directions of some and the sizes of their limits (points,)."""
+        size = self.points.sizes(forces)
+        share = np.divide(limit, size, out=np.zeros(len(limit)), where=size > 0.0)
+        return share[self.points.point] * forces
+
+    def _rho(self, limit: Array, length: Array, stuck: Mask) -> float:
+        """Force for a slip, by which directions turn (collective)."""
+        sliding = ~stuck & (limit > 0.0)
+        own = np.array([limit[sliding].max(initial=0.0), length[sliding].max(initial=0.0)])
+        largest = np.max(self.comm.allgather(own), axis=0)
+        return float(self.options.turn * largest[0] / largest[1]) if largest[1] > 0.0 else 0.0
+
+    def _without_tangents(self, active: Mask) -> Mask:
+        normals = active.copy()
+        normals[self.points.rows] = False
+        return normals
+
+    def _prescribed(self, statuses: Statuses) -> Array:
+        """Friction forces that statuses prescribe, (k,)."""
+        if statuses.tractions is None:
+            return np.zeros(len(self.points.rows))
+        turn, tractions = statuses.turn, statuses.tractions
+        return self.points.forces(tractions if turn is None else turn.back(tractions))
+
+    def _statuses(self, normals: Mask, sticks: Mask, forces: Array, give: Array) -> Statuses:
+        """Statuses of all rows (collective).
+
+        Parameters
+        ----------
+        sticks : (points,)
+        forces : (k,)
+            Friction forces of points that slide.
+        give : (points,)
+            |w| / |λ_t| of points that slide.
+        """
+        points = self.points
+        active, tractions = self._without_tangents(normals), np.zeros(len(normals))
+        active[points.rows] = sticks[points.point]
+        tractions[points.rows] = np.where(sticks[points.point], 0.0, forces / points.spread)
+        planar = points.planar
+        first = points.rows[points.first[planar]]
+        second = points.rows[points.first[planar] + 1]
+        size = np.hypot(tractions[first], tractions[second])
+        turns = size > 0.0
+        if not self.comm.allreduce(int(turns.sum())):
+            return Statuses(active, tractions)
+        cosine, sine = (
+            np.divide(tractions[rows], size, out=np.full(len(size), otherwise), where=turns)
+            for rows, otherwise in ((first, 1.0), (second, 0.0))
+        )
+        tractions[first] = size
+        tractions[second] = 0.0
+        active[second[turns]] = True
+        compliance = np.zeros(len(normals))
+        spread = points.spread[points.first[planar]]
+        compliance[second[turns]] = np.maximum((give[planar] * spread**2)[turns], FAINT)
+        return Statuses(active, tractions, Turn(first, second, cosine, sine), compliance)
+
+    def _keeping(self, after: Statuses, before: Statuses, kept: Mask) -> Statuses:
+        """Statuses after, with the tractions before at some points (points,) that slide."""
+        points = self.points
+        if before.tractions is None or after.tractions is None or not kept.any():
+            return after
+        rows = points.rows[kept[points.point]]
+        tractions = after.tractions.copy()
+        tractions[rows] = before.tractions[rows]
+        after = replace(after, tractions=tractions)
+        if after.turn is None or before.turn is None:
+            return after
+        mine = kept[points.planar]
+        cosine, sine = (
+            np.where(mine, getattr(before.turn, name), getattr(after.turn, name))
+            for name in ("cosine", "sine")
+        )
+        return replace(after, turn=replace(after.turn, cosine=cosine, sine=sine))

@@ -1,0 +1,242 @@
+"""Scenes with friction against an undecomposed Gauss-Seidel method, statics and each other."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from tests import friction_reference, scenes
+from tests.comparison import in_order_of, solve
+
+LAWS = ({"coulomb": 0.3}, {"tresca": 8.0})
+SPLITS = {"quadrilateral": 4, "triangle": [2, 2], "hexahedron": [2, 2, 2], "tetrahedron": 8}
+
+
+def rough(made: scenes.Config, law: dict[str, float]) -> scenes.Config:
+    """The same scene with friction at all contacts."""
+    made = copy.deepcopy(made)
+    for contact in made["contacts"]:
+        contact["friction"] = law
+    return made
+
+
+def pair(cell: str, law: dict[str, float], degree: int = 1) -> scenes.Config:
+    """A block pressed onto another one, whose mesh it does not match, and pushed aside."""
+    n = 4 if scenes.dimension(cell) == 2 else 3
+    bodies = [
+        scenes.block(cell, n, "lower", upper=(1, 1, 0.5)),
+        scenes.block(cell, n - 1, "upper", (0.1, 0.1, 0.5), (0.8, 0.9, 1.2), young=1500.0),
+    ]
+    for body in bodies:
+        body["degree"] = degree
+    up, down = scenes.up(cell), scenes.down(cell)
+    return scenes.config(
+        cell,
+        bodies,
+        [
+            scenes.clamp(cell, f"lower.{down}"),
+            {"on": f"upper.{up}", "displacement": scenes.vector(cell, 0.02, 0.012, -0.02)},
+        ],
+        [{"on": f"upper.{down}", "against": f"lower.{up}", "friction": law}],
+    )
+
+
+def check(made: scenes.Config, subdomains: Any) -> Any:
+    """Solve a scene and compare energy, displacements and friction with the reference."""
+    solved = solve(made, subdomains)
+    known = friction_reference.solve(scenes.build(made))
+    summary = solved.summary
+    assert summary["certificate"]["passed"], summary["certificate"]
+    u = in_order_of(known, solved)
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-8 * np.abs(known.u).max())
+    assert summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
+    work = float(np.einsum("pi,pi->", known.tangential, known.slip))
+    none = 1e-8 * abs(known.energy)
+    assert summary["solution"]["dissipated_work"] == pytest.approx(work, rel=1e-6, abs=none)
+    return solved
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("cell", SPLITS)
+@pytest.mark.parametrize("name", ["wall", "pushed", "hollow_sphere"])
+def test_obstacles(name: str, cell: str, law: dict[str, float]) -> None:
+    n = 4 if scenes.dimension(cell) == 2 else 2
+    check(rough(scenes.ALL[name](cell, n), law), SPLITS[cell])
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_pairs_in_the_plane(cell: str, degree: int, law: dict[str, float]) -> None:
+    check(pair(cell, law, degree), 3)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+def test_pairs_in_space(law: dict[str, float]) -> None:
+    check(pair("hexahedron", law), 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_pairs_of_degree_two_in_space(cell: str, law: dict[str, float]) -> None:
+    check(pair(cell, law, 2), 4)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_obstacles_of_degree_two(cell: str) -> None:
+    made = scenes.wall(cell, 2)
+    made["bodies"][0]["degree"] = 2
+    check(rough(made, {"tresca": 6.0}), 2)
+
+
+@pytest.mark.parametrize("subdomains", [1, 2, [1, 3]], ids=str)
+def test_any_split(subdomains: Any) -> None:
+    """One subdomain included, whose held unknowns are rows of B here."""
+    check(rough(scenes.pushed("quadrilateral", 6), {"coulomb": 0.3}), subdomains)
+
+
+def test_no_coefficient_is_no_friction() -> None:
+    bare, none = (solve(m, 4) for m in (scenes.pushed("quadrilateral", 4),
+                  rough(scenes.pushed("quadrilateral", 4), {"coulomb": 0.0})))  # fmt: skip
+    assert none.summary["solution"]["energy"] == bare.summary["solution"]["energy"]
+    assert "friction_cone" not in none.summary["certificate"]
+
+
+def test_units() -> None:
+    """Lengths in thousandths, forces in millions: the same statuses, all numbers scaled."""
+    made = pair("quadrilateral", {"coulomb": 0.3})
+    other = copy.deepcopy(made)
+    for body in other["bodies"]:
+        box = body["mesh"]["box"]
+        box["lower"], box["upper"] = ([1e3 * x for x in box[k]] for k in ("lower", "upper"))
+        body["material"]["young"] *= 1e-4
+    moved = other["conditions"][1]["displacement"]
+    other["conditions"][1]["displacement"] = [1e3 * x for x in moved]
+    one, two = (solve(m, 3).summary for m in (made, other))
+    assert one["contacts"][0]["nodes"] == two["contacts"][0]["nodes"]
+    assert two["solution"]["energy"] == pytest.approx(1e2 * one["solution"]["energy"], rel=1e-8)
+
+
+def on_a_slope(cell: str, law: dict[str, float], angle: float, along: float = 0.0) -> scenes.Config:
+    """A block on a plane that is level, under a weight that is not."""
+    weight = 20.0
+    push = weight * np.sin(angle)
+    force = scenes.vector(
+        cell, float(push * np.cos(along)), float(push * np.sin(along)),
+        float(-weight * np.cos(angle)),
+    )  # fmt: skip
+    return scenes.config(
+        cell,
+        [scenes.block(cell, 3, upper=(1.0, 1.0, 0.4))],
+        [{"in": "block", "force": force}],
+        [
+            {
+                "on": f"block.{scenes.down(cell)}",
+                "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1)),
+                "friction": law,
+            }
+        ],
+    )
+
+
+@pytest.mark.parametrize(
+    ("cell", "along"), [("quadrilateral", 0.0), ("hexahedron", 0.0), ("hexahedron", 0.7)]
+)
+@pytest.mark.parametrize(
+    ("law", "limit"),
+    [({"coulomb": 0.4}, np.arctan(0.4)), ({"tresca": 3.0}, np.arcsin(3.0 / (20.0 * 0.4)))],
+    ids=str,
+)
+def test_a_block_on_a_slope_rests_up_to_the_friction_angle(
+    cell: str, along: float, law: dict[str, float], limit: float
+) -> None:
+    """tan α = μ, or W sin α = s A; friction alone holds the block."""
+    weight = 20.0 * 0.4
+    rests = solve(on_a_slope(cell, law, 0.99 * limit, along), 2)
+    assert rests.summary["certificate"]["passed"]
+    force = np.array(rests.summary["contacts"][0]["force"])
+    held = np.linalg.norm(force[: scenes.dimension(cell) - 1])
+    assert held == pytest.approx(weight * np.sin(0.99 * limit), rel=1e-6)
+    with pytest.raises(NoEquilibriumError, match="leaving along"):
+        solve(on_a_slope(cell, law, 1.01 * limit, along), 2)
+
+
+def test_a_rod_on_a_rough_floor() -> None:
+    """Pulled at its end it slips over F / s, and its end moves by F² / (2 E A s)."""
+    length, height, young, pull, limit = 10.0, 0.05, 1000.0, 1.0, 0.2
+    made = scenes.config(
+        "quadrilateral",
+        [scenes.block("quadrilateral", 1, upper=(length, 0.0, height), young=young, poisson=0.0)],
+        [
+            {"on": "block.x+", "traction": [pull / height, 0.0]},
+            {"on": "block.y+", "displacement": [None, 0.0]},
+        ],
+        [
+            {
+                "on": "block.y-",
+                "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}},
+                "friction": {"tresca": limit},
+            }
+        ],
+    )
+    made["bodies"][0]["mesh"]["box"]["cells"] = [400, 2]
+    solved = solve(made, 4)
+    assert solved.summary["certificate"]["passed"]
+    points, u = solved.displacement_at_nodes()
+    floor = points[:, 1] == 0.0
+    slips = np.abs(u[floor, 0]) > 1e-9
+    assert length - points[floor][slips, 0].min() == pytest.approx(pull / limit, rel=0.02)
+    end = u[np.isclose(points[:, 0], length), 0].mean()
+    assert end == pytest.approx(pull**2 / (2.0 * young * height * limit), rel=0.01)
+
+
+def test_fields() -> None:
+    """Tractions are against slips, add up to the force, and statuses to the counts."""
+    solved = solve(rough(scenes.pushed("hexahedron", 3), {"coulomb": 0.3}), [2, 2, 2])
+    nodes, summary = solved.nodes, solved.summary
+    slides = nodes.contact_status == 2.0
+    sticks = nodes.contact_status == 1.0
+    found = summary["contacts"][0]["nodes"]
+    assert (slides.sum(), sticks.sum()) == (found["slip"], found["stick"])
+    assert slides.any()
+    traction, slip = nodes.friction_traction[slides], nodes.slip[slides]
+    size = np.linalg.norm(traction, axis=1)
+    np.testing.assert_allclose(size, 0.3 * nodes.contact_pressure[slides], rtol=1e-6)
+    cosine = np.einsum("ni,ni->n", traction, slip) / (size * np.linalg.norm(slip, axis=1))
+    np.testing.assert_allclose(cosine, -1.0, atol=1e-6)
+    still = 1e-8 * np.abs(nodes.displacement).max()
+    assert np.abs(nodes.slip[sticks]).max(initial=0.0) < still
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"friction": {}}, "has no law"),
+        ({"friction": {"coulomb": 0.1, "tresca": 1.0}}, "has coulomb and tresca"),
+        ({"friction": {"coulomb": -0.1}}, "coulomb"),
+        ({"friction": {"kinetic": 0.1}}, "kinetic"),
+        ({"friction": 0.3}, "friction"),
+    ],
+    ids=str,
+)
+def test_a_law_that_is_none(change: dict[str, Any], words: str) -> None:
+    made = scenes.pushed("quadrilateral", 2)
+    made["contacts"][0].update(change)
+    with pytest.raises((ConfigurationError, ValueError), match=words):
+        scenes.build(made)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"accuracy": 0.1}, {"solver": {"tolerance": "auto"}}, {"solver": {"method": "smalbe"}}],
+    ids=str,
+)
+def test_what_does_not_know_of_friction_is_refused(change: dict[str, Any]) -> None:
+    made = {**rough(scenes.pushed("quadrilateral", 2), {"coulomb": 0.3}), **change}
+    with pytest.raises(ConfigurationError, match=r"contacts\[0\]\.friction"):
+        scenes.build(made)

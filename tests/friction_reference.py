@@ -1,0 +1,209 @@
+"""An independent solution of a scene with friction: Gauss-Seidel over contact points.
+
+The undecomposed system of `tests.reference` is condensed to the slips and penetrations of its
+contact points, a dense matrix W = C K⁻¹ Cᵀ, and each point in turn is given the force that its law
+asks for while the others stay (M. Jean, *The non-smooth contact dynamics method*, 1999): a normal
+force that leaves no penetration, a friction force that is the projection of λ_t + ρ w on the disc
+of its present limit. No statuses, no frozen limits, no decomposition. Only bodies that conditions
+hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from scipy.spatial import cKDTree
+
+from contact_app.scene.conditions import Traction
+from tests.reference import ReferenceError, System, assemble
+
+SWEEPS = 20_000
+CHANGE = 1e-13
+"""Largest change of a force in a sweep, over the largest force, at which the sweeps end."""
+
+
+@dataclass(frozen=True)
+class FrictionReference:
+    """The reference solution of a scene with friction.
+
+    Attributes
+    ----------
+    system : System
+    u : ndarray, shape (n, dim)
+    normal : ndarray, shape (points,)
+        λ_n.
+    tangential, slip : ndarray, shape (points, dim)
+        λ_t, the force of the body on what it touches, and w.
+    limit : ndarray, shape (points,)
+    energy : float
+        ½ a(u, u) - l(u).
+    """
+
+    system: System
+    u: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+    slip: np.ndarray
+    limit: np.ndarray
+    energy: float
+
+    @property
+    def points(self) -> np.ndarray:
+        """Nodes, shape (n, 3)."""
+        return self.system.points
+
+
+def solve(scene: Any, backwards: bool = False) -> FrictionReference:
+    """Sweep until nothing changes.
+
+    Parameters
+    ----------
+    backwards
+        Whether points are taken in the opposite order, from large forces on.
+    """
+    system = assemble(scene)
+    normals, tangents, coefficient, given = _rows(scene, system)
+    C = sp.vstack([system.contact, *tangents], format="csr")
+    free = np.flatnonzero(~system.held)
+    prescribed = np.where(system.held, system.prescribed, 0.0)
+    factor = spla.splu(system.stiffness[free][:, free].tocsc())
+    own = prescribed.copy()
+    own[free] = factor.solve((system.load - system.stiffness @ prescribed)[free])
+    soft = factor.solve(C[:, free].T.toarray())
+    W = C[:, free] @ soft
+    q = C @ own
+    count, d = len(normals), system.dimension
+    q[:count] -= system.gap
+    rows = np.arange(d)[None] * count + np.arange(count)[:, None]  # normal first
+    force = _sweep(W, q, rows, coefficient, given, backwards)
+    u = own.copy()
+    u[free] -= soft @ force
+    residual = (q - W @ force)[rows]
+    along = force[rows]
+    frames = np.stack([_blocks(t, normals) for t in tangents], axis=1)
+    flat = u @ (system.stiffness @ u) / 2 - system.load @ u
+    tangential, slip = (np.einsum("pk,pki->pi", x[:, 1:], frames) for x in (along, residual))
+    limit = coefficient * along[:, 0] + given
+    return FrictionReference(
+        system, u.reshape(-1, d), along[:, 0], tangential, slip, limit, float(flat)
+    )
+
+
+def _sweep(
+    W: np.ndarray,
+    q: np.ndarray,
+    rows: np.ndarray,
+    coefficient: np.ndarray,
+    given: np.ndarray,
+    backwards: bool,
+) -> np.ndarray:
+    force = np.zeros(len(q))
+    order = np.arange(len(rows))
+    scale = np.abs(q).max() / np.abs(np.diag(W)).max()
+    if backwards:
+        order = order[::-1]
+        force[rows[:, 0]] = scale
+        force[rows[:, 1:]] = scale
+    for _ in range(SWEEPS):
+        change = 0.0
+        for p in order:
+            own = rows[p]
+            block = W[np.ix_(own, own)]
+            rest = q[own] - W[own] @ force + block @ force[own]
+            local = force[own].copy()
+            step = 1.0 / np.linalg.norm(block[1:, 1:], 2) if block[1:, 1:].any() else 0.0
+            for _ in range(20):
+                if block[0, 0] > 0.0:
+                    local[0] = max((rest[0] - block[0, 1:] @ local[1:]) / block[0, 0], 0.0)
+                slip = rest[1:] - block[1:] @ local
+                local[1:] += step * slip
+                limit, size = coefficient[p] * local[0] + given[p], np.linalg.norm(local[1:])
+                if size > limit:
+                    local[1:] *= limit / size
+            change = max(change, np.abs(local - force[own]).max())
+            force[own] = local
+        if change <= CHANGE * max(np.abs(force).max(), 1e-3 * scale):
+            return force
+    raise ReferenceError("the sweeps did not settle")
+
+
+def _rows(
+    scene: Any, system: System
+) -> tuple[np.ndarray, list[sp.csr_matrix], np.ndarray, np.ndarray]:
+    """Normals (points, d), rows of the slips along each tangent, μ and given limits (points,)."""
+    d, count = system.dimension, system.contact.shape[0]
+    contact = system.contact
+    normals = np.zeros((count, d))
+    weights = sp.lil_matrix((count, len(system.points)))
+    for p in range(count):
+        entries = contact[p].toarray().reshape(-1, d)
+        largest = entries[np.argmax(np.linalg.norm(entries, axis=1))]
+        normals[p] = largest / np.linalg.norm(largest)
+        weights[p] = entries @ normals[p]
+        flat = np.abs(entries - np.outer(entries @ normals[p], normals[p])).max()
+        if flat > 1e-9:
+            raise ReferenceError("a row along normals that differ from node to node")
+    weights = weights.tocsr()
+    if d == 2:
+        frames = [np.stack([-normals[:, 1], normals[:, 0]], axis=1)]
+    else:
+        other = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+        first = np.cross(normals, other)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        frames = [first, np.cross(normals, first)]
+    tangents = []
+    for frame in frames:
+        parts = [sp.diags(frame[:, i]) @ weights for i in range(d)]
+        stacked = sp.hstack(parts).tocsc()
+        order = (np.arange(len(system.points))[:, None] + np.arange(d) * len(system.points)).ravel()
+        tangents.append(stacked[:, order].tocsr())
+    coefficient, given = [], []
+    for touching in scene.touching:
+        part = replace(scene, contacts=(), pairs=())
+        field = "pairs" if hasattr(touching, "other") else "contacts"
+        rows = assemble(replace(part, **{field: (touching,)})).contact_node
+        friction = touching.friction
+        mu = 0.0 if friction is None else friction.coulomb or 0.0
+        limit = 0.0 if friction is None else friction.tresca or 0.0
+        coefficient.append(np.full(len(rows), mu))
+        given.append(limit * _areas(scene, touching)[rows] if limit else np.zeros(len(rows)))
+    return normals, tangents, np.concatenate(coefficient), np.concatenate(given)
+
+
+def _areas(scene: Any, touching: Any) -> np.ndarray:
+    """∫ φ_k over the boundary of a contact: what a traction of one does to each node.
+
+    Where rows are means about vertices φ_k are their hat functions.
+    """
+    d = scene.dimension
+    one = Traction(touching.body, touching.boundary, (1.0,) + (0.0,) * (d - 1), "area")
+    bare = replace(
+        scene, tractions=(one,), pressures=(), forces=(), temperatures=(), contacts=(), pairs=()
+    )
+    nodes = assemble(bare)
+    body = scene.bodies[touching.body]
+    if body.degree == 1 or not (hasattr(touching, "other") or body.mesh.cell == "tetrahedron"):
+        return nodes.load[::d]
+    linear = replace(bare, bodies=tuple(replace(b, degree=1) for b in scene.bodies))
+    vertices = assemble(linear)
+    result = np.zeros(len(nodes.points))
+    for body_number in range(len(scene.bodies)):
+        here = np.flatnonzero(nodes.body == body_number)
+        there = np.flatnonzero(vertices.body == body_number)
+        _, at = cKDTree(nodes.points[here]).query(vertices.points[there])
+        result[here[at]] = vertices.load[::d][there]
+    return result
+
+
+def _blocks(rows: sp.csr_matrix, normals: np.ndarray) -> np.ndarray:
+    """The unit vector that a row has at its nodes, (points, d)."""
+    result = np.zeros_like(normals)
+    for p in range(len(normals)):
+        entries = rows[p].toarray().reshape(-1, normals.shape[1])
+        largest = entries[np.argmax(np.linalg.norm(entries, axis=1))]
+        result[p] = largest / np.linalg.norm(largest)
+    return result
