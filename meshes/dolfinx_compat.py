@@ -197,8 +197,11 @@ def torn_space(space: Any, blocks: NDArray[np.int32], count: int) -> Any:
     links = dolfinx.cpp.graph.AdjacencyList_int32(np.ascontiguousarray(blocks, np.int32))
     numbers = dolfinx.cpp.common.IndexMap(comm, count)
     dofmap = dolfinx.cpp.fem.DofMap(own.dofmap.dof_layout, numbers, size, links, size)
-    made = getattr(dolfinx.cpp.fem, "FunctionSpace_float64" if _MODERN else "FunctionSpace")
-    torn = made(own.mesh, own.element, dofmap)
+    if _MODERN:
+        make, shape = dolfinx.cpp.fem.FunctionSpace_float64, [list(own.value_shape)]
+    else:
+        make, shape = dolfinx.cpp.fem.FunctionSpace, []
+    torn = make(own.mesh, own.element, dofmap, *shape)
     return fem.FunctionSpace(space.mesh, space.ufl_element(), torn)
 
 
