@@ -72,10 +72,10 @@ def friction_rows(
             continue
         mine = contact.sources == number
         own = contact.of(mine)
-        area = own.areas
-        if np.isnan(area).any() or friction.coulomb is None:
+        given = np.zeros(len(own.nodes))
+        if friction.tresca is not None:
             shares = _shares(scene, partition, exchange, touching, own.nodes)
-            area = np.where(np.isnan(area), shares, area)
+            given = friction.tresca * np.where(np.isnan(own.areas), shares, own.areas)
         if isinstance(touching, Contact):
             tangents, along = _tangents(own, None if own.wide.any() else held)
             rows = _at_obstacle(own, tangents)
@@ -84,13 +84,13 @@ def friction_rows(
             rows = _between(scene, partition, exchange, number, own, tangents)
         left = along.ravel() > HELD
         parts.append(rows.of(left))
-        each = np.repeat(area * (friction.tresca or 0.0) + taken[mine], d - 1)[left]
+        each = np.repeat(given + taken[mine], d - 1)[left]
         limits.append(each)
         coefficients.append(np.full(len(each), friction.coulomb or 0.0))
-    joined, given = np.concatenate(coefficients), np.concatenate(limits)
+    of_rows, of_limits = np.concatenate(coefficients), np.concatenate(limits)
     rows = ContactRows.join(parts)
     order = _order(parts)
-    found = FrictionRows(rows, joined[order], given[order])
+    found = FrictionRows(rows, of_rows[order], of_limits[order])
     return _without_held(exchange, found, held, tied)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from tests import friction_reference, scenes
 from tests.comparison import in_order_of, solve
+from tests.scenes_on_ranks import summary_of
 
 LAWS = ({"coulomb": 0.3}, {"tresca": 8.0})
 SPLITS = {"quadrilateral": 4, "triangle": [2, 2], "hexahedron": [2, 2, 2], "tetrahedron": 8}
@@ -193,6 +195,23 @@ def test_a_rod_on_a_rough_floor() -> None:
     assert length - points[floor][slips, 0].min() == pytest.approx(pull / limit, rel=0.02)
     end = u[np.isclose(points[:, 0], length), 0].mean()
     assert end == pytest.approx(pull**2 / (2.0 * young * height * limit), rel=0.01)
+
+
+@pytest.mark.mpi
+def test_ranks(tmp_path: Path) -> None:
+    """A pair, and a floor that some ranks do not touch: one answer on one, two and three ranks."""
+    made = pair("hexahedron", {"coulomb": 0.3})
+    made["conditions"] = [{"on": "upper.z+", "traction": [3, 2, -25]}]
+    floor = scenes.plane("hexahedron", (0, 0, 0), (0, 0, 1))
+    made["contacts"].append({"on": "lower.z-", "obstacle": floor, "friction": {"tresca": 6.0}})
+    made["decomposition"] = {"subdomains": 6}
+    one, *others = (summary_of(made, tmp_path, ranks) for ranks in (1, 2, 3))
+    assert one["certificate"]["passed"]
+    for other in others:
+        assert other["certificate"]["passed"]
+        assert [c["nodes"] for c in other["contacts"]] == [c["nodes"] for c in one["contacts"]]
+        for key in ("energy", "dissipated_work", "max_displacement"):
+            assert other["solution"][key] == pytest.approx(one["solution"][key], rel=1e-8)
 
 
 def test_fields() -> None:
