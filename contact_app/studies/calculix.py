@@ -201,7 +201,7 @@ def _step(made: dict[str, Any], mesh: Mesh, push: Push | None, pushed: bool) -> 
     if pushed and push is not None:
         axis = push.axis + 1
         lines += [f"{n + 1}, {axis}, {axis}, {push.value}" for n in mesh.nodes(push.boundary)]
-        loads: list[str] = []
+        loads = []
     lines += ["*CLOAD, OP=NEW", *loads] if loads else []
     lines += ["*NODE PRINT, NSET=ALL", "U"]
     for i in range(len(made["contacts"])):
