@@ -16,6 +16,8 @@ the answer beside those of the theory. How each is measured:
   mean and largest pressure over the nodes of the outer side.
 * Hertz with degree 2: beside the fit the largest error of the pressure within 0.8 a of the middle,
   relative to the peak: 1 + that error.
+* Tied cantilever: displacement of the middle of its end, and the strain energy.
+* Rigid ball: the fit as for Hertz, on a quarter of the block; its approach beside a²/R.
 * Confined column: resultant of the wall that is squeezed against.
 
 Meshes of round bodies are coarse ones drawn in Gmsh (``meshes/samples/coarse``), every edge halved
@@ -168,6 +170,39 @@ def _fit(solved: SolvedScene) -> list[Quantity]:
     ]
 
 
+def _cantilever(solved: SolvedScene) -> list[Quantity]:
+    """Pure bending: M L²/(2 E I) at the end, and M² L/(2 E I), of I = h³/12."""
+    (material,) = solved.model.scene.bodies[0].materials
+    moment, length, height = 5000.0, 100.0, 10.0
+    stiffness = material.young * height**3 / 12.0
+    end = solved.summary["probes"]["end"]["displacement"]
+    return [
+        Quantity("deflection", -end[1], moment * length**2 / (2.0 * stiffness)),
+        Quantity(
+            "strain energy", -solved.summary["solution"]["energy"],
+            moment**2 * length / (2.0 * stiffness),
+        ),
+    ]  # fmt: skip
+
+
+def _rigid_ball(solved: SolvedScene) -> list[Quantity]:
+    """A rigid ball on an elastic block, of which a quarter is modelled: a³ = 3 F R/(4 E*)."""
+    scene, nodes = solved.model.scene, solved.nodes
+    (material,), radius = scene.bodies[0].materials, 30.0
+    modulus = material.young / (1.0 - material.poisson**2)
+    force = 4.0 * abs(solved.summary["contacts"][0]["force"][2])
+    half_width = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
+    peak = 1.5 * force / (np.pi * half_width**2)
+    ours, top = fitted((nodes.points[:, :2] ** 2).sum(axis=1), nodes.contact_pressure)
+    approach = -solved.summary["rigid_bodies"]["ball"]["displacement"][2]
+    return [
+        Quantity("force", force, 1500.0),
+        Quantity("half-width a", ours, half_width),
+        Quantity("peak pressure p0", top, peak),
+        Quantity("approach", approach, half_width**2 / radius),
+    ]
+
+
 def _column(solved: SolvedScene) -> list[Quantity]:
     """Stress M ε with M = E (1 - ν)/((1 + ν)(1 - 2ν)), by a strain of 1 %."""
     (material,) = solved.model.scene.bodies[0].materials
@@ -218,6 +253,32 @@ def _boxes(*counts: Sequence[int]) -> tuple[Level, ...]:
     return tuple(
         Level(" × ".join(map(str, c)), (f"bodies.0.mesh.box.cells=[{','.join(map(str, c))}]",))
         for c in counts
+    )
+
+
+def _tied(*fine: int) -> tuple[Level, ...]:
+    """Two parts, of 2 to 3 cells across the cut."""
+    return tuple(
+        Level(
+            f"{12 * n} × {2 * n} and {12 * n} × {3 * n}",
+            (f"bodies.0.mesh.box.cells=[{12 * n},{2 * n}]",
+             f"bodies.1.mesh.box.cells=[{12 * n},{3 * n}]"),
+        )
+        for n in fine
+    )  # fmt: skip
+
+
+def _quarters(*counts: int) -> tuple[Level, ...]:
+    """A quarter of a block under a ball, 20 long, and a quarter of the force."""
+    quarter = (
+        "bodies.0.mesh.box.lower=[0,0,-20]", "bodies.0.mesh.box.upper=[20,20,0]",
+        "conditions.2.total_force=[0,0,-375]",
+        "conditions.3={on: block.x-, displacement: [0, null, null]}",
+        "conditions.4={on: block.y-, displacement: [null, 0, null]}",
+    )  # fmt: skip
+    return tuple(
+        Level(f"{n} × {n} × {n}", (*quarter, f"bodies.0.mesh.box.cells=[{n},{n},{n}]"))
+        for n in counts
     )
 
 
@@ -284,6 +345,19 @@ CASES = (
         "shrink_fit", "A hub shrunk onto a shaft",
         "The same by cooling the hub by δ/(α R) = 83.33 degrees.",
         _fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
+    ),
+    Case(
+        "tied_cantilever", "A cantilever cut in two and tied, in pure bending",
+        "Plane stress, E = 2.1e5, L = 100, h = 10, M = 5000, meshes of two to three cells: "
+        "u = M L²/(2 E I) = 1.42857, second order as without the cut.",
+        _cantilever, _tied(1, 2, 4, 8),
+    ),
+    Case(
+        "rigid_ball", "Hertz: a rigid ball pressed into a block by a force",
+        "E = 2000, ν = 0.4, R = 30, F = 1500: a = 2.4201, p0 = 122.28, approach a²/R = 0.19524. "
+        "The block is eight half-widths deep instead of infinite, which makes it stiffer: the "
+        "approach falls short by that.",
+        _rigid_ball, _quarters(16, 24, 32),
     ),
     Case(
         "thick_ring", "A thick ring in a rigid bore: degree 2 with round edges",

@@ -158,7 +158,7 @@ class Measures:
     Attributes
     ----------
     displacements : (bodies,)
-        Largest |u| over all nodes of each body, in units of length.
+        Largest |u| over all nodes of each body, in units of length; zero for rigid bodies.
     loads : (bodies,)
         Largest of the sums of magnitudes of loads, reactions and contact forces of each body.
     pressed : (bodies,)

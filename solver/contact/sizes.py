@@ -124,10 +124,10 @@ def round_off(
 def largest_displacements(
     problem: DualProblem, displacements: list[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Largest |u| over the nodes of each body, (bodies,) (collective)."""
+    """Largest |u| over the nodes of each body, (bodies,) (collective); zero for rigid bodies."""
     result = np.zeros(problem.bodies.count)
     for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
-        for members in cls.batches():
+        for members in () if cls.rigid else cls.batches():
             some = u[:, members]
             squares = (some.reshape(-1, problem.dimension, some.shape[1]) ** 2).sum(axis=1)
             np.maximum.at(result, body[members], squares.max(axis=0))

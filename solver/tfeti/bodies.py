@@ -44,12 +44,16 @@ class Bodies:
         Body of each interface unknown.
     rows : (dual, 2)
         The bodies a row of B connects; twice the same where it is of one body.
+    rigid : (bodies,)
+        Bodies without stiffness. However far one moves, the bodies that it touches are measured by
+        their own displacements.
     """
 
     groups: NDArray[np.int64]
     members: tuple[NDArray[np.int64], ...]
     columns: NDArray[np.int64]
     rows: NDArray[np.int64]
+    rigid: NDArray[np.bool_]
 
     @property
     def count(self) -> int:
@@ -72,10 +76,16 @@ class Bodies:
         return np.bincount(self.groups, values, self.group_count).astype(np.float64)
 
     def of_rows(self, values: Array) -> Array:
-        """The larger of the values (bodies,) of the bodies of each row, (dual,)."""
+        """The larger of the values (bodies,) of the bodies of each row, (dual,).
+
+        That of the other body where one is rigid.
+        """
         if self.count == 1:
             return np.full(len(self.rows), values[0])
-        return np.asarray(values[self.rows].max(axis=1))
+        if not self.rigid.any():
+            return np.asarray(values[self.rows].max(axis=1))
+        elastic = np.where(self.rigid, 0.0, values)[self.rows].max(axis=1)
+        return np.where(self.rigid[self.rows].all(axis=1), values[self.rows[:, 0]], elastic)
 
     def sum_members(self, values: Sequence[Array]) -> Array:
         """Sums by body, (bodies,), of one value a subdomain, an array a class; this rank's."""
@@ -108,6 +118,7 @@ def bodies_of(
     groups: NDArray[np.int64],
     members: Sequence[NDArray[np.int64]],
     widths: Sequence[int],
+    rigid: Sequence[bool],
 ) -> Bodies:
     """Find the bodies of interface unknowns and rows (collective).
 
@@ -118,6 +129,8 @@ def bodies_of(
         Body of each subdomain.
     widths
         Interface unknowns of a subdomain of each class.
+    rigid
+        Whether the subdomains of each class are rigid bodies.
     """
     parts = [np.repeat(body, width) for body, width in zip(members, widths, strict=True)]
     columns = np.concatenate([np.empty(0, np.int64), *parts])
@@ -130,7 +143,11 @@ def bodies_of(
             begins = B.local.indptr[filled]
             rows[filled, 0] = np.minimum.reduceat(of_entry, begins)
             rows[filled, 1] = np.maximum.reduceat(of_entry, begins)
-    return Bodies(groups, tuple(members), columns, rows)
+    stiff = np.zeros(len(groups), bool)
+    for body, without in zip(members, rigid, strict=True):
+        stiff[body] |= without
+    comm.Allreduce(MPI.IN_PLACE, stiff, op=MPI.LOR)
+    return Bodies(groups, tuple(members), columns, rows, stiff)
 
 
 def _runs(
@@ -154,7 +171,8 @@ def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
     """What lengths are relative to in each body, (bodies,); never zero.
 
     The largest displacement of the body; where it does not move, the displacement it would have
-    without constraint forces; and at least a small share of the largest in its group.
+    without constraint forces; and at least a small share of the largest in its group. Of a rigid
+    body it is the largest in its group.
 
     Parameters
     ----------
@@ -163,7 +181,11 @@ def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
     free : (bodies,)
         The same without constraint forces.
     """
-    return sizes(bodies, np.where(displacement > MOTIONLESS * free, displacement, free))
+    values = np.where(displacement > MOTIONLESS * free, displacement, free)
+    if bodies.rigid.any():
+        elastic = np.where(bodies.rigid, 0.0, values)
+        values = np.where(bodies.rigid, bodies.by_group(elastic)[bodies.groups], values)
+    return sizes(bodies, values)
 
 
 def sizes(bodies: Bodies, values: Array) -> Array:

@@ -148,7 +148,8 @@ def build_system(
     if constraints.friction is not None:
         wide[tangential] = constraints.friction.rows.wide
     widths = [len(cls.interface) for cls in classes]
-    bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths)
+    bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths,
+                       [cls.rigid for cls in classes])  # fmt: skip
     matrix = Constraints(
         ordered.B, ordered.kinds, wide, coarse, constraints.held_without_contact,
         ordered.held_unknowns,

@@ -75,7 +75,8 @@ class _Draw:
         if kind == "split":
             return [int(self.random.integers(1, n + 1)) for n in np.min(boxes, axis=0)]
         if kind == "graph":
-            return len(boxes) + int(self.random.integers(0, 4))
+            most = sum(int(np.prod(cells)) for cells in boxes)
+            return min(most, len(boxes) + int(self.random.integers(0, 4)))
         return None if kind == "auto" else 1
 
     def softest(self, name: str) -> float:
