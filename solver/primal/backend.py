@@ -18,9 +18,10 @@ from scipy.linalg import eigvalsh_tridiagonal
 
 from solver.backend import Statuses
 from solver.primal.cycle import Cycle, truncated_cycle
+from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
 from solver.primal.first_set import FirstSet, find_first_set
 from solver.primal.free_motions import FreeMotions
-from solver.primal.hierarchy import Hierarchy, build_hierarchy
+from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
 from solver.primal.merged import MergedSystem, bodies_alone, merge
 from solver.primal.projector import Projector
 from solver.primal.rigid_space import RigidSpace, floating_bodies
@@ -29,6 +30,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.bodies import body_lengths, largest
+from solver.tfeti.constraints.hierarchy import RowLevels
 from solver.tfeti.dual import DualProblem
 from solver.vectors import Mask, Vector
 
@@ -43,6 +45,10 @@ SHORT = 6
 
 UNKNOWN = 0.1
 """Smallest eigenvalue before any set has taken so many steps."""
+
+CHANGED = 0.3
+"""Rows by which a set differs from the one that the V-cycle was truncated for, over its own, above
+which it gets a new one."""
 
 STALLED = 500
 """Steps on one set after which rounding errors, or a cycle that does not fit, hold it up."""
@@ -105,13 +111,24 @@ class Multigrid:
     def __init__(self, problem: DualProblem, earlier: Multigrid | None = None) -> None:
         self.problem = problem
         self.system: MergedSystem = merge(problem)
-        self.hierarchy_of_levels: Hierarchy = (
-            build_hierarchy(self.system) if earlier is None else earlier.hierarchy_of_levels
-        )
+        self.factors = FactorOptions()
+        if earlier is None:
+            self._seconds = predicted_seconds(self.system)
+            self.thin = thinness(self.system) >= self.factors.thin
+            limit = self.factors.thin_seconds if self.thin else self.factors.small
+            self.direct = self._seconds <= limit
+            make = no_hierarchy if self.direct else build_hierarchy
+            self.hierarchy_of_levels: Hierarchy = make(self.system)
+        else:
+            self._seconds, self.direct, self.thin = earlier._seconds, earlier.direct, earlier.thin
+            self.hierarchy_of_levels = earlier.hierarchy_of_levels
         self.free_motions = FreeMotions(self.system)
         self.floating = floating_bodies(self.system)
         self.u = np.where(self.system.held, self.system.load / self.system.diagonal, 0.0)
         self._cycle: Cycle | None = None if earlier is None else earlier._cycle
+        self._truncated = np.zeros(len(self.system.rows), bool)
+        if earlier is not None:
+            self._truncated = earlier._truncated
         self._held = _HeldEnergy(self.system)
         self.smallest_eigenvalue = UNKNOWN
 
@@ -126,25 +143,48 @@ class Multigrid:
         return self.problem.inequality
 
     def first_set(self) -> FirstSet:
-        """Contact on coarse levels (collective)."""
+        """Contact on coarse levels; all rows where these have levels of their own (collective)."""
+        if self._peels:
+            return FirstSet(np.ones(len(self.system.rows), bool), self.u)
         return find_first_set(self.system, self.hierarchy_of_levels)
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:
         """Conjugate gradients on a set, from where the last set ended (collective)."""
         return PrimalSet(self, statuses)
 
-    def cycle(self, projector: Projector) -> Cycle:
-        """The V-cycle, truncated for the first set it was asked for.
+    def correction(self, projector: Projector) -> Cycle | Factor:
+        """A factor of the set, or the V-cycle truncated for the first set it was asked for.
 
-        Later sets differ by few rows: their own cycles save no steps.
+        Later sets differ by few rows: their own cycles save no steps. A set that differs by more
+        than `CHANGED` of the rows gets a new one.
         """
-        if self._cycle is None:
+        if self.direct:
+            return Factor(self.system, projector, self.factors)
+        active = np.zeros(len(self.system.rows), bool)
+        active[projector.rows] = True
+        changed, rows = self.comm.allreduce(
+            np.array([(active != self._truncated).sum(), active.sum()])
+        )
+        if self._cycle is None or changed > CHANGED * rows:
             self._cycle = truncated_cycle(self.hierarchy_of_levels, projector)
+            self._truncated = active
         return self._cycle
 
-    def hierarchy(self, warm: bool) -> AllRows:
-        """One level."""
-        return AllRows(self.contact_rows)
+    def give_up_multigrid(self) -> bool:
+        """Whether factors take the place of the V-cycle from now on."""
+        if self.direct or self._seconds > self.factors.slow_seconds:
+            return False
+        self.direct, self._cycle = True, None
+        return True
+
+    def hierarchy(self, warm: bool) -> RowLevels:
+        """Levels of the contact rows of thin bodies, which peel off (collective)."""
+        return RowLevels(self.problem, self._peels and not warm)
+
+    @property
+    def _peels(self) -> bool:
+        """Whether bodies are thin and may lift off row by row."""
+        return self.thin and self.problem.held_without_contact
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
         """No rows: sets settle without."""
@@ -163,17 +203,6 @@ class Multigrid:
     def strained(self, u: Array, left: Array) -> float:
         """a(u, u) of a displacement with the residual r = f - K u (collective)."""
         return self._held.strained(u, left)
-
-
-@dataclass(frozen=True, eq=False)
-class AllRows:
-    """A constraint hierarchy of one level."""
-
-    allowed: Mask
-    finest: bool = True
-
-    def refine(self) -> None:
-        """There is no next level."""
 
 
 class _HeldEnergy:
@@ -226,11 +255,11 @@ class PrimalSet:
         self._left = system.load - system.multiply(system.K, self._start)
         free = backend.free_motions
         operator = _ProjectedStiffness(system, projector, free)
-        rigid = RigidSpace(system, projector, free, backend.floating)
+        self._rigid = rigid = RigidSpace(system, projector, free, backend.floating)
         first = self._left
         self._start = self._start + rigid.balance(projector.apply_transpose(first))
         self._left = system.load - system.multiply(system.K, self._start)
-        self._preconditioner = _Preconditioner(backend.cycle(projector), projector, free, rigid)
+        self._preconditioner = self._made()
         rhs = free.orthogonal(projector.apply_transpose(self._left))
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()
@@ -239,6 +268,12 @@ class PrimalSet:
         self._scale = it.reduction.norm(system.load) or it.b_norm or 1.0
         self._lanczos = _Lanczos(self._preconditioner.square)
         self._steps, self._stalls = 0, False
+
+    def _made(self) -> _Preconditioner:
+        backend, projector = self._backend, self._projector
+        return _Preconditioner(
+            backend.correction(projector), projector, backend.free_motions, self._rigid
+        )
 
     @property
     def residual(self) -> float:
@@ -302,6 +337,11 @@ class PrimalSet:
                 self._lanczos = _Lanczos(self._preconditioner.square)
             if it.projected_gradient_norm <= wanted:
                 return Reason.CONVERGED
+            if it.counts.cg >= self._backend.factors.slow and self._backend.give_up_multigrid():
+                self._preconditioner = it.preconditioner = self._made()
+                it.evaluate()
+                self._lanczos = _Lanczos(self._preconditioner.square)
+                self._backend.smallest_eigenvalue = UNKNOWN
             self._stalls = it.counts.cg >= STALLED
             return Reason.ROUND_OFF if self._stalls else None
 
@@ -370,7 +410,7 @@ class _Preconditioner:
     """
 
     def __init__(
-        self, cycle: Cycle, projector: Projector, free: FreeMotions, rigid: RigidSpace
+        self, cycle: Cycle | Factor, projector: Projector, free: FreeMotions, rigid: RigidSpace
     ) -> None:
         self._cycle, self._projector, self._free, self._rigid = cycle, projector, free, rigid
         self.square = 0.0

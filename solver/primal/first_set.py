@@ -22,8 +22,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.openmp import one_openmp_thread
 from solver.primal.cycle import Cycle
+from solver.primal.factor import factored, row_stiffness, with_springs
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import lent
@@ -121,12 +121,7 @@ class _Level:
         options: FirstSetOptions,
     ) -> None:
         self.system, self.A, self.Q, self.load, self.options = system, A, Q, load, options
-        squares = system.C.copy()
-        begins, places, values = squares.getValuesCSR()
-        squares.setValuesCSR(begins, places, values**2)
-        squares.assemble()
-        flexible = system.multiply(squares, 1.0 / system.diagonal)
-        self.s = 1.0 / np.maximum(flexible, np.finfo(float).tiny)
+        self.s = row_stiffness(system)
         stiff = np.asarray(A.getDiagonal().getArray())
         most = system.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
         self.near = options.near * np.maximum(stiff, SMALL * most)
@@ -162,14 +157,7 @@ class _Level:
         return np.where(stiff, self.s, self.options.faint * self.s)
 
     def _hessian(self, weights: Array) -> PETSc.Mat:
-        springs = self.Q.copy()
-        with lent(self.system.comm, np.sqrt(weights)) as (left,):
-            springs.diagonalScale(L=left)
-        result = springs.transposeMatMult(springs)
-        result.axpy(1.0, self.A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        with lent(self.system.comm, self.near) as (extra,):
-            result.setDiagonal(result.getDiagonal() + extra)
-        return result
+        return with_springs(self.A, self.Q, weights, self.near)
 
     def _length(self, jump: Array, image: Array, slope: float, bent: float) -> float:
         """The minimum along a step: the root of a piecewise linear, increasing function."""
@@ -194,16 +182,8 @@ class _Level:
 
     def by_factor(self, matrix: PETSc.Mat, loads: Array) -> Array:
         """A Newton step on the coarsest level."""
-        comm = self.system.comm
-        pc = PETSc.PC().create(comm)
-        pc.setOperators(matrix)
-        matrix.setOption(PETSc.Mat.Option.SPD, True)
-        pc.setType("cholesky" if comm.size == 1 else "lu")
-        pc.setFactorSolverType("cholmod" if comm.size == 1 else "mumps")
-        out = np.empty_like(loads)
-        with one_openmp_thread():
-            pc.setUp()
-        with lent(comm, loads, out) as (x, y):
+        out, pc = np.empty_like(loads), factored(matrix)
+        with lent(self.system.comm, loads, out) as (x, y):
             pc.apply(x, y)
         pc.destroy()
         return out

@@ -59,6 +59,11 @@ class Hierarchy:
     options: MultigridOptions
 
 
+def no_hierarchy(system: MergedSystem) -> Hierarchy:
+    """The finest level alone, for methods that factor it."""
+    return Hierarchy((), (system.K,), MultigridOptions())
+
+
 def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = None) -> Hierarchy:
     """Let GAMG aggregate (collective)."""
     options = options or MultigridOptions()

@@ -1,0 +1,169 @@
+"""A sparse factor in place of the V-cycle: for small problems, and where multigrid is slow.
+
+The bending of thin plates and strips is what smoothed aggregation cannot resolve: a hundred
+iterations a set and more. Their factors are cheap, since their separators are small. On a set
+
+    K + C_Aᵀ W C_A + faint springs on open rows
+
+is factored, W a multiple of the stiffness that K has against each row. Inside Π that is nearly the
+inverse on the displacements that leave the active rows alone, and a set takes a few iterations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from solver.openmp import one_openmp_thread
+from solver.primal.merged import MergedSystem
+from solver.primal.projector import Projector
+from solver.tfeti.constraints.matrix import lent
+from solver.tfeti.subdomain.costs import factor_seconds
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FactorOptions:
+    """When a factor is taken.
+
+    Attributes
+    ----------
+    small
+        Predicted seconds of a factor below which it is taken at once: all sets together then take
+        less than the levels of a multigrid.
+    thin, thin_seconds
+        Longest over shortest extent of a body from which on it counts as thin, and predicted
+        seconds up to which a factor is taken for thin bodies at once.
+    slow, slow_seconds
+        Iterations on one set after which the V-cycle is given up, and predicted seconds up to which
+        a factor takes its place.
+    penalty
+        W over the stiffness of K against a row. Each iteration leaves one over it of the error;
+        larger ones take digits from the factor.
+    """
+
+    small: float = 0.02
+    thin: float = 12.0
+    thin_seconds: float = 3.0
+    slow: int = 40
+    slow_seconds: float = 10.0
+    penalty: float = 1e4
+
+
+def predicted_seconds(system: MergedSystem) -> float:
+    """Of one factor of K (collective).
+
+    By the size of K and, on one rank, by its bandwidth after reverse Cuthill-McKee: a bound for
+    slender bodies.
+    """
+    d = system.problem.dimension
+    size = system.comm.allreduce(system.size)
+    known = factor_seconds(size, 1, d)
+    if system.comm.size > 1 or d == 2 or size == 0:
+        return known
+    begins, places, _ = system.K.getValuesCSR()
+    graph = sparse.csr_matrix((np.ones(len(places), np.int8), places, begins), shape=(size, size))
+    nodes = graph[::d][:, ::d].tocsr()
+    order = reverse_cuthill_mckee(nodes, symmetric_mode=True)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    rows = np.repeat(np.arange(len(order)), np.diff(nodes.indptr))
+    band = d * float(np.abs(place[rows] - place[nodes.indices]).max(initial=0))
+    return float(min(known, 1e-10 * size * band**2))
+
+
+def thinness(system: MergedSystem) -> float:
+    """Longest over shortest extent of the thinnest body (collective)."""
+    most = 1.0
+    d = system.problem.dimension
+    for body in range(system.problem.bodies.count):
+        points = system.nodes.points[system.nodes.body == body][:, :d]
+        low = points.min(axis=0) if len(points) else np.full(d, np.inf)
+        high = points.max(axis=0) if len(points) else np.full(d, -np.inf)
+        low = np.min(system.comm.allgather(low), axis=0)
+        extent = np.max(system.comm.allgather(high), axis=0) - low
+        most = max(most, float(extent.max() / max(extent.min(), 1e-300)))
+    return most
+
+
+class Factor:
+    """The factor of one set; applied like a V-cycle (collective).
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix has no factor.
+    """
+
+    def __init__(
+        self, system: MergedSystem, projector: Projector, options: FactorOptions | None = None
+    ) -> None:
+        options = options or FactorOptions()
+        self.comm = system.comm
+        stiff = row_stiffness(system)
+        weights = FAINT * stiff
+        weights[projector.rows] = options.penalty * stiff[projector.rows]
+        matrix = with_springs(system.K, system.C, weights, NEAR * system.diagonal)
+        self._pc = factored(matrix)
+
+    def apply(self, residual: Array, out: Array) -> None:
+        """Put the correction into out."""
+        with lent(self.comm, residual, out) as (x, y):
+            self._pc.apply(x, y)
+
+
+FAINT = 1e-8
+"""Springs on open rows over the stiffness of K, which hold what nothing else holds."""
+
+NEAR = 1e-12
+"""The same on every unknown, over the diagonal of K."""
+
+
+def row_stiffness(system: MergedSystem) -> Array:
+    """What K holds against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective)."""
+    squares = system.C.copy()
+    begins, places, values = squares.getValuesCSR()
+    squares.setValuesCSR(begins, places, values**2)
+    squares.assemble()
+    flexible = system.multiply(squares, 1.0 / system.diagonal)
+    return np.asarray(1.0 / np.maximum(flexible, np.finfo(float).tiny))
+
+
+def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PETSc.Mat:
+    """A + Qᵀ diag(weights) Q + diag(near) (collective)."""
+    springs = Q.copy()
+    with lent(A.comm, np.sqrt(weights)) as (left,):
+        springs.diagonalScale(L=left)
+    result = springs.transposeMatMult(springs)
+    result.axpy(1.0, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    with lent(A.comm, near) as (extra,):
+        result.setDiagonal(result.getDiagonal() + extra)
+    result.setOption(PETSc.Mat.Option.SPD, True)
+    return result
+
+
+def factored(matrix: PETSc.Mat) -> PETSc.PC:
+    """A Cholesky factor, of MUMPS on several ranks (collective).
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix has none.
+    """
+    alone = matrix.comm.size == 1
+    pc = PETSc.PC().create(matrix.comm)
+    pc.setOperators(matrix)
+    pc.setType("cholesky")
+    pc.setFactorSolverType("cholmod" if alone else "mumps")
+    try:
+        with one_openmp_thread():
+            pc.setUp()
+    except PETSc.Error as error:
+        raise ArithmeticError("a matrix with springs has no factor") from error
+    return pc
