@@ -108,10 +108,15 @@ class Multigrid:
         Where the next set begins.
     """
 
-    def __init__(self, problem: DualProblem, earlier: Multigrid | None = None) -> None:
+    def __init__(
+        self,
+        problem: DualProblem,
+        earlier: Multigrid | None = None,
+        factors: FactorOptions | None = None,
+    ) -> None:
         self.problem = problem
         self.system: MergedSystem = merge(problem)
-        self.factors = FactorOptions()
+        self.factors = factors or FactorOptions()
         if earlier is None:
             self._seconds = predicted_seconds(self.system)
             self.thin = thinness(self.system) >= self.factors.thin
