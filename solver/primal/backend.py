@@ -30,7 +30,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.bodies import body_lengths, largest
-from solver.tfeti.constraints.hierarchy import RowLevels
+from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.dual import DualProblem
 from solver.vectors import Mask, Vector
 
@@ -182,9 +182,9 @@ class Multigrid:
         self.direct, self._cycle = True, None
         return True
 
-    def hierarchy(self, warm: bool) -> RowLevels:
+    def hierarchy(self, warm: bool) -> ConstraintHierarchy:
         """Levels of the contact rows of thin bodies, which peel off (collective)."""
-        return RowLevels(self.problem, self._peels and not warm)
+        return ConstraintHierarchy(self.problem, self._peels and not warm)
 
     @property
     def _peels(self) -> bool:
