@@ -443,10 +443,10 @@ CASES = (
     ),
     Case(
         "nearly incompressible, ν = 0.4999",
-        "first-order cells lock; F is ill-conditioned: what flows through a part's surface has to "
-        "vanish, which no rigid motion of the coarse problem says",
-        "directions serve again on faces that follow; the certificate warns and offers degree 2 "
-        "or `mean_dilatation` (docs/guide/scenes.md)",
+        "first-order cells lock; F is ill-conditioned: the flow through a part's surface has to "
+        "vanish, which the rigid motions of the coarse problem do not express",
+        "search directions are recycled on later active sets; the certificate warns and offers "
+        "degree 2 or `mean_dilatation` (docs/guide/scenes.md)",
         lambda: locking(0.4999), mild=wall,
     ),
     Case(
@@ -478,8 +478,8 @@ CASES = (
         "slender body 1:100",
         "bending modes are 1e8 times softer than compression, and one of 200 nodes after the other "
         "peels off the plane",
-        "active sets on every eighth row first, then on more and more; in parts, directions serve "
-        "again on faces that follow; whole, each set is solved exactly, for a product a row",
+        "active sets on every eighth row first, then on more and more; in parts, search directions "
+        "are recycled on later sets; whole, each set is solved exactly, for an application a row",
         lambda: slender(100.0, [200, 2]), subdomains=(10, 1), mild=lambda: slender(5.0, [45, 9]),
     ),
     Case(
