@@ -139,19 +139,19 @@ def halved(scene: Scene) -> Halving:
             continue
         at = scene.mirrors[-1].at
         notes.append(
-            f"symmetry: everything mirrors about {name} = {at:g}: what lies above is left out "
-            "of the solve and written as the image of what lies below"
+            f"symmetry: the scene is symmetric about {name} = {at:g}: the part below is solved, "
+            "and the part above is written as its mirror image"
         )
         left = {body.name for body in scene.bodies}
         notes += [
-            f"symmetry: {body} is the image of another body and left out"
+            f"symmetry: {body} is the mirror image of another body and is not solved"
             for body in before
             if body not in left
         ]
     if scene.mirrors:
         notes += [
-            f"symmetry: the {body.mesh.cell}s of {body.name} are laid out in what is solved and "
-            "mirrored, so that the diagonals of the whole mirror, too"
+            f"symmetry: the {body.mesh.cell}s of {body.name} are made in the part that is solved; "
+            "those of the other part are their mirror images"
             for body in scene.bodies
             if isinstance(body.mesh, Box) and body.mesh.cell in ("triangle", "tetrahedron")
         ]

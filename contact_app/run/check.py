@@ -354,7 +354,7 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
         acted[[pair.body, pair.other]] = True
     acted = comm.allreduce(acted.astype(int)) > 0
     return [
-        f"{body.name}: nothing loads, moves or overlaps it; it stays as it is"
+        f"{body.name}: has no load, no prescribed displacement and no overlap; it does not deform"
         for body, some in zip(scene.bodies, acted, strict=True)
         if not some
     ]

@@ -211,12 +211,13 @@ def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
     if np.isnan(accuracy.algebraic):
         yield (
             "the bodies expand by their temperature without stress beyond rounding errors: no "
-            "relative error can be told"
+            "relative error exists"
         )
     elif accuracy.algebraic > SMALL_PART:
         yield (
-            f"stresses are small beside what the temperature expands, and the solver's share of "
-            f"their error may reach {100.0 * accuracy.algebraic:.2g} %: lower solver.tolerance"
+            f"stresses are small beside those that would stop the thermal expansion, and the "
+            f"solver's part of their error may reach {100.0 * accuracy.algebraic:.2g} %: lower "
+            "solver.tolerance"
         )
 
 

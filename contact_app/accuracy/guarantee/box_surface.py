@@ -264,8 +264,8 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
             )
         if scene.pairs:
             raise NoAdmissibleStressError(
-                f"{scene.pairs[0].source} is of bodies against bodies, whose gap is kept in the "
-                "mean only"
+                f"{scene.pairs[0].source} is a contact between bodies, whose gap condition "
+                "holds in the mean only"
             )
         held = [body.name for body in scene.bodies if body.hold]
         if held:

@@ -117,7 +117,7 @@ class Limits:
     memory: float | None = None
 
 
-NO_STRAINS = "the bodies are not strained beyond rounding errors: no relative error can be told"
+NO_STRAINS = "the bodies are not strained beyond rounding errors: a relative error does not exist"
 
 Grids = list[list[NDArray[np.float64]]]
 

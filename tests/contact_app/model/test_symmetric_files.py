@@ -216,7 +216,7 @@ def test_what_mirrors_in_files(tmp_path: Path) -> None:
         made["contacts"] = []
         found = halved(scenes.build(made))
         note = next(n for n in found.notes if f"across {axis}:" in n or f"about {axis} =" in n)
-        assert (why in note) if why else ("everything mirrors" in note), note
+        assert (why in note) if why else ("the scene is symmetric" in note), note
 
 
 @pytest.mark.parametrize(
@@ -385,7 +385,7 @@ def test_bodies_that_are_images(
     half = halved(scene)
     assert half.scene.mirrors[0].at == pytest.approx(1.0)
     assert [body.name for body in half.scene.bodies] == ["left", "slab"]
-    assert "right is the image of another body" in half.notes[1]
+    assert "right is the mirror image of another body" in half.notes[1]
     hold(solve_scene(scene), solve_scene(half.scene), 1e-6)
 
 

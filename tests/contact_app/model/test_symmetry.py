@@ -104,6 +104,8 @@ def same_as(
     assert distance.max() < 1e-12
     assert len(np.unique(place)) == len(place)
     for name, values in grid.point_data.items():
+        if name.startswith("nodal_"):
+            continue  # beside a plane they are fitted to cells of the solved side alone
         same = np.nan_to_num(mirrored.point_data[name][place], nan=-1.0)
         values = np.nan_to_num(values, nan=-1.0)
         np.testing.assert_allclose(
@@ -174,7 +176,7 @@ BALL = {"sphere": {"center": [0.5, 0.4, 1.97], "radius": 1.0}}
     [
         ({}, "xy", ""),
         ({"bodies__0__mesh__box__cells": [3, 2, 2]}, "y", "odd number of cells"),
-        ({"bodies__0__mesh__box__cell": "tetrahedron"}, "xy", "tetrahedrons of block are laid out"),
+        ({"bodies__0__mesh__box__cell": "tetrahedron"}, "xy", "tetrahedrons of block are made in"),
         ({"conditions__1__pressure": -31}, "y", "conditions[1] has no mirror image"),
         ({"conditions__3__force": [0, 1, 5]}, "x", "conditions[3] has no mirror image"),
         ({"conditions__0__displacement": [0, 0.1, 0]}, "x", "conditions[0] has no mirror image"),
@@ -232,6 +234,6 @@ def test_check_tells(capsys: pytest.CaptureFixture[str]) -> None:
     assert "`symmetry: allow` would solve one of 2 equal parts" in capsys.readouterr().out
     report(scenes.build({**made, "symmetry": "allow"}))
     text = capsys.readouterr().out
-    assert "everything mirrors about x = 0.5" in text
+    assert "the scene is symmetric about x = 0.5" in text
     assert "none across y: conditions[3] has no mirror image" in text
     assert "symmetry across x: block.x+ displaced by x = 0" in text

@@ -37,7 +37,9 @@ def test_says_which_bodies_nothing_acts_on() -> None:
     )
     made["conditions"].append(scenes.clamp("hexahedron", "idle.z-"))
     text = lines_of(made)
-    assert "idle: nothing loads, moves or overlaps it; it stays as it is" in text
+    assert (
+        "idle: has no load, no prescribed displacement and no overlap; it does not deform" in text
+    )
     assert "block: nothing loads" not in text
     made["conditions"][-1]["displacement"] = [0, 0, 0.1]
     assert "nothing loads" not in lines_of(made)
