@@ -19,7 +19,7 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 
-from contact_app import Contact, ContactProblem, Plane, SignedDistance, Sphere
+from contact_app import Contact, ContactProblem, Cylinder, Plane, SignedDistance, Sphere
 from tests import reference
 
 NEW = hasattr(fem, "functionspace")
@@ -138,7 +138,8 @@ def block(
     ----------
     kind
         ``orthotropic``; ``springs``, on springs alone; ``heat``, by thermal strains;
-        ``sphere`` or ``distance``, pressed on a ball, as a sphere or a signed distance;
+        ``sphere`` or ``distance``, pressed on a ball, as a sphere or a signed distance, ``bore``
+        or ``distance in a bore``, into one;
         ``prescribed``, by Dirichlet conditions of components with values.
     """
     d = 2 if cell in ("quadrilateral", "triangle") else 3
@@ -166,6 +167,18 @@ def block(
         floor = Sphere(center=tuple(center), radius=radius)
     if kind == "distance":
         floor = SignedDistance(lambda x: np.linalg.norm(x - center, axis=1) - radius)
+    middle, wide = np.array((0.5, 1.9, 0.25)), 2.0
+    if kind == "bore":
+        floor = Cylinder(point=tuple(middle), axis=(0, 0, 3), radius=wide, hollow=True)
+    if kind == "distance in a bore":
+
+        def away(x: np.ndarray) -> np.ndarray:
+            return (x - middle) * [1, 1, 0]
+
+        floor = SignedDistance(
+            lambda x: wide - np.linalg.norm(away(x), axis=1),
+            lambda x: -away(x) / np.linalg.norm(away(x), axis=1)[:, None],
+        )
     return Forms(V, a, L, bcs, [Contact(tags, 3, floor)])
 
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import linalg, sparse
 
-from contact_app.errors import ContactError
+from contact_app.errors import ConfigurationError
 from contact_app.forms.contacts import Contact, SignedDistance, values_of
 from contact_app.scene.obstacles import Cylinder, Plane, Sphere
 from meshes import dolfinx_compat as versions
@@ -30,17 +30,19 @@ LANCZOS = 20
 
 @contextmanager
 def together(comm: MPI.Intracomm) -> Iterator[None]:
-    """Raise the error of any rank on all ranks, of the first one (collective)."""
+    """Raise the error of any rank on all ranks, a user's function's too (collective)."""
     fault: Exception | None = None
     try:
         yield
-    except (ContactError, ArithmeticError, TypeError, ValueError) as error:
+    except Exception as error:
         fault = error
-    told = None if fault is None else (type(fault), str(fault))
-    found = [said for said in comm.allgather(told) if said is not None]
-    if found:
-        kind, text = found[0]
-        raise kind(text) from fault
+    kinds = ConfigurationError, ArithmeticError, TypeError, ValueError
+    number = next((k for k, kind in enumerate(kinds) if isinstance(fault, kind)), None)
+    told = comm.allgather(None if fault is None else (number, f"{fault}"))
+    if fault is not None:
+        raise fault
+    for number, text in filter(None, told):
+        raise RuntimeError(text) if number is None else kinds[number](text)
 
 
 def check_forms(a: Any, L: Any, bcs: Sequence[Any]) -> Any:

@@ -106,14 +106,62 @@ def test_any_elliptic_form_has_the_answer_of_the_undecomposed_reference(
     assert nodes_of(uh)[1] == pytest.approx(u, abs=1e-7 * np.abs(u).max())
 
 
-def test_a_ball_is_a_sphere_or_a_signed_distance() -> None:
+@pytest.mark.parametrize(
+    ("kind", "distance", "degree"), [("sphere", "distance", 2), ("bore", "distance in a bore", 1)]
+)
+def test_round_obstacles_have_a_signed_distance(kind: str, distance: str, degree: int) -> None:
     one, other = (
-        problems.block("tetrahedron", 2, kind=kind).problem() for kind in ("sphere", "distance")
-    )
+        problems.block("tetrahedron", degree, kind=k).problem() for k in (kind, distance)
+    )  # fmt: skip
     u, w = one.solve(), other.solve()
+    assert one.certificate.passed
     assert one.summary["solution"]["active_contacts"] > 0
     assert w.x.array == pytest.approx(u.x.array, abs=1e-8 * np.abs(u.x.array).max())
     assert other.summary["contacts"][0]["with"] == "signed distance"
+
+
+def test_a_level_set_need_be_no_distance() -> None:
+    forms = problems.block("triangle", 1)
+    (floor,) = forms.contacts
+    n = np.array([0.1, 1.0]) / np.hypot(0.1, 1.0)
+    scaled = Contact(floor.facet_tags, 3, lambda x: 7.0 * ((x - [0.0, -0.05]) @ n))
+    u = forms.problem().solve()
+    w = ContactProblem(forms.a, forms.L, forms.bcs, [scaled], tolerance=1e-10).solve()
+    assert w.x.array == pytest.approx(u.x.array, abs=1e-9)
+
+
+def test_interference_moves_the_obstacle() -> None:
+    forms = problems.block("triangle", 1)
+    tags = forms.contacts[0].facet_tags
+    up = (0, 1)
+    answers = [
+        ContactProblem(forms.a, forms.L, forms.bcs, [contact], tolerance=1e-10).solve().x.array
+        for contact in (Contact(tags, 3, Plane((0, -0.02), up)),
+                        Contact(tags, [3], Plane((0, -0.1), up), interference=0.08))
+    ]  # fmt: skip
+    assert answers[1] == pytest.approx(answers[0], abs=1e-9)
+
+
+def test_a_problem_is_solved_again_for_new_loads() -> None:
+    forms = problems.block("triangle", 1)
+    V = forms.space
+    push = fem.Constant(V.mesh, np.array([0.1, -0.5]))
+    v = forms.L.arguments()[0]
+    floor = Contact(forms.contacts[0].facet_tags, 3, Plane((0, 0), (0.02, 1)), name="floor")
+    u = fem.Function(V)
+    problem = ContactProblem(
+        forms.a, ufl.inner(push, v) * ufl.dx, forms.bcs, [floor], tolerance=1e-10, u=u
+    )
+    assert problem.solve() is u
+    first, force = u.x.array.copy(), np.array(problem.summary["contacts"][0]["force"])
+    assert force[1] > 0.0
+    push.value *= 3.0
+    problem.solve()
+    gap = problem.gap.x.array
+    assert np.nanmin(gap) > -1e-9
+    assert u.x.array != pytest.approx(first, rel=1e-3)
+    assert np.linalg.norm(problem.summary["contacts"][0]["force"]) > 2.0 * np.linalg.norm(force)
+    assert problem.summary["contacts"][0]["on"] == "floor"
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("triangle", 2)])

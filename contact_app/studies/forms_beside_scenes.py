@@ -1,0 +1,144 @@
+"""What `ContactProblem` costs beside a scene of the same mesh.
+
+``python -m contact_app.studies.forms_beside_scenes [CELLS]`` presses a cube beside a rigid wall,
+CELLS bricks along each edge (28 unless given) cut into tetrahedra whose inner nodes are moved at
+random. It prints processor seconds by turns, so that other work on the machine does not count: of
+the form, of the scene by its default method and by multigrid. Forms compiled before are not
+counted, nor is the mesh of dolfinx; a scene reads its mesh from a file and estimates the error of
+the mesh, too.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+import meshio
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.forms import Contact, ContactProblem
+from contact_app.run.answer import solve
+from contact_app.scene.obstacles import Plane
+from meshes import dolfinx_compat as versions
+
+TURNS = 3
+
+YOUNG, POISSON, PRESSURE = 2e5, 0.33, 465.0
+
+MOVED = 0.15
+"""Largest move of a node along each axis over the edge of a brick."""
+
+
+def perturbed_cube(cells: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Nodes (n, 3) and tetrahedra (m, 4) of the unit cube."""
+    kind = dolfinx.mesh.CellType.tetrahedron
+    box = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, cells, cells, cells, kind)
+    points = np.array(box.geometry.x)
+    inside = ((points > 1e-9) & (points < 1.0 - 1e-9)).all(axis=1)
+    rng = np.random.default_rng(0)
+    points[inside] += MOVED / cells * rng.uniform(-1.0, 1.0, (int(inside.sum()), 3))
+    return points, versions.cell_nodes(box).astype(np.int64)
+
+
+def form_problem(points: NDArray[np.float64], cells: NDArray[np.int64]) -> ContactProblem:
+    """The cube as forms."""
+    mesh = versions.create_mesh(cells, points, "tetrahedron")
+    V = versions.vector_space(mesh, 1, 3)
+
+    def facets(axis: int, place: float) -> NDArray[np.int32]:
+        return dolfinx.mesh.locate_entities_boundary(
+            mesh, 2, lambda x: np.isclose(x[axis], place)
+        )  # fmt: skip
+
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    lam = YOUNG * POISSON / (1 + POISSON) / (1 - 2 * POISSON)
+    strain, test = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
+    stress = lam * ufl.tr(strain) * ufl.Identity(3) + YOUNG / (1 + POISSON) * strain
+    top = versions.meshtags(mesh, 2, facets(2, 1.0), 1)
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=top)
+    push = fem.Constant(mesh, np.array([0.0, 0.0, -PRESSURE]))
+    foot = fem.locate_dofs_topological(V, 2, facets(2, 0.0))
+    wall = Contact(versions.meshtags(mesh, 2, facets(0, 1.0), 1), 1, Plane((1, 0, 0), (-1, 0, 0)))
+    return ContactProblem(
+        ufl.inner(stress, test) * ufl.dx,
+        ufl.inner(push, v) * ds(1),
+        [fem.dirichletbc(np.zeros(3), foot, V)],
+        [wall],
+    )
+
+
+def scene_of(file: Path, method: str) -> dict[str, Any]:
+    """The cube as a scene."""
+    sides = {"foot": "z < 1e-9", "top": "z > 1 - 1e-9", "wall": "x > 1 - 1e-9"}
+    plane = {"point": [1, 0, 0], "normal": [-1, 0, 0]}
+    return {
+        "dimension": 3,
+        "bodies": [{
+            "name": "cube", "mesh": {"file": file},
+            "material": {"young": YOUNG, "poisson": POISSON},
+            "boundaries": {name: {"where": where} for name, where in sides.items()},
+        }],
+        "conditions": [{"on": "cube.foot", "displacement": [0, 0, 0]},
+                       {"on": "cube.top", "traction": [0, 0, -PRESSURE]}],
+        "contacts": [{"on": "cube.wall", "obstacle": {"plane": plane}}],
+        "solver": {"method": method},
+    }  # fmt: skip
+
+
+def measure(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
+    """Processor seconds (the fewest of some turns), operator applications and energies."""
+    points, tetrahedra = perturbed_cube(cells)
+    problem = form_problem(points, tetrahedra)
+
+    def solved() -> dict[str, Any]:
+        problem.solve()
+        return problem.summary
+
+    with tempfile.TemporaryDirectory() as directory:
+        file = Path(directory) / "cube.vtu"
+        meshio.write(file, meshio.Mesh(points, [("tetra", tetrahedra)]))
+        ways: dict[str, Callable[[], dict[str, Any]]] = {
+            "form": solved,
+            "scene": lambda: solve(scene_of(file, "auto")).summary,
+            "scene, multigrid": lambda: solve(scene_of(file, "primal")).summary,
+        }
+        found: dict[str, dict[str, float]] = {}
+        for way in ways.values():
+            way()  # compiles what is missing
+        for _ in range(turns):
+            for name, way in ways.items():
+                began = time.process_time()
+                summary = way()
+                spent = time.process_time() - began
+                before = found.get(name, {}).get("seconds", np.inf)
+                found[name] = {
+                    "seconds": min(spent, before),
+                    "applications": summary["solver"]["hessian_multiplications"],
+                    "energy": summary["solution"]["energy"],
+                    "dofs": summary["mesh"]["dofs"],
+                }
+    return found
+
+
+def main() -> None:
+    """Print a table."""
+    cells = int(sys.argv[1]) if len(sys.argv) > 1 else 28
+    print(f"{'':18s} {'unknowns':>9s} {'seconds':>8s} {'applications':>12s} {'energy':>16s}")
+    for name, row in measure(cells).items():
+        print(
+            f"{name:18s} {row['dofs']:9,.0f} {row['seconds']:8.2f} {row['applications']:12.0f} "
+            f"{row['energy']:16.10g}"
+        )
+
+
+if __name__ == "__main__":
+    main()

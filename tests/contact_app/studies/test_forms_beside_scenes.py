@@ -1,0 +1,16 @@
+"""The study of what forms cost beside scenes: all ways have one answer."""
+
+from __future__ import annotations
+
+import pytest
+
+from contact_app.studies.forms_beside_scenes import measure
+
+
+def test_all_ways_have_one_answer() -> None:
+    found = measure(4, turns=1)
+    assert set(found) == {"form", "scene", "scene, multigrid"}
+    energies = [row["energy"] for row in found.values()]
+    assert energies == pytest.approx([energies[0]] * 3, rel=1e-6)
+    assert all(row["dofs"] == 375 for row in found.values())
+    assert all(row["seconds"] > 0.0 for row in found.values())
