@@ -155,6 +155,12 @@ CERTIFICATE = {
     "duality_gap": "duality gap / energy",
 }
 
+#: The same of scenes with friction.
+FRICTION = {
+    "friction_cone": "friction beyond its limit / load",
+    "slip_alignment": "slip against friction / (load × displacement)",
+}
+
 
 def print_summary(
     summary: Mapping[str, Any],
@@ -216,7 +222,8 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
         row("nodes in contact", f"{solution['active_contacts']:,} of {pieces['contact']:,}")
     for name, value in named_rows(summary):
         row(name, value)
-    for key, name in CERTIFICATE.items():
+    frictional = {key: name for key, name in FRICTION.items() if key in certificate}
+    for key, name in (CERTIFICATE | frictional).items():
         value = certificate.get(key)
         met = None
         if certificate["passed"]:

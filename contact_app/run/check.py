@@ -59,7 +59,6 @@ STARTED = 0.022
 """Seconds of a run beside, whatever its size."""
 
 LEFT_OUT = (
-    "friction: contact forces are normal to the obstacle",
     "large strains and rotations: strains are linear in the displacement",
     "motion of the contact point: the gap is the signed distance of the undeformed node along the "
     "obstacle's normal there, between bodies along the normal of the undeformed surface",
@@ -213,7 +212,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         lines.append(
             f"{contact.source}: {_on(scene, contact)} may touch {whose or 'the '}{obstacle} "
             f"({_candidates(known, i, _count_nodes(scene, known, contact))})"
-            f"{_interference(contact)}"
+            f"{_friction(contact)}{_interference(contact)}"
         )
     gaps, sources = known.candidates
     lines += [f"warning: {hint}" for hint in distant(scene, gaps, sources, partition.comm)]
@@ -221,7 +220,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
             f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
-            f"({_candidates(known, i)}){_interference(pair)}"
+            f"({_candidates(known, i)}){_friction(pair)}{_interference(pair)}"
         )
     for tie in scene.ties:
         other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
@@ -245,6 +244,16 @@ def _held(scene: Scene, known: Outline) -> list[str]:
             f"({_count_nodes(scene, known, condition):,} nodes)"
         )
     return lines
+
+
+def _friction(contact: Contact | BodyContact) -> str:
+    """The law of friction of a contact; nothing where there is none."""
+    law = contact.friction
+    if law is None:
+        return ""
+    if law.coulomb is not None:
+        return f", with Coulomb friction of {law.coulomb:g}"
+    return f", with Tresca friction up to {law.tresca:g} per area"
 
 
 def _interference(contact: Contact | BodyContact) -> str:
@@ -316,6 +325,12 @@ def _left_out(scene: Scene, known: Outline) -> list[str]:
     notes += [] if scene.cases else _unloaded(scene, known)
     notes = said_once(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
+    smooth = [contact.source for contact in scene.touching if contact.friction is None]
+    if smooth:
+        of = f" of {', '.join(dict.fromkeys(smooth))}" if scene.has_friction else ""
+        lines.append(f"  friction: contact forces{of} are normal to the surface")
+    if scene.has_friction:
+        lines.append("  the history of loads: slips are measured from the undeformed state")
     lines += [f"  {sentence}" for sentence in LEFT_OUT]
     if scene.plane:
         lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")

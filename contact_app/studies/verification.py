@@ -19,6 +19,8 @@ the answer beside those of the theory. How each is measured:
 * Tied cantilever: displacement of the middle of its end, and the strain energy.
 * Rigid ball: the fit as for Hertz, on a quarter of the block; its approach beside a²/R.
 * Confined column: resultant of the wall that is squeezed against.
+* Rod on a rough floor: mean displacement of its end, and the distance from there of the farthest
+  node that slips.
 
 Meshes of round bodies are coarse ones drawn in Gmsh (``meshes/samples/coarse``), every edge halved
 so often as a size asks for, new nodes put on the circle or ball (`refine_on_sphere`).
@@ -201,6 +203,21 @@ def _rigid_ball(solved: SolvedScene) -> list[Quantity]:
         Quantity("peak pressure p0", top, peak),
         Quantity("approach", approach, half_width**2 / radius),
     ]
+
+
+def _rough_rod(solved: SolvedScene) -> list[Quantity]:
+    """Displacement of the end F² / (2 E A s), and length F / s that slips."""
+    force, height, young, limit = 10.0, 0.5, 1000.0, 0.2
+    nodes = solved.nodes
+    end = np.isclose(nodes.points[:, 0], nodes.points[:, 0].max())
+    floor = np.isclose(nodes.points[:, 1], 0.0)
+    slips = floor & (nodes.displacement[:, 0] > 1e-6 * nodes.displacement[end, 0].max())
+    length = nodes.points[end, 0].max() - nodes.points[slips, 0].min()
+    return [
+        Quantity("u", float(nodes.displacement[end, 0].mean()),
+                 force**2 / (2.0 * young * height * limit)),
+        Quantity("slip length", float(length), force / limit),
+    ]  # fmt: skip
 
 
 def _column(solved: SolvedScene) -> list[Quantity]:
@@ -396,6 +413,13 @@ CASES = (
         "confined_column", "A laterally confined, nearly incompressible column",
         "E = 1, ν = 0.4999: M = 1667.1. The strain is uniform: exact on every mesh.",
         _column, _boxes((1, 1, 2), (2, 2, 4), (4, 4, 8)),
+    ),
+    Case(
+        "rough_rod", "A thin rod on a rough floor, pulled at its end",
+        "Tresca friction s = 0.2, F = 10, E = 1000, height 0.5: u = F²/(2 E A s) = 0.5 at the end, "
+        "and F/s = 50 slip. The theory is that of a bar; errors settle near what it leaves out, "
+        "the shear over the height.",
+        _rough_rod, _boxes((50, 1), (100, 1), (200, 2), (400, 4)),
     ),
 )  # fmt: skip
 

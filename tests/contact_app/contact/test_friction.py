@@ -168,35 +168,6 @@ def test_a_block_on_a_slope_rests_up_to_the_friction_angle(
         solve(on_a_slope(cell, law, 1.01 * limit, along), 2)
 
 
-def test_a_rod_on_a_rough_floor() -> None:
-    """Pulled at its end it slips over F / s, and its end moves by F² / (2 E A s)."""
-    length, height, young, pull, limit = 10.0, 0.05, 1000.0, 1.0, 0.2
-    made = scenes.config(
-        "quadrilateral",
-        [scenes.block("quadrilateral", 1, upper=(length, 0.0, height), young=young, poisson=0.0)],
-        [
-            {"on": "block.x+", "traction": [pull / height, 0.0]},
-            {"on": "block.y+", "displacement": [None, 0.0]},
-        ],
-        [
-            {
-                "on": "block.y-",
-                "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}},
-                "friction": {"tresca": limit},
-            }
-        ],
-    )
-    made["bodies"][0]["mesh"]["box"]["cells"] = [400, 2]
-    solved = solve(made, 4)
-    assert solved.summary["certificate"]["passed"]
-    points, u = solved.displacement_at_nodes()
-    floor = points[:, 1] == 0.0
-    slips = np.abs(u[floor, 0]) > 1e-9
-    assert length - points[floor][slips, 0].min() == pytest.approx(pull / limit, rel=0.02)
-    end = u[np.isclose(points[:, 0], length), 0].mean()
-    assert end == pytest.approx(pull**2 / (2.0 * young * height * limit), rel=0.01)
-
-
 @pytest.mark.mpi
 def test_ranks(tmp_path: Path) -> None:
     """A pair, and a floor that some ranks do not touch: one answer on one, two and three ranks."""

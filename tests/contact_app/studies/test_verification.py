@@ -36,6 +36,16 @@ def test_the_punch_comes_closer() -> None:
     assert fine.certified
 
 
+def test_a_rod_slips_on_a_rough_floor() -> None:
+    """Its end moves by F² / (2 E A s), and the length that slips is F / s to a cell."""
+    (case,) = find(["rough_rod"])
+    (row,) = study(case, [box(100, 1)])
+    assert row.certified
+    end, length = errors(row)
+    assert end < 1e-3, row
+    assert length < 0.03, row
+
+
 def test_the_press_fit_on_the_shipped_mesh() -> None:
     (case,) = find(["press_fit"])
     (row,) = study(case, [Level("shipped")])
