@@ -39,9 +39,37 @@ def sagittas(model: Model, nodes: NodeFields) -> list[float]:
     parts = model.comm.allgather((nodes.points[known], nodes.gap[known]))
     points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
     return [
-        _sagitta(scene.bodies[c.body], c, points, gaps) if c.body in straight else 0.0
+        _sagitta(scene.bodies[c.body], c.boundary, points, gaps) if c.body in straight else 0.0
         for c in scene.contacts
     ]
+
+
+def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
+    """Largest sagitta of straight facets that meet in each pair of bodies (collective).
+
+    Both sides count, whatever their degree: facets of one surface press into those of the other.
+    """
+    scene = model.scene
+    sides = [
+        [(scene.bodies[pair.body], pair.boundary), (scene.bodies[pair.other], pair.other_boundary)]
+        for pair in scene.pairs
+    ]
+    sides = [[side for side in both if _has_straight_facets(side[0])] for both in sides]
+    if not any(sides):
+        return [0.0] * len(sides)
+    found = []
+    for both, contact in zip(sides, nodes.contacts[len(scene.contacts) :], strict=True):
+        at = contact.nodes - nodes.first
+        known = at[np.isfinite(nodes.gap[at])]
+        parts = model.comm.allgather((nodes.points[known], nodes.gap[known]))
+        points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
+        found.append(max((_sagitta(*side, points, gaps) for side in both), default=0.0))
+    return found
+
+
+def _has_straight_facets(body: Body) -> bool:
+    """Whether a body came from a file and its surface is made of flat facets."""
+    return isinstance(body.mesh, CellMesh) and body.mesh.middles is None
 
 
 def _straight(scene: Scene, contact: Contact) -> bool:
@@ -53,7 +81,7 @@ def _straight(scene: Scene, contact: Contact) -> bool:
 
 
 def _sagitta(
-    body: Body, contact: Contact, watched: NDArray[np.float64], gaps: NDArray[np.float64]
+    body: Body, boundary: str, watched: NDArray[np.float64], gaps: NDArray[np.float64]
 ) -> float:
     """Largest sagitta near watched points whose gap is no larger than one."""
     mesh = body.mesh
@@ -62,13 +90,13 @@ def _sagitta(
     d = mesh.dimension
     points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
     facets = mesh.topology.facets
-    if contact.boundary in body.boundaries:
-        inside = body.boundaries[contact.boundary](points)[facets].all(axis=1)
+    if boundary in body.boundaries:
+        inside = body.boundaries[boundary](points)[facets].all(axis=1)
         for name in set(body.cuts) & set(mesh.sides):
             inside[mesh.sides[name]] = False
         facets = facets[inside]
     else:
-        facets = facets[mesh.sides[contact.boundary]]
+        facets = facets[mesh.sides[boundary]]
     first, second = _neighbours(facets, d)
     if len(first) == 0:
         return 0.0

@@ -24,9 +24,11 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import (
+    FEWEST_ALONG,
     FEWEST_FACETS,
     entered_beside,
     facets_across,
+    facets_along_axes,
     slipped_through,
 )
 from contact_app.accuracy.trust import few_cells
@@ -34,7 +36,7 @@ from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.free_motions import free_motions
-from contact_app.run.faceted_curves import sagittas
+from contact_app.run.faceted_curves import pair_sagittas, sagittas
 from contact_app.run.repeated_sentences import said_once
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
@@ -107,6 +109,23 @@ def _straight_edges(answer: Answer) -> Iterator[str]:
             )
 
 
+def _straight_facets(answer: Answer) -> Iterator[str]:
+    """Round bodies that touch each other by flat facets, coarse beside the displacements."""
+    scene, moved = answer.model.scene, answer.solution.measures.displacements
+    for pair, sagitta in zip(
+        scene.pairs, pair_sagittas(answer.model, answer.nodes), strict=True
+    ):  # fmt: skip
+        largest = max(moved[pair.body], moved[pair.other])
+        if sagitta > LARGE_SAGITTA * largest > 0.0:
+            names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
+            yield (
+                f"{pair.source}: {names} are round there and meet by flat facets, which lie up to "
+                f"{sagitta:.2g} off the curve (h²/8R), {100.0 * sagitta / largest:.2g} % of the "
+                "largest displacement: the largest pressure is that of the facets; use degree: 2 "
+                "and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+            )
+
+
 def _beside_obstacles(answer: Answer) -> Iterator[str]:
     """Sliding along curved obstacles, and contact that leaves its boundary."""
     model, solution = answer.model, answer.solution
@@ -139,7 +158,17 @@ def _between_nodes(answer: Answer) -> list[str]:
 def _coarse_pressures(answer: Answer) -> Iterator[str]:
     """Pressures that vary within single facets."""
     across_all = facets_across(answer.model, answer.nodes)
-    for item, across in zip(answer.model.scene.touching, across_all, strict=True):
+    along_all = facets_along_axes(answer.model, answer.nodes)
+    for item, across, axes in zip(
+        answer.model.scene.touching, across_all, along_all, strict=True
+    ):  # fmt: skip
+        if across >= FEWEST_FACETS and min(axes) < FEWEST_ALONG:
+            short, long = sorted(axes)[0], sorted(axes)[-1]
+            yield (
+                f"{item.source}: the pressure varies within single facets: about {short:.1f} lie "
+                f"across the narrow side of the contact and {long:.0f} along it; its largest value "
+                "is that of the mesh; use smaller cells there"
+            )
         if across < FEWEST_FACETS:
             yield (
                 f"{item.source}: the pressure varies within single facets, as where about "
@@ -380,9 +409,9 @@ def _sliding_on_each_other(
 
 
 CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
-    _large_deformations, _yielding, _straight_edges, _beside_obstacles, _between_nodes,
-    _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending, _moved_far,
-    _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates,
-    _free_motions, _slides, _apart,
+    _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
+    _between_nodes, _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending,
+    _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
+    _certificates, _free_motions, _slides, _apart,
 )  # fmt: skip
 """What an answer is asked, in the order in which its warnings are told."""

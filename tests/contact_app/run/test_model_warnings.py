@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
 from tests import scenes
 
 
@@ -67,3 +70,24 @@ def test_a_pressure_that_varies_within_facets(cell: str) -> None:
     n = 20 if scenes.dimension(cell) == 2 else 10
     assert "varies within single facets" in warnings_of(hertz(cell, n, 0.5 / n))
     assert "varies within single facets" not in warnings_of(hertz(cell, n, 0.4))
+
+
+def test_few_facets_across_a_long_contact_are_told() -> None:
+    """Hertz's ellipse of a ball in a groove, eight times as long as wide."""
+    config = Path(__file__).parents[3] / "configs" / "ball_in_grooves.yaml"
+    found = solve_scene(build_scene(load(config))).summary
+    told = [w for w in found["certificate"]["warnings"] if "narrow side of the contact" in w]
+    assert [w.split(":")[0] for w in told] == ["contacts[0]", "contacts[1]"]
+    assert "about 2.6 lie across" in told[0]
+    assert found["solution"]["max_contact_pressure"] > 1.5 * 2249.0  # Hertz
+
+
+def test_round_bodies_that_meet_by_flat_facets_are_told() -> None:
+    """A shaft in a hub: facets at degree 1, arcs at degree 2."""
+    config, told = Path(__file__).parents[3] / "configs" / "interference_fit.yaml", {}
+    for degree in (1, 2):
+        changes = [f"bodies.{b}.degree={degree}" for b in (0, 1)]
+        found = solve_scene(build_scene(load(config, changes))).summary
+        told[degree] = " ".join(found["certificate"]["warnings"])
+    assert "meet by flat facets" in told[1]
+    assert "meet by flat facets" not in told[2]
