@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from contact_app.scene.configuration import load
+from contact_app.scene.configuration import RigidBody, load
 from tests.contact_app.test_cli import contact_app
 
 CONFIGS = sorted((Path(__file__).parents[3] / "configs").glob("*.yaml"))
@@ -21,7 +21,7 @@ def coarser(config: Path) -> list[str]:
     """Overrides that halve the cells of each box, to no fewer than four."""
     words = []
     for i, body in enumerate(load(config).bodies):
-        if body.mesh.box is None:
+        if isinstance(body, RigidBody) or body.mesh.box is None:
             continue
         cells = [max(min(n, 4), n // 2) for n in body.mesh.box.cells]
         words += ["--set", f"bodies.{i}.mesh.box.cells={cells}"]
@@ -51,7 +51,8 @@ def test_runs_and_is_certified(config: Path, tmp_path: Path) -> None:
         "are round there and meet by flat facets",
     )  # of half the cells, and of a mesh that is shipped small
     assert [w for w in warnings if not any(words in w for words in coarse)] == []
-    assert all(case["solution"]["active_contacts"] > 0 for case in cases.values())
+    tied = "tied" in summary["decomposition"]
+    assert tied or all(case["solution"]["active_contacts"] > 0 for case in cases.values())
     assert all((tmp_path / name / "solution.xdmf").exists() for name in cases)
 
 
