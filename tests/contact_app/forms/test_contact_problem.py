@@ -165,14 +165,39 @@ def test_a_problem_is_solved_again_for_new_loads() -> None:
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("triangle", 2)])
-def test_tagged_facets_press_on_each_other(cell: str, degree: int) -> None:
+def test_tagged_facets_press_on_each_other_as_two_bodies_of_a_scene(cell: str, degree: int) -> None:
     problem = problems.two_blocks(cell, degree).problem()
     problem.solve()
     d = 3 if cell == "hexahedron" else 2
-    pushed = 0.05 * (0.7 * 0.6 if d == 3 else 0.7)
-    force = problem.summary["contacts"][0]["force"]
-    assert force[d - 1] == pytest.approx(pushed, rel=1e-8)
+    up = "xyz"[d - 1]
+    boxes = {
+        "low": ([0, 0, 0], [1, 1, 0.99], [4, 3, 3], 1.0) if d == 3 else
+        ([0, 0], [1, 0.99], [4, 3], 1.0),
+        "high": ([0.15, 0.2, 1], [0.85, 0.8, 2], [3, 2, 2], 5.0) if d == 3 else
+        ([0.15, 1], [0.85, 2], [3, 2], 5.0),
+    }  # fmt: skip
+    scene = contact_app.solve({
+        "dimension": d,
+        "bodies": [
+            {"name": name, "degree": degree, "material": {"young": young, "poisson": 0.3},
+             "mesh": {"box": {"lower": lower, "upper": upper, "cells": cells, "cell": cell}}}
+            for name, (lower, upper, cells, young) in boxes.items()
+        ],
+        "conditions": [{"on": f"low.{up}-", "displacement": [0] * d},
+                       {"on": f"high.{up}+", "traction": [0] * (d - 1) + [-0.05]}],
+        "contacts": [{"on": f"high.{up}-", "against": f"low.{up}+"}],
+        "solver": {"tolerance": 1e-10},
+    })  # fmt: skip
     assert problem.certificate.passed
+    assert scene.converged
+    one, other = (s["contacts"][0] for s in (problem.summary, scene.summary))
+    pushed = 0.05 * (0.7 * 0.6 if d == 3 else 0.7)
+    assert one["force"][d - 1] == pytest.approx(pushed, rel=1e-8)
+    assert one["nodes"] == other["nodes"]
+    for key in ("area", "max_pressure"):
+        assert one[key] == pytest.approx(other[key], rel=1e-7), key
+    energies = [s["solution"]["energy"] for s in (problem.summary, scene.summary)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-8)
 
 
 @pytest.mark.parametrize("method", ["primal", "active-set"])
