@@ -92,6 +92,7 @@ class Overview:
             "certificate": summary["certificate"],
             "solver": summary["solver"],
             "accuracy": summary["accuracy"],
+            "contacts": summary["contacts"],
         }
         for key, seconds in summary["timings"].items():
             self._timings[key] = self._timings.get(key, 0.0) + seconds

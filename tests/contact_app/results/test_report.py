@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from contact_app.errors import ConfigurationError
-from contact_app.results.report import print_summary, run_log, write_summary
+from contact_app.results.report import force_of_case, print_summary, run_log, write_summary
 
 SUMMARY = {
     "scene": {"title": "a cube [bold] beside a wall", "dimension": 3},
@@ -228,3 +228,12 @@ def test_other_ranks_write_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with run_log(None) as log:
         log.warning("nowhere")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_force_of_a_case_is_that_of_its_contact() -> None:
+    """Two bodies press each other and no obstacle: the table shows their force, not zero."""
+    pair = {"on": "a.z+", "with": "b.z-", "force": [0.0, 0.0, -36.0]}
+    case = {"solution": {"contact_force": [0.0, 0.0, 0.0]}, "contacts": [pair]}
+    assert force_of_case(case) == [0.0, 0.0, -36.0]
+    both = {"solution": {"contact_force": [1.0, 0.0, 2.0]}, "contacts": [pair, pair]}
+    assert force_of_case(both) == [1.0, 0.0, 2.0]

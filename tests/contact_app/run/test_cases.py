@@ -339,6 +339,7 @@ def test_each_case_has_a_directory_beside_an_overview_and_the_envelope(tmp_path:
         assert own["certificate"] == case["certificate"]
         assert own["certificate"]["passed"]
         assert case["solution"].items() >= own["solution"].items()
+        assert case["contacts"] == own["contacts"]
         assert len((tmp_path / name / "history.csv").read_text().splitlines()) > 1
         at_points, in_cells = fields(tmp_path / name / "solution.xdmf")
         stress.append(in_cells["von_mises"].ravel())
