@@ -180,10 +180,13 @@ def slipped_through(model: Model, solution: Solution, unfelt: float = BETWEEN) -
         depth = entered_between(model, solution, number)
         moved = float(solution.measures.displacements[contact.body])
         if depth > (BETWEEN if felt[number] else unfelt) * moved:
+            share = "of a body that does not move"
+            if moved > 0.0:
+                share = f"{100.0 * depth / moved:.2g} % of the largest displacement"
             said.append(
                 f"{contact.source}: between the nodes of {scene.bodies[contact.body].name} the "
-                f"obstacle enters by up to {depth:.2g}, {100.0 * depth / moved:.2g} % of the "
-                "largest displacement: contact is narrower than a facet; use smaller cells there"
+                f"obstacle enters by up to {depth:.2g}, {share}: contact is narrower than a facet; "
+                "use smaller cells there"
             )
     return said
 
