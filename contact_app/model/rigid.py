@@ -192,7 +192,43 @@ def moving_rows(
         mine = of_body[rows.sources] == number
         direction = rows.normals[mine, :d]
         keep[mine] = tightest_of_each_node(rows.nodes[mine], direction, rows.gaps[mine])
+    keep &= _tightest_on_held(rows, partition)
     return rows.of(keep), rows.of(~keep)
+
+
+def _tightest_on_held(rows: ContactRows, partition: Partition) -> NDArray[np.bool_]:
+    """Which rows to keep, (rows,): of those of held nodes alone that are parallel the tightest.
+
+    Nothing gives way there: a second one would be closed with a gap that no force can change.
+    Collective.
+    """
+    count, d = len(rows.nodes), partition.dimension
+    alone = np.bincount(rows.entries.row, minlength=count) == 0
+    alone &= rows.on_rigid
+    own = rows.rigid
+    body = np.zeros(count, np.int64)
+    body[own.row] = (own.node - partition.nodes) // NODES
+    place = (own.node - partition.nodes) % NODES * d + own.component
+    vectors = np.zeros((count, NODES * d))
+    vectors[own.row, place] = own.value
+    length = np.linalg.norm(vectors, axis=1)
+    length[length == 0.0] = 1.0
+    mine = np.column_stack([body, np.round(vectors / length[:, None], 9)])[alone]
+    gaps = (rows.gaps / length)[alone]
+    parts = partition.comm.allgather((mine, gaps))
+    every = np.concatenate([part[0] for part in parts])
+    if not len(every):
+        return np.ones(count, bool)
+    _, group = np.unique(every, axis=0, return_inverse=True)
+    group, every_gap = group.reshape(-1), np.concatenate([part[1] for part in parts])
+    order = np.lexsort((every_gap, group))
+    first = order[np.concatenate([[True], np.diff(group[order]) > 0])]
+    best = np.zeros(len(group), bool)
+    best[first] = True
+    start = sum(len(part[1]) for part in parts[: partition.comm.rank])
+    result = np.ones(count, bool)
+    result[alone] = best[start : start + len(gaps)]
+    return result
 
 
 def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
