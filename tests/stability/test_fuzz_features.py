@@ -16,8 +16,8 @@ FAST, SLOW = 12, 300
 
 
 FOUND = (123, 266)
-"""Scenes that found a fault once: a ball between the nodes of a body at rest (123); one that several held
-nodes stop (266)."""
+"""Scenes that found a fault once: a ball between the nodes of a body at rest (123); a rigid
+body that several held nodes stop."""
 
 
 @pytest.mark.parametrize("seed", [*range(FAST), *FOUND])
