@@ -38,6 +38,7 @@ from contact_app.run.fallback import (
 from contact_app.run.model_warnings import Answer, model_warnings
 from contact_app.run.placing import (
     PLACINGS,
+    Relaxation,
     SameRows,
     leaves_where_placed,
     never_placed,
@@ -153,6 +154,7 @@ def solve_scene(
 
 def _at_rest(asked: _Request) -> SolvedScene:
     """Solve a scene, anew about where its rigid bodies have come to until they stay there."""
+    relaxation = Relaxation()
     for count in range(PLACINGS):
         try:
             solved = _certified_if_possible(asked)
@@ -163,6 +165,7 @@ def _at_rest(asked: _Request) -> SolvedScene:
             return solved
         if asked.comm.rank == 0:
             log.info("rigid bodies are placed where they have come to: solving again")
+        places = relaxation.towards(solved.model.scene.placements, places)
         asked = replace(
             asked, scene=asked.scene.placed(places), start=SameRows(solved.solution.multiplier),
             checkpoint=None, spent=solved.solution.counts, tell=None,

@@ -470,3 +470,19 @@ def test_errors_say_where(change: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigurationError) as found:
         build_scene(from_mapping(_wrong(change)))
     assert said in str(found.value)
+
+
+def test_places_converge_where_contact_forces_turn_with_the_body() -> None:
+    """x → a + x/2: the second step tells the factor, and the third place is the fixed point."""
+    from contact_app.run.placing import Relaxation
+    from contact_app.scene.rigid import Placement
+
+    relaxation, place, taken = Relaxation(), Placement(), []
+    for _ in range(3):
+        x, y, _z = place.displacement
+        found = Placement((0.1 + 0.5 * x, -0.4 + 0.5 * y, 0.0))
+        (place,) = relaxation.towards([place], [found])
+        taken.append(place.displacement)
+    assert taken[0] == (0.1, -0.4, 0.0)
+    np.testing.assert_allclose(taken[1], [0.2, -0.8, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(taken[2], taken[1], rtol=1e-12)
