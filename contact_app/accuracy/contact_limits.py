@@ -261,4 +261,7 @@ def _along_axes(
     moment = comm.allreduce(np.einsum("f,fi,fj->ij", forces, away, away)) / force
     squares, axes = np.linalg.eigh(moment)
     extents = comm.allreduce(forces @ np.ptp(corners @ axes, axis=1)) / force
-    return tuple(float(v) for v in 2.0 * np.sqrt(5.0 * squares[1:]) / extents[1:])
+    lengths = 2.0 * np.sqrt(5.0 * np.maximum(squares[1:], 0.0))
+    return tuple(
+        float(v / e) if e > 0.0 else np.inf for v, e in zip(lengths, extents[1:], strict=True)
+    )

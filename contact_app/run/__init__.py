@@ -2,6 +2,6 @@
 
 `run` solves and writes a scene, `check` says beforehand what will be modelled and what it costs.
 `result_directory` removes what earlier runs left. `fallback` decides what is tried where an answer
-cannot be certified. `model_warnings` and `faceted_curves` hold the answer against the assumptions
+cannot be certified. `model_warnings` holds the answer against the assumptions
 of its model.
 """

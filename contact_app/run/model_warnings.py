@@ -31,12 +31,12 @@ from contact_app.accuracy.contact_limits import (
     facets_along_axes,
     slipped_through,
 )
+from contact_app.accuracy.faceted_curves import LARGE_SAGITTA, pair_sagittas, sagittas
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.free_motions import free_motions
-from contact_app.run.faceted_curves import pair_sagittas, sagittas
 from contact_app.run.repeated_sentences import said_once
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
@@ -48,7 +48,6 @@ from solver.contact.solution import Solution
 SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1
 SMALL_SAGITTA = 0.01
-LARGE_SAGITTA = 0.05
 SIMPLICES = ("triangle", "tetrahedron")
 LARGE_ERROR = 0.4
 ROUNDED_STRAINS = 1e-3

@@ -43,6 +43,7 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.agreement import Measured, Verdict
 from contact_app.accuracy.contact_limits import UNFELT, coarse_contact, slipped_through
+from contact_app.accuracy.faceted_curves import polygon_solved
 from contact_app.accuracy.judge import Judge, coarser, measured
 from contact_app.accuracy.refine.grading import axis_evenness, evenness, graded, layer_errors
 from contact_app.accuracy.refine.local_refinement import locally_refined
@@ -339,6 +340,11 @@ class _Levels:
             return ""
         if not solution.converged:
             return "the solver did not reach its tolerance"
+        if self._files and len(self.levels) > 1:
+            solved = heard.solved
+            polygon = polygon_solved(solved.model, solution, solved.nodes)
+            if polygon:
+                return polygon
         if len(self.levels) >= self._most:
             return heard.doubt or f"{self._most} levels were not enough"
         self._doubts = self._doubts + 1 if heard.doubt else 0

@@ -277,3 +277,11 @@ def test_singularities_are_met_by_graded_cells() -> None:
     assert 0.4 * 0.05 < error <= 0.05
     edge = found.solved.model.scene.bodies[0].mesh
     assert np.isclose(edge.points[:, 0], 1.0, atol=1e-12).any()  # type: ignore[attr-defined]
+
+
+def test_a_polygon_is_not_refined_for_ever() -> None:
+    """Shaft and hub with straight edges: finer cells stay on the facets, and the run says so."""
+    straight = ["bodies.0.degree=1", "bodies.1.degree=1", "accuracy=0.01"]
+    found = solve_to_accuracy(shipped("interference_fit", *straight), solve_scene)
+    assert len(found.levels) == 2
+    assert "contacts[0]: finer cells stay on the flat facets" in found.missed

@@ -18,9 +18,13 @@ from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Contact
 from contact_app.scene.scene import Scene
 from meshes import CellMesh
+from solver.contact.solution import Solution
 
 SMOOTH = np.deg2rad(30.0)
 """Angle between facets above which the body has a corner there and is not meant to be round."""
+
+LARGE_SAGITTA = 0.05
+"""Sagitta over the largest displacement from which on an answer is that of the polygon."""
 
 FLAT = 1e-6
 """Angle below which facets lie in one plane."""
@@ -42,6 +46,25 @@ def sagittas(model: Model, nodes: NodeFields) -> list[float]:
         _sagitta(scene.bodies[c.body], c.boundary, points, gaps) if c.body in straight else 0.0
         for c in scene.contacts
     ]
+
+
+def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
+    """Why finer cells do not lead to the answer for round bodies that touch each other.
+
+    Empty where they do. Halved edges stay on the straight ones they came from: what is solved for
+    are polygons, whose corners press into flats, however fine the cells (collective).
+    """
+    scene, moved = model.scene, solution.measures.displacements
+    for pair, sagitta in zip(scene.pairs, pair_sagittas(model, nodes), strict=True):
+        largest = max(moved[pair.body], moved[pair.other])
+        if sagitta > LARGE_SAGITTA * largest > 0.0:
+            return (
+                f"{pair.source}: finer cells stay on the flat facets of the mesh file, which lie up to "
+                f"{sagitta:.2g} off the round surface, {100.0 * sagitta / largest:.2g} % of the "
+                "largest displacement; give a mesh file of second order and degree: 2, or a finer "
+                "one"
+            )
+    return ""
 
 
 def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
