@@ -59,10 +59,10 @@ def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
         largest = max(moved[pair.body], moved[pair.other])
         if sagitta > LARGE_SAGITTA * largest > 0.0:
             return (
-                f"{pair.source}: finer cells stay on the flat facets of the mesh file, which lie up to "
-                f"{sagitta:.2g} off the round surface, {100.0 * sagitta / largest:.2g} % of the "
-                "largest displacement; give a mesh file of second order and degree: 2, or a finer "
-                "one"
+                f"{pair.source}: finer cells stay on the flat facets of the mesh file, which lie "
+                f"up to {sagitta:.2g} off the round surface, {100.0 * sagitta / largest:.2g} % of "
+                "the largest displacement; give a mesh file of second order and degree: 2, or a "
+                "finer one"
             )
     return ""
 
