@@ -114,9 +114,9 @@ class Projector:
     def truncating(self, P: PETSc.Mat) -> PETSc.Mat:
         """E in Π P ≈ P - E for a prolongation P: D⁻¹ C_Aᵀ X with X near S⁻¹ C_A P.
 
-        S is lumped, which changes nothing for rows at single nodes. It serves a preconditioner: what
-        rows over several nodes leave is taken out by Π. Two more steps towards S⁻¹ saved no
-        iteration on three pairs and took four times as long.
+        S is lumped, which changes nothing for rows at single nodes. What rows over several nodes
+        leave is taken out by Π. Two more steps towards S⁻¹ saved no iteration on three pairs and
+        took four times as long.
         """
         X = self.C.matMult(P)
         _scale(X, 1.0 / self._row_sums())
