@@ -193,9 +193,8 @@ class _Level:
 
         def solve(matrix: PETSc.Mat, loads: Array) -> Array:
             if self._cycle is None:
-                operators = [matrix]
-                for prolongation in hierarchy.prolongations[k:]:
-                    operators.append(operators[-1].ptap(prolongation))
+                # without springs on the levels below, which would cost more than the steps they save
+                operators = [matrix, *hierarchy.operators[k + 1 :]]
                 self._cycle = Cycle(operators, hierarchy.prolongations[k:], hierarchy.options)
             return _conjugate_gradients(self.system, matrix, loads, self._cycle, self.options)
 
