@@ -19,6 +19,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.machine.environment import environment
 from contact_app.machine.exits import Exit
 from contact_app.machine.exits import tell as say
+from contact_app.model.method import chosen
 from contact_app.model.outline import Tell
 from contact_app.results.envelope import Envelope
 from contact_app.results.history import History
@@ -55,6 +56,7 @@ def solved_cases(
     tell
         Called with the scene and the outline of the model of its first case.
     """
+    scene = chosen(scene)
     models = CaseModels(scene, comm)
     for case in scene.cases:
         solved = solve_scene(

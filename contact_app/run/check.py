@@ -25,6 +25,7 @@ from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
 from contact_app.model.far_obstacles import distant
 from contact_app.model.loaded_area import loaded_facets
+from contact_app.model.method import PATIENCE, chosen, is_undecomposed, may_peel
 from contact_app.model.outline import Outline, left_out_notes, outline
 from contact_app.model.symmetry import halved
 from contact_app.run.case_models import outlines_of_cases
@@ -86,6 +87,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     halving = halved(scene)
     if scene.symmetry:
         scene = halving.scene
+    scene = chosen(scene)
     outlines: dict[str, Outline] = {}
     if scene.cases:
         outlines = {k: v for k, v in outlines_of_cases(scene, comm).items() if v is not None}
@@ -291,6 +293,12 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
     partition = known.partition
     groups = _groups(scene, known)
     many = partition.count > 1
+    if is_undecomposed(scene):
+        why = "it is faster than Total FETI on bodies from mesh files of this size"
+        return [
+            f"method: primal, multigrid on the undecomposed bodies; {why}; one subdomain for each "
+            "body and rank, none factored"
+        ]
     lines = [
         f"decomposition: {partition.count} subdomain{'s' * many} of about "
         f"{partition.nodes * scene.dimension / partition.count:,.0f} unknowns, {len(groups)} of "
@@ -317,6 +325,11 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
         lines.append(f"  {name}: {how}")
     if not scene.touching:
         lines.append("  no contacts: plain conjugate gradients")
+    if may_peel(scene):
+        lines.append(
+            f"method: Total FETI; after {PATIENCE} iterations the undecomposed bodies are solved "
+            "with factors, since contact of thin bodies may peel off row by row"
+        )
     return lines
 
 

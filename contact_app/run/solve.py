@@ -18,7 +18,7 @@ from contact_app.errors import ConfigurationError, CouldNotRunError, NoEquilibri
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed, more_needed
-from contact_app.model.method import is_undecomposed
+from contact_app.model.method import PATIENCE, chosen, is_undecomposed, may_peel
 from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Tell
 from contact_app.results.fields import cell_fields, node_fields
@@ -47,7 +47,7 @@ from contact_app.run.placing import (
 )
 from contact_app.run.summary import summary_of
 from contact_app.scene.scene import Scene
-from solver import Counts
+from solver import Counts, Reason
 from solver.contact.checkpoint import Checkpoint, CheckpointError
 from solver.contact.driver import reason_text, solve
 from solver.contact.solution import Solution
@@ -138,6 +138,7 @@ def solve_scene(
             f"{scene.at('cases')}: load cases are solved by `run` and by `contact_app.solve`; give "
             "a scene without them"
         )
+    scene = chosen(scene)
     asked = _Request(
         scene, comm, monitor, checkpoint, tell, start, Timings(), needed=needed, cases=cases
     )
@@ -184,6 +185,11 @@ def _certified_if_possible(asked: _Request) -> SolvedScene:
     """
     if is_undecomposed(asked.scene):
         return _undecomposed_if_possible(asked)
+    if may_peel(asked.scene):
+        found = _peeled_if_slow(asked)
+        if isinstance(found, SolvedScene):
+            return found
+        asked = found
     scene, comm = asked.scene, asked.comm
     first, count, spent = None, None, asked.spent
     try:
@@ -212,6 +218,36 @@ def _certified_if_possible(asked: _Request) -> SolvedScene:
     except NoAnswerError as error:
         raise _no_answer(scene, str(error)) from None
     return _warned(again, text)
+
+
+def _peeled_if_slow(asked: _Request) -> SolvedScene | _Request:
+    """Solve a thin scene by a few iterations of Total FETI, else without cutting bodies.
+
+    Returns
+    -------
+    The answer, or the request as far as it was tried in vain.
+    """
+    scene, spent = asked.scene, asked.spent
+    most = min(scene.solver.max_iterations, PATIENCE)
+    short = replace(scene, solver=replace(scene.solver, max_iterations=most, method="active-set"))
+    try:
+        first = _solved(replace(asked, scene=short))
+        if first.solution.converged or first.solution.reason is Reason.STOPPED:
+            return first
+        if most == scene.solver.max_iterations:
+            return first
+        spent = first.solution.counts
+        del first
+        if asked.comm.rank == 0:
+            log.info("contact peels off row by row: solving for the displacements instead")
+        whole = replace(scene, solver=replace(scene.solver, method="primal"))
+        second = _solved(replace(asked, scene=whole, checkpoint=None, spent=spent))
+        if second.solution.converged or second.solution.reason is Reason.STOPPED:
+            return second
+        spent = second.solution.counts
+    except NoAnswerError:
+        pass
+    return replace(asked, checkpoint=None, spent=spent)
 
 
 def _undecomposed_if_possible(asked: _Request) -> SolvedScene:

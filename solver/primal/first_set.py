@@ -193,7 +193,7 @@ class _Level:
 
         def solve(matrix: PETSc.Mat, loads: Array) -> Array:
             if self._cycle is None:
-                # without springs on the levels below, which would cost more than the steps they save
+                # without springs on the levels below: these cost more than the steps they save
                 operators = [matrix, *hierarchy.operators[k + 1 :]]
                 self._cycle = Cycle(operators, hierarchy.prolongations[k:], hierarchy.options)
             return _conjugate_gradients(self.system, matrix, loads, self._cycle, self.options)

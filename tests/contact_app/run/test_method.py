@@ -1,0 +1,76 @@
+"""Which method `solver.method: auto` stands for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from contact_app.errors import ConfigurationError
+from contact_app.model.method import LEAST_ALONE, PATIENCE, chosen, may_peel
+from tests import scenes
+from tests.comparison import solve
+
+
+def strip(**solver: Any) -> scenes.Config:
+    """A strip 500 times as long as thick on a floor, one end lifted."""
+    return {
+        "dimension": 2,
+        "bodies": [
+            {
+                "name": "strip",
+                "mesh": {"box": {"lower": [0, 0], "upper": [500, 1], "cells": [800, 2]}},
+                "material": {"young": 1e5, "poisson": 0.3},
+            }
+        ],
+        "conditions": [
+            {"in": "strip", "force": [0, -1e-3]},
+            {"on": "strip.x-", "displacement": [0, 0.02]},
+        ],
+        "contacts": [
+            {"on": "strip.y-", "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}}
+        ],
+        "solver": {"tolerance": 1e-8, **solver},
+    }
+
+
+def test_contact_that_peels_off_is_left_to_the_undecomposed_problem() -> None:
+    assert may_peel(scenes.build(strip()))
+    found = solve(strip()).summary
+    assert found["certificate"]["passed"]
+    assert found["solver"]["method"] == "primal"
+    assert not any("Total FETI" in warning for warning in found["certificate"]["warnings"])
+    known = solve(strip(), method="primal").summary
+    assert found["solution"]["energy"] == pytest.approx(known["solution"]["energy"], rel=1e-7)
+
+
+@pytest.mark.ratchet
+def test_so_that_it_takes_few_operator_applications() -> None:
+    counts = solve(strip()).summary["solver"]
+    assert counts["hessian_multiplications"] < PATIENCE + 150
+
+
+def test_a_limit_on_iterations_is_kept() -> None:
+    found = solve(strip(), max_iterations=20).summary
+    assert not found["solver"]["converged"]
+    assert found["solver"]["cg_steps"] <= 20
+
+
+def test_boxes_and_small_bodies_stay_with_total_feti() -> None:
+    for name in ("wall", "two_bodies", "sphere"):
+        scene = scenes.build(scenes.ALL[name]("hexahedron", 4))
+        assert chosen(scene).solver.method == "auto"
+        assert not may_peel(scene)
+    assert LEAST_ALONE > 3 * 5**3
+
+
+def test_a_named_decomposition_stays_with_total_feti() -> None:
+    assert not may_peel(scenes.build(strip(), [4, 1]))
+
+
+def test_multigrid_holds_no_motion_in_the_mean(tmp_path: Path) -> None:
+    made = scenes.ALL["wall"]("hexahedron", 2)
+    made["bodies"][0]["hold"] = ["rz"]
+    with pytest.raises(ConfigurationError, match="hold.*it is primal"):
+        scenes.build({**made, "solver": {"method": "primal"}})
