@@ -28,9 +28,9 @@ THIN = 12.0
 LARGEST_THIN = {2: 500_000, 3: 60_000}
 """Unknowns up to which factors of thin scenes are cheap, by dimension."""
 
-PATIENCE = 300
+PATIENCE = 200
 """Iterations of Total FETI on a thin scene after which the undecomposed problem is solved. Thin
-scenes without peeling take 10 to 200, and a fifth of the other's time."""
+scenes without peeling take 10 to 200 operator applications, and a fifth of the other's time."""
 
 
 def chosen(scene: Scene) -> Scene:

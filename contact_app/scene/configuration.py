@@ -392,10 +392,11 @@ class Solver(Model):
 
     method: Literal["auto", "active-set", "smalbe", "primal"] = Field(
         "auto",
-        description="auto: what is faster; multigrid (primal) for bodies from mesh files of degree 1 "
-        "in space from 20,000 unknowns on, else primal-dual active sets by Total FETI, with SMALBE-M where they do not settle. "
-        "active-set: the same without SMALBE-M. smalbe: the algorithm of Kružík et al. (2020), "
-        "MPRGP with the named expansion inside SMALBE-M; it is meant where an expansion is named "
+        description="auto: what is faster; multigrid (primal) for bodies from mesh files of degree "
+        "1 in space from 20,000 unknowns on, else primal-dual active sets by Total FETI, with "
+        "SMALBE-M where they do not settle. active-set: Total FETI without SMALBE-M. smalbe: the "
+        "algorithm of Kružík et al. (2020), MPRGP with the named expansion inside SMALBE-M; it is "
+        "meant where an expansion is named "
         "without a method. primal: active sets on the undecomposed bodies, conjugate gradients "
         "with algebraic multigrid on each set; Total FETI where that ends without a certificate. "
         "Where another method does, the scene is solved again in as few subdomains as possible and "
