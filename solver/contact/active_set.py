@@ -61,6 +61,9 @@ class ActiveSetOptions:
         Factor on the residual after an answer that was not accepted.
     deeper
         Factor on `first_reduction` each time the loop comes back to a set that it had.
+    patience
+        Sets after which `first_reduction` falls by `tighten`, again and again: with friction no two
+        sets are the same, and the loop would not notice that it decides too early. Zero for never.
     peeled
         Share of the active rows that leave, set after set, where contact peels off.
     release_at_edge
@@ -82,6 +85,7 @@ class ActiveSetOptions:
     margin: float = 0.7
     tighten: float = 0.3
     deeper: float = 0.1
+    patience: int = 0
     peeled: float = 0.1
     release_at_edge: bool = True
     rejoining: float = 0.25
@@ -219,6 +223,8 @@ def active_set_loop(
             update = replace(update, release_at_edge=False)
             seen.clear()
         seen.add(fingerprint)
+        if options.patience and number and number % options.patience == 0:
+            reduction *= options.tighten
         try:
             on_set = backend.on_set(statuses, multiplier)
         except ArithmeticError:  # a body is held by rows that have left the set
