@@ -64,8 +64,7 @@ def may_peel(scene: Scene) -> bool:
 def _can_be_undecomposed(scene: Scene) -> bool:
     """Whether nothing in the scene asks for Total FETI."""
     free = scene.decomposition.subdomains is None
-    held = any(body.hold for body in scene.bodies)
-    return free and not scene.has_friction and not scene.moving and not held
+    return free and not scene.has_friction and not scene.moving
 
 
 def is_undecomposed(scene: Scene) -> bool:

@@ -71,12 +71,6 @@ def _body(keys: Keys, i: int, body: c.Body) -> Body:
 def _held_motions(keys: Keys, body: c.Body, path: Place) -> tuple[int, ...]:
     """Numbers of the rigid motions that are held."""
     names = MOTION_NAMES[keys.dimension]
-    if body.hold and keys.configuration.solver.method == "primal":
-        keys.fail(
-            (*path, "hold"),
-            "needs solver.method auto, active-set or smalbe; it is primal, which holds no motion "
-            "of a body in the mean",
-        )
     for i, name in enumerate(body.hold):
         if name not in names:
             keys.fail((*path, i), f"is {name!r}; allowed: {', '.join(names)}")

@@ -2,11 +2,11 @@
 
     python -m contact_app.studies.parts [SCENE …] [--meshes DIR] [--degree N] [--tolerance T]
 
-Each run is a process of its own, from the scene to the certified answer. Without scenes the parts of
-the tutorials are taken, each in its first load case. ``--meshes`` reads the meshes of the same names
-from another directory, where ``meshes/samples/make_parts.py --size`` has drawn finer ones. "contact
-known" counts the products with the stiffness of one linear solve: the rows that press in the answer
-hold with equality, and the solve begins at zero.
+Each run is a process of its own, from the scene to the certified answer. Without scenes the parts
+of the tutorials are taken, each in its first load case. ``--meshes`` reads the meshes of the same
+names from another directory, where ``meshes/samples/make_parts.py --size`` has drawn finer ones.
+"contact known" counts the products with the stiffness of one linear solve: the rows that press in
+the answer hold with equality, and the solve begins at zero.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ class _CertificateTest:
         backend, rule = self._backend, self._rule
         problem = backend.problem
         pressing = np.where(problem.inequality, np.maximum(state.multiplier, 0.0), state.multiplier)
-        u, multiplier = recover(backend.system, backend.free_motions.without(state.u), pressing)
+        u, multiplier = recover(backend.system, state.u, pressing)
         certificate, measures = certify(
             problem, multiplier, u, rule.tolerance, rule.relaxations, state.errors
         )

@@ -20,7 +20,6 @@ from solver.backend import Statuses
 from solver.primal.cycle import Cycle, truncated_cycle
 from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
 from solver.primal.first_set import FirstSet, find_first_set
-from solver.primal.free_motions import FreeMotions
 from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
 from solver.primal.merged import MergedSystem, bodies_alone, merge
 from solver.primal.projector import Projector
@@ -127,7 +126,6 @@ class Multigrid:
         else:
             self._seconds, self.direct, self.thin = earlier._seconds, earlier.direct, earlier.thin
             self.hierarchy_of_levels = earlier.hierarchy_of_levels
-        self.free_motions = FreeMotions(self.system)
         self.floating = floating_bodies(self.system)
         self.u = np.where(self.system.held, self.system.load / self.system.diagonal, 0.0)
         self._cycle: Cycle | None = None if earlier is None else earlier._cycle
@@ -258,14 +256,13 @@ class PrimalSet:
         jumps = (system.multiply(system.C, backend.u) - system.c)[projector.rows]
         self._start = backend.u - projector.lifting(jumps)
         self._left = system.load - system.multiply(system.K, self._start)
-        free = backend.free_motions
-        operator = _ProjectedStiffness(system, projector, free)
-        self._rigid = rigid = RigidSpace(system, projector, free, backend.floating)
+        operator = _ProjectedStiffness(system, projector)
+        self._rigid = rigid = RigidSpace(system, projector, backend.floating)
         first = self._left
         self._start = self._start + rigid.balance(projector.apply_transpose(first))
         self._left = system.load - system.multiply(system.K, self._start)
         self._preconditioner = self._made()
-        rhs = free.orthogonal(projector.apply_transpose(self._left))
+        rhs = projector.apply_transpose(self._left)
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()
         it.begin()
@@ -276,9 +273,7 @@ class PrimalSet:
 
     def _made(self) -> _Preconditioner:
         backend, projector = self._backend, self._projector
-        return _Preconditioner(
-            backend.correction(projector), projector, backend.free_motions, self._rigid
-        )
+        return _Preconditioner(backend.correction(projector), projector, self._rigid)
 
     @property
     def residual(self) -> float:
@@ -394,15 +389,15 @@ class PrimalSet:
 class _ProjectedStiffness:
     """Πᵀ K on displacements that leave the active rows alone; `image` is K x itself."""
 
-    def __init__(self, system: MergedSystem, projector: Projector, free: FreeMotions) -> None:
+    def __init__(self, system: MergedSystem, projector: Projector) -> None:
         self.comm, self.size = system.comm, system.size
-        self._system, self._projector, self._free = system, projector, free
+        self._system, self._projector = system, projector
         self.image = np.zeros(system.size)
 
     def apply(self, x: Vector, out: Vector) -> None:
         """Put the product into out."""
         self.image = self._system.multiply(self._system.K, x)
-        out[:] = self._free.orthogonal(self._projector.apply_transpose(self.image))
+        out[:] = self._projector.apply_transpose(self.image)
 
 
 class _Preconditioner:
@@ -414,17 +409,15 @@ class _Preconditioner:
         rᵀ M⁻¹ r of the last residual.
     """
 
-    def __init__(
-        self, cycle: Cycle | Factor, projector: Projector, free: FreeMotions, rigid: RigidSpace
-    ) -> None:
-        self._cycle, self._projector, self._free, self._rigid = cycle, projector, free, rigid
+    def __init__(self, cycle: Cycle | Factor, projector: Projector, rigid: RigidSpace) -> None:
+        self._cycle, self._projector, self._rigid = cycle, projector, rigid
         self.square = 0.0
 
     def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
         """Put the correction into out."""
         z = np.empty_like(r)
         self._cycle.apply(r, z)
-        out[:] = self._rigid.correct(r, self._free.orthogonal(self._projector.apply(z)))
+        out[:] = self._rigid.correct(r, self._projector.apply(z))
         self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
 
 

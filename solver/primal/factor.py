@@ -109,7 +109,8 @@ class Factor:
         stiff = row_stiffness(system)
         weights = FAINT * stiff
         weights[projector.rows] = options.penalty * stiff[projector.rows]
-        matrix = with_springs(system.K, system.C, weights, NEAR * system.diagonal)
+        near = NEAR + spread_supports(system)
+        matrix = with_springs(system.K, system.C, weights, near * system.diagonal)
         self._pc = factored(matrix)
 
     def apply(self, residual: Array, out: Array) -> None:
@@ -126,19 +127,44 @@ NEAR = 1e-12
 
 
 def row_stiffness(system: MergedSystem) -> Array:
-    """What K holds against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective)."""
+    """What K holds against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective).
+
+    Zero for rows that hold rigid motions: over many nodes they would fill a matrix with springs.
+    """
+    flexible = system.multiply(_squared(system), 1.0 / system.diagonal)
+    stiff = 1.0 / np.maximum(flexible, np.finfo(float).tiny)
+    return np.asarray(np.where(system.supports, 0.0, stiff))
+
+
+def spread_supports(system: MergedSystem) -> Array:
+    """Springs for rows that hold rigid motions, over the diagonal of K, (unknowns,) (collective).
+
+    Each row has as much stiffness in all as an unknown, shared among its unknowns as its squared
+    entries are: the motion is held, and hardly anything else is stiffened.
+    """
+    squares = _squared(system)
+    sums = system.multiply(squares, np.ones(system.size))
+    shares = np.divide(1.0, sums, out=np.zeros_like(sums), where=system.supports & (sums > 0.0))
+    return system.multiply_transposed(squares, shares)
+
+
+def _squared(system: MergedSystem) -> PETSc.Mat:
+    """C with squared entries."""
     squares = system.C.copy()
     begins, places, values = squares.getValuesCSR()
     squares.setValuesCSR(begins, places, values**2)
     squares.assemble()
-    flexible = system.multiply(squares, 1.0 / system.diagonal)
-    return np.asarray(1.0 / np.maximum(flexible, np.finfo(float).tiny))
+    return squares
 
 
 def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PETSc.Mat:
     """A + Qᵀ diag(weights) Q + diag(near) (collective)."""
-    springs = Q.copy()
-    with lent(A.comm, np.sqrt(weights)) as (left,):
+    first = Q.getOwnershipRange()[0]
+    some = first + np.flatnonzero(weights > 0.0)
+    rows = PETSc.IS().createGeneral(some.astype(PETSc.IntType), comm=A.comm)
+    begin, stop = Q.getOwnershipRangeColumn()
+    springs = Q.createSubMatrix(rows, PETSc.IS().createStride(stop - begin, begin, 1, comm=A.comm))
+    with lent(A.comm, np.sqrt(weights[some - first])) as (left,):
         springs.diagonalScale(L=left)
     result = springs.transposeMatMult(springs)
     result.axpy(1.0, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)

@@ -14,7 +14,7 @@ set, and the displacement is where its solve begins.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.cycle import Cycle
-from solver.primal.factor import factored, row_stiffness, with_springs
+from solver.primal.factor import factored, row_stiffness, spread_supports, with_springs
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import lent
@@ -84,10 +84,10 @@ def find_first_set(
 ) -> FirstSet:
     """The rows that press on coarse levels (collective)."""
     options = options or FirstSetOptions()
-    P = hierarchy.prolongations
+    P, A = hierarchy.prolongations, _with_supports(system, hierarchy)
     start = np.where(system.held, system.load / system.diagonal, 0.0)
     if not P:  # the problem is coarse itself
-        level = _Level(system, system.K, system.C, system.load, options)
+        level = _Level(system, A[0], system.C, system.load, options)
         x = level.minimise(np.zeros(system.size), options.exact_steps, level.by_factor)
         return FirstSet(level.pressed(x) | system.equality, x)
     Q, loads = [system.C], [system.load - system.multiply(system.K, start)]
@@ -95,18 +95,37 @@ def find_first_set(
         Q.append(Q[-1].matMult(prolongation))
         loads.append(system.multiply_transposed(prolongation, loads[-1]))
     depth = len(P)
-    while depth > 1 and hierarchy.operators[depth - 1].getSize()[0] <= options.largest:
+    while depth > 1 and A[depth - 1].getSize()[0] <= options.largest:
         depth -= 1
     x, pressed = np.zeros(len(loads[depth])), system.equality
     for k in range(depth, 0, -1):
-        level = _Level(system, hierarchy.operators[k], Q[k], loads[k], options)
-        if k == depth and hierarchy.operators[k].getSize()[0] <= options.largest:
+        level = _Level(system, A[k], Q[k], loads[k], options)
+        if k == depth and A[k].getSize()[0] <= options.largest:
             x = level.minimise(x, options.exact_steps, level.by_factor)
         else:
             x = level.minimise(x, options.steps, level.by_cycle(hierarchy, k))
         pressed = level.pressed(x)
         x = system.multiply(P[k - 1], x)
     return FirstSet(pressed | system.equality, start + x)
+
+
+def _with_supports(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Mat]:
+    """The stiffness of each level with springs for rows that hold rigid motions (collective)."""
+    if not system.comm.allreduce(int(system.supports.any())):
+        return hierarchy.operators
+    extra = PETSc.Mat().createAIJ(system.K.getSizes(), nnz=1, comm=system.comm)
+    extra.setUp()
+    with lent(system.comm, spread_supports(system) * system.diagonal) as (diagonal,):
+        extra.setDiagonal(diagonal)
+    extra.assemble()
+    result = []
+    for k, operator in enumerate(hierarchy.operators):
+        held = operator.copy()
+        held.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        result.append(held)
+        if k < len(hierarchy.prolongations):
+            extra = extra.ptap(hierarchy.prolongations[k])
+    return result
 
 
 class _Level:

@@ -2,7 +2,7 @@
 
     min ½ uᵀ K u - fᵀ u  subject to  C u ≤ c on contact rows, C u = c on tied rows.
 
-Gluing rows are gone, and held unknowns have their displacement: their rows and columns of K are
+Rows that hold a rigid motion are among those with equality. Gluing rows are gone, and held unknowns have their displacement: their rows and columns of K are
 those of a scaled identity. C is what is left of B, with its scaling, so that the multipliers of
 both are the same numbers.
 """
@@ -91,7 +91,7 @@ class MergedSystem:
     K
         Stiffness with the held unknowns taken out.
     C
-        Contact and tied rows, (rows, unknowns).
+        Contact and tied rows, and rows that hold rigid motions, (rows, unknowns).
     rows : (rows,)
         Which rows of B these are.
     load : (unknowns,)
@@ -134,6 +134,11 @@ class MergedSystem:
     def c(self) -> Array:
         """Right-hand side of the contact and tied rows, (rows,)."""
         return self.problem.c[self.rows]
+
+    @cached_property
+    def supports(self) -> NDArray[np.bool_]:
+        """Rows that hold a rigid motion, (rows,); they may have entries at many nodes."""
+        return self.problem.kinds[self.rows] == RowKind.SUPPORT
 
     @cached_property
     def equality(self) -> NDArray[np.bool_]:
@@ -189,7 +194,8 @@ def merge(problem: DualProblem) -> MergedSystem:
     load = _impose(comm, K, held, values, load)
     K.setOption(PETSc.Mat.Option.SPD, True)
     kinds = problem.kinds
-    rows = np.flatnonzero((kinds == RowKind.CONTACT) | (kinds == RowKind.TIED))
+    one_of = RowKind.CONTACT, RowKind.TIED, RowKind.SUPPORT
+    rows = np.flatnonzero(np.isin(kinds, one_of))
     B = petsc_rows(comm, problem.B.local[rows], problem.B.columns)
     C = B.matMult(transfer)
     assert len(own) == size

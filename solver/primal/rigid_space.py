@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.primal.free_motions import FreeMotions
 from solver.primal.merged import MergedSystem, split_motions
 from solver.primal.projector import Projector
 
@@ -56,9 +55,7 @@ class RigidSpace:
         Whose rigid motions it has.
     """
 
-    def __init__(
-        self, system: MergedSystem, projector: Projector, free: FreeMotions, bodies: list[int]
-    ) -> None:
+    def __init__(self, system: MergedSystem, projector: Projector, bodies: list[int]) -> None:
         self._comm = system.comm
         self.empty = not 0 < len(bodies) <= MOST
         if self.empty:
@@ -67,7 +64,7 @@ class RigidSpace:
         for motion in split_motions(system, bodies).T:
             w = np.where(system.held, 0.0, motion)
             before = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
-            w = free.orthogonal(projector.apply(np.ascontiguousarray(w)))
+            w = projector.apply(np.ascontiguousarray(w))
             after = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
             w *= 1.0 / np.sqrt(after) if after > SINGULAR * before else 0.0
             image = system.multiply(system.K, w)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from contact_app.errors import ConfigurationError
 from contact_app.model.method import LEAST_ALONE, PATIENCE, chosen, may_peel
 from tests import scenes
 from tests.comparison import solve
@@ -69,8 +68,22 @@ def test_a_named_decomposition_stays_with_total_feti() -> None:
     assert not may_peel(scenes.build(strip(), [4, 1]))
 
 
-def test_multigrid_holds_no_motion_in_the_mean(tmp_path: Path) -> None:
-    made = scenes.ALL["wall"]("hexahedron", 2)
-    made["bodies"][0]["hold"] = ["rz"]
-    with pytest.raises(ConfigurationError, match="hold.*it is primal"):
-        scenes.build({**made, "solver": {"method": "primal"}})
+@pytest.mark.parametrize("degree", [1, 2])
+def test_motions_that_are_held_on_request_meet_their_resistance(degree: int) -> None:
+    """The load turns the block about z, and only `hold` resists."""
+    made = scenes.ALL["sliding"]("hexahedron", 3)
+    body = made["bodies"][0]
+    body |= {"hold": ["x", "y", "rz"], "degree": degree}
+    made["conditions"].append(
+        {"on": f"{body['name']}.z+", "total_moment": [0, 0, 2.0], "total_force": [1.0, 0, 0]}
+    )
+    found, known = (solve(made, method=m, tolerance=1e-9) for m in ("primal", "auto"))
+    assert found.summary["certificate"]["passed"]
+    assert found.summary["solver"]["method"] == "primal"
+    energies = [s.summary["solution"]["energy"] for s in (found, known)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-8)
+    ours, others = (s.summary["reactions"] for s in (found, known))
+    assert [r["on"] for r in ours] == [r["on"] for r in others]
+    for mine, other in zip(ours, others, strict=True):
+        np.testing.assert_allclose(mine["force"], other["force"], atol=1e-6)
+        np.testing.assert_allclose(mine["moment"], other["moment"], atol=1e-6)
