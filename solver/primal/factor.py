@@ -126,26 +126,31 @@ NEAR = 1e-12
 """The same on every unknown, over the diagonal of K."""
 
 
+SPREAD = 1e-2
+"""Stiffness of the springs of a row that holds a rigid motion in the mean, over that of an
+unknown."""
+
+
 def row_stiffness(system: MergedSystem) -> Array:
     """What K holds against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective).
 
-    Zero for rows that hold rigid motions: over many nodes they would fill a matrix with springs.
+    Zero for rows that hold rigid motions in the mean: over many nodes they would fill a matrix.
     """
     flexible = system.multiply(_squared(system), 1.0 / system.diagonal)
     stiff = 1.0 / np.maximum(flexible, np.finfo(float).tiny)
-    return np.asarray(np.where(system.supports, 0.0, stiff))
+    return np.asarray(np.where(system.wide_supports, 0.0, stiff))
 
 
 def spread_supports(system: MergedSystem) -> Array:
-    """Springs for rows that hold rigid motions, over the diagonal of K, (unknowns,) (collective).
+    """Springs for rows that hold rigid motions in the mean, over the diagonal of K, (unknowns,).
 
-    Each row has as much stiffness in all as an unknown, shared among its unknowns as its squared
-    entries are: the motion is held, and hardly anything else is stiffened.
+    Each row has a share of the stiffness of an unknown in all, divided among its unknowns as its
+    squared entries are: the motion is held, and hardly anything else is stiffened (collective).
     """
     squares = _squared(system)
     sums = system.multiply(squares, np.ones(system.size))
-    shares = np.divide(1.0, sums, out=np.zeros_like(sums), where=system.supports & (sums > 0.0))
-    return system.multiply_transposed(squares, shares)
+    shares = np.divide(1.0, sums, out=np.zeros_like(sums), where=system.wide_supports)
+    return SPREAD * system.multiply_transposed(squares, shares)
 
 
 def _squared(system: MergedSystem) -> PETSc.Mat:

@@ -110,8 +110,8 @@ def find_first_set(
 
 
 def _with_supports(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Mat]:
-    """The stiffness of each level with springs for rows that hold rigid motions (collective)."""
-    if not system.comm.allreduce(int(system.supports.any())):
+    """The stiffness of each level with springs for motions held in the mean (collective)."""
+    if not system.comm.allreduce(int(system.wide_supports.any())):
         return hierarchy.operators
     extra = PETSc.Mat().createAIJ(system.K.getSizes(), nnz=1, comm=system.comm)
     extra.setUp()

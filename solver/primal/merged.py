@@ -2,9 +2,9 @@
 
     min ½ uᵀ K u - fᵀ u  subject to  C u ≤ c on contact rows, C u = c on tied rows.
 
-Rows that hold a rigid motion are among those with equality. Gluing rows are gone, and held unknowns have their displacement: their rows and columns of K are
-those of a scaled identity. C is what is left of B, with its scaling, so that the multipliers of
-both are the same numbers.
+Rows that hold a rigid motion hold with equality, too. Gluing rows are gone, and held unknowns have
+their displacement: their rows and columns of K are those of a scaled identity. C is what is left of
+B, with its scaling, so that the multipliers of both are the same numbers.
 """
 
 from __future__ import annotations
@@ -27,6 +27,10 @@ from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions
 
 Array = NDArray[np.float64]
+
+
+FEW_ENTRIES = 60
+"""Entries of a row up to which its square does not fill a matrix."""
 
 
 class MergedNodes:
@@ -136,9 +140,11 @@ class MergedSystem:
         return self.problem.c[self.rows]
 
     @cached_property
-    def supports(self) -> NDArray[np.bool_]:
-        """Rows that hold a rigid motion, (rows,); they may have entries at many nodes."""
-        return self.problem.kinds[self.rows] == RowKind.SUPPORT
+    def wide_supports(self) -> NDArray[np.bool_]:
+        """Rows that hold a rigid motion in the mean over many nodes, (rows,)."""
+        entries = np.diff(self.C.getValuesCSR()[0])
+        supports = self.problem.kinds[self.rows] == RowKind.SUPPORT
+        return np.asarray(supports & (entries > FEW_ENTRIES))
 
     @cached_property
     def equality(self) -> NDArray[np.bool_]:
