@@ -240,7 +240,7 @@ def refused() -> dict[str, tuple[scenes.Config, str]]:
         "shear": (shear, "shear tractions that meet at x = 0 and y = 1 contradict"),
         "degree": (second, "block has degree 2"),
         "mean dilatation": (averaged, "block has mean_dilatation"),
-        "pair": (stack("quadrilateral", "quadrilateral", (2, 3)), "bodies against bodies"),
+        "pair": (stack("quadrilateral", "quadrilateral", (2, 3)), "is a contact between bodies"),
         "node": (
             on_a_part(scenes.wall("quadrilateral", 4), "x > 0.99 and y > 0.4 and y < 0.6"),
             "whole facets",
