@@ -142,6 +142,8 @@ class ContactsOfWhole:
         for number in range(len(counts)):
             seen: list[Image] = []
             for image in self.images:
+                if not self.origins(image, number):
+                    continue
                 at, status = self._carriers(image, number)
                 new = np.ones(len(at), bool)
                 for earlier in seen:
