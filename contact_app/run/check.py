@@ -294,7 +294,7 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
     groups = _groups(scene, known)
     many = partition.count > 1
     if is_undecomposed(scene):
-        why = "it is faster than Total FETI on bodies from mesh files of this size"
+        why = "on bodies from mesh files its iterations do not grow with the size"
         return [
             f"method: primal, multigrid on the undecomposed bodies; {why}; one subdomain for each "
             "body and rank, none factored"

@@ -392,7 +392,7 @@ class Solver(Model):
 
     method: Literal["auto", "active-set", "smalbe", "primal"] = Field(
         "auto",
-        description="auto: what is faster; multigrid (primal) for bodies from mesh files of degree "
+        description="auto: multigrid (primal) for bodies from mesh files of degree "
         "1 in space from 20,000 unknowns on, else primal-dual active sets by Total FETI, with "
         "SMALBE-M where they do not settle. active-set: Total FETI without SMALBE-M. smalbe: the "
         "algorithm of Kružík et al. (2020), MPRGP with the named expansion inside SMALBE-M; it is "
