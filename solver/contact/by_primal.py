@@ -21,9 +21,6 @@ from solver.qp.smalbe import Restart
 
 METHOD = "primal"
 
-ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
-"""Why active sets end a solve; for other reasons another method has to answer."""
-
 FIRST_REDUCTION = 0.1
 """Of the residual before the first evaluation on a set: a V-cycle takes as much off in two or three
 steps, and a set decided on less changes back."""
@@ -96,7 +93,7 @@ def _answer(test: _CertificateTest, found: Outcome[PrimalState], before: Counts)
         if found.state is None:
             raise ArithmeticError("the active sets of the undecomposed problem hold no body")
         answer = test.certified(found.state)
-        reason = reason if reason in ENDS else reason or Reason.UNSETTLED
+        reason = reason or Reason.UNSETTLED
     assert answer is not None
     assert reason is not None
     return replace(answer, counts=before + found.counts, reason=reason, method=METHOD)

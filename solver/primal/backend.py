@@ -127,7 +127,7 @@ class Multigrid:
             self._seconds, self.direct, self.thin = earlier._seconds, earlier.direct, earlier.thin
             self.hierarchy_of_levels = earlier.hierarchy_of_levels
         self.floating = floating_bodies(self.system)
-        self.u = np.where(self.system.held, self.system.load / self.system.diagonal, 0.0)
+        self.u = self.system.at_rest
         self._cycle: Cycle | None = None if earlier is None else earlier._cycle
         self._truncated = np.zeros(len(self.system.rows), bool)
         if earlier is not None:
@@ -213,20 +213,14 @@ class _HeldEnergy:
 
     def __init__(self, system: MergedSystem) -> None:
         self._system, problem = system, system.problem
-        at_rest = np.where(system.held, system.load / system.diagonal, 0.0)
+        at_rest = system.at_rest
         moved = system.comm.allreduce(int(at_rest.any()))
         self._coupling, self._own = None, 0.0
         if moved:
-            d = problem.dimension
-            forces = np.zeros(len(system.nodes.numbers) * d)
-            for cls, u, at in zip(
-                problem.classes, system.on_subdomains(at_rest), system.nodes.copies, strict=True
-            ):
-                force = cls.stiffness @ u
-                self._own += float(np.vdot(u, force))
-                places = system.nodes.unknowns(at, d)
-                forces += np.bincount(places.ravel(), force.T.ravel(), len(forces))
-            self._coupling = np.where(system.held, 0.0, system.sum_at_owners(forces))
+            moves = system.on_subdomains(at_rest)
+            forces = [cls.stiffness @ u for cls, u in zip(problem.classes, moves, strict=True)]
+            self._own = sum(float(np.vdot(u, f)) for u, f in zip(moves, forces, strict=True))
+            self._coupling = np.where(system.held, 0.0, system.summed(forces))
 
     def strained(self, u: Array, left: Array) -> float:
         """a(u, u): u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h, where f already lacks K_fh u_h."""
@@ -258,9 +252,9 @@ class PrimalSet:
         self._left = system.load - system.multiply(system.K, self._start)
         operator = _ProjectedStiffness(system, projector)
         self._rigid = rigid = RigidSpace(system, projector, backend.floating)
-        first = self._left
-        self._start = self._start + rigid.balance(projector.apply_transpose(first))
-        self._left = system.load - system.multiply(system.K, self._start)
+        if not rigid.empty:
+            self._start = self._start + rigid.balance(projector.apply_transpose(self._left))
+            self._left = system.load - system.multiply(system.K, self._start)
         self._preconditioner = self._made()
         rhs = projector.apply_transpose(self._left)
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)

@@ -19,8 +19,8 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from solver.openmp import one_openmp_thread
-from solver.primal.merged import MergedSystem
+from solver.primal.cholesky import factored
+from solver.primal.merged import MergedSystem, chosen_rows
 from solver.primal.projector import Projector
 from solver.tfeti.constraints.matrix import lent
 from solver.tfeti.subdomain.costs import factor_seconds
@@ -164,37 +164,12 @@ def _squared(system: MergedSystem) -> PETSc.Mat:
 
 def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PETSc.Mat:
     """A + Qᵀ diag(weights) Q + diag(near) (collective)."""
-    first = Q.getOwnershipRange()[0]
-    some = first + np.flatnonzero(weights > 0.0)
-    rows = PETSc.IS().createGeneral(some.astype(PETSc.IntType), comm=A.comm)
-    begin, stop = Q.getOwnershipRangeColumn()
-    springs = Q.createSubMatrix(rows, PETSc.IS().createStride(stop - begin, begin, 1, comm=A.comm))
-    with lent(A.comm, np.sqrt(weights[some - first])) as (left,):
+    some = np.flatnonzero(weights > 0.0)
+    springs = chosen_rows(Q, some)
+    with lent(A.comm, np.sqrt(weights[some])) as (left,):
         springs.diagonalScale(L=left)
     result = springs.transposeMatMult(springs)
     result.axpy(1.0, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     with lent(A.comm, near) as (extra,):
         result.setDiagonal(result.getDiagonal() + extra)
-    result.setOption(PETSc.Mat.Option.SPD, True)
     return result
-
-
-def factored(matrix: PETSc.Mat) -> PETSc.PC:
-    """A Cholesky factor, of MUMPS on several ranks (collective).
-
-    Raises
-    ------
-    ArithmeticError
-        The matrix has none.
-    """
-    alone = matrix.comm.size == 1
-    pc = PETSc.PC().create(matrix.comm)
-    pc.setOperators(matrix)
-    pc.setType("cholesky")
-    pc.setFactorSolverType("cholmod" if alone else "mumps")
-    try:
-        with one_openmp_thread():
-            pc.setUp()
-    except PETSc.Error as error:
-        raise ArithmeticError("a matrix with springs has no factor") from error
-    return pc

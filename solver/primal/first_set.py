@@ -22,8 +22,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle
-from solver.primal.factor import factored, row_stiffness, spread_supports, with_springs
+from solver.primal.factor import row_stiffness, spread_supports, with_springs
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import lent
@@ -85,7 +86,7 @@ def find_first_set(
     """The rows that press on coarse levels (collective)."""
     options = options or FirstSetOptions()
     P, A = hierarchy.prolongations, _with_supports(system, hierarchy)
-    start = np.where(system.held, system.load / system.diagonal, 0.0)
+    start = system.at_rest
     if not P:  # the problem is coarse itself
         level = _Level(system, A[0], system.C, system.load, options)
         x = level.minimise(np.zeros(system.size), options.exact_steps, level.by_factor)

@@ -134,6 +134,11 @@ class MergedSystem:
         """Of K."""
         return np.asarray(self.K.getDiagonal().getArray()).copy()
 
+    @property
+    def at_rest(self) -> Array:
+        """The displacements of held unknowns, zero elsewhere, (unknowns,)."""
+        return np.where(self.held, self.load / self.diagonal, 0.0)
+
     @cached_property
     def c(self) -> Array:
         """Right-hand side of the contact and tied rows, (rows,)."""
@@ -171,15 +176,28 @@ class MergedSystem:
             matrix.multTranspose(source, target)
         return out
 
-    def sum_at_owners(self, values: Array) -> Array:
-        """Sums of values of distinct nodes over all ranks, (unknowns,) (collective)."""
-        return _to_owners(self.comm, self.scatter, values, self.size)
+    def summed(self, parts: Sequence[Array]) -> Array:
+        """Vectors (n, members) of each class summed over all copies, (unknowns,) (collective)."""
+        d = self.problem.dimension
+        here = np.zeros(len(self.nodes.numbers) * d)
+        for values, at in zip(parts, self.nodes.copies, strict=True):
+            here += _summed(values, at, self.nodes, d)
+        return _to_owners(self.comm, self.scatter, here, self.size)
 
     def on_subdomains(self, u: Array) -> list[Array]:
         """Displacements of all copies, (n, members) of each class (collective)."""
         d = self.problem.dimension
         here = _to_copies(self.comm, self.scatter, u, len(self.nodes.numbers) * d)
         return [np.asfortranarray(here[self.nodes.unknowns(at, d)].T) for at in self.nodes.copies]
+
+
+def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
+    """Some of this rank's rows, all columns (collective)."""
+    first = matrix.getOwnershipRange()[0]
+    chosen = PETSc.IS().createGeneral((first + rows).astype(PETSc.IntType), comm=matrix.comm)
+    begin, end = matrix.getOwnershipRangeColumn()
+    columns = PETSc.IS().createStride(end - begin, begin, 1, comm=matrix.comm)
+    return matrix.createSubMatrix(chosen, columns)
 
 
 def merge(problem: DualProblem) -> MergedSystem:
@@ -194,7 +212,6 @@ def merge(problem: DualProblem) -> MergedSystem:
     held, values = _held(problem, nodes, scatter, transfer, size)
     forces = [_summed(problem.forces[k], at, nodes, d) for k, at in enumerate(nodes.copies)]
     load = _to_owners(comm, scatter, np.sum([np.zeros(len(numbers)), *forces], axis=0), size)
-    own = nodes.unknowns(np.flatnonzero(nodes.owned), d)
     body = np.repeat(nodes.body[nodes.owned], d)
     rigid = _rigid(problem, nodes)
     load = _impose(comm, K, held, values, load)
@@ -204,7 +221,6 @@ def merge(problem: DualProblem) -> MergedSystem:
     rows = np.flatnonzero(np.isin(kinds, one_of))
     B = petsc_rows(comm, problem.B.local[rows], problem.B.columns)
     C = B.matMult(transfer)
-    assert len(own) == size
     return MergedSystem(problem, nodes, K, C, rows, load, held, rigid, body, transfer, scatter)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.openmp import one_openmp_thread
-from solver.primal.merged import MergedSystem
+from solver.primal.cholesky import factored
+from solver.primal.merged import MergedSystem, chosen_rows
 from solver.tfeti.constraints.matrix import lent
 
 Array = NDArray[np.float64]
@@ -46,11 +46,7 @@ class Projector:
         self.system, comm = system, system.comm
         self.rows = np.flatnonzero(active)
         self.empty = comm.allreduce(len(self.rows)) == 0
-        first = system.C.getOwnershipRange()[0]
-        chosen = PETSc.IS().createGeneral((first + self.rows).astype(PETSc.IntType), comm=comm)
-        begin, end = system.C.getOwnershipRangeColumn()
-        columns = PETSc.IS().createStride(end - begin, begin, 1, comm=comm)
-        self.C = system.C.createSubMatrix(chosen, columns)
+        self.C = chosen_rows(system.C, self.rows)
         self._inverse = 1.0 / system.diagonal
         if self.empty:
             return
@@ -64,17 +60,12 @@ class Projector:
         self._factor = self._factored()
 
     def _factored(self) -> PETSc.PC:
+        if not self._is_diagonal():
+            return factored(self.S)
         pc = PETSc.PC().create(self.system.comm)
         pc.setOperators(self.S)
-        if self._is_diagonal():
-            pc.setType("jacobi")
-        else:
-            self.S.setOption(PETSc.Mat.Option.SPD, True)
-            alone = self.system.comm.size == 1
-            pc.setType("cholesky")
-            pc.setFactorSolverType("cholmod" if alone else "mumps")
-        with one_openmp_thread():
-            pc.setUp()
+        pc.setType("jacobi")
+        pc.setUp()
         return pc
 
     def _is_diagonal(self) -> bool:

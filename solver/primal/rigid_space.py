@@ -79,9 +79,7 @@ class RigidSpace:
         self._inverse = vectors[:, some] / values[some] @ vectors[:, some].T
 
     def balance(self, residual: Array) -> Array:
-        """Q r."""
-        if self.empty:
-            return np.zeros_like(residual)
+        """Q r, where the space is not empty."""
         return np.asarray(self._W @ (self._inverse @ self._comm.allreduce(self._Wt @ residual)))
 
     def correct(self, residual: Array, z: Array) -> Array:
