@@ -52,11 +52,7 @@ def test_the_scenes_have_all_features() -> None:
 
 def test_a_rigid_body_that_is_off_is_a_fault() -> None:
     """The judge itself: a motion that contact decides must not be another one."""
-    seed = next(
-        s for s in range(20)
-        if any("total_force" in c for c in feature_scene(s)[0]["conditions"])
-        and judge(s).kind == "agrees"
-    )  # fmt: skip
+    seed = 1  # one per cent of the motion is 7 % of the largest displacement
 
     def wrong(scene: Any) -> Any:
         solved = solve_scene(scene)
@@ -66,15 +62,18 @@ def test_a_rigid_body_that_is_off_is_a_fault() -> None:
         }
         return replace(solved, summary={**solved.summary, "rigid_bodies": bodies})
 
+    assert judge(seed).kind == "agrees"
     assert judge(seed, solve=wrong).kind == "certified wrongly"
 
 
 def test_a_tie_that_slips_is_a_fault() -> None:
-    """The judge itself: displacements of one body that are a little larger."""
-    seed = next(
-        s for s in range(40)
-        if any("tied" in c for c in feature_scene(s)[0]["contacts"]) and judge(s).kind == "agrees"
-    )  # fmt: skip
+    """The judge itself: displacements of one body that are a little larger.
+
+    The scene is named, because the error must be seen in the energy norm: in others the upper body
+    is hardly strained, and the answer may be refused or agree by rounding errors. Here the squared
+    error is 5e-5, a thousand times what the judge allows.
+    """
+    seed = 26
 
     def wrong(scene: Any) -> Any:
         solved = solve_scene(scene)
@@ -83,4 +82,6 @@ def test_a_tie_that_slips_is_a_fault() -> None:
         moved = np.where(above[:, None], 1.001 * nodes.displacement, nodes.displacement)
         return replace(solved, nodes=replace(nodes, displacement=moved))
 
+    assert any("tied" in contact for contact in feature_scene(seed)[0]["contacts"])
+    assert judge(seed).kind == "agrees"
     assert judge(seed, solve=wrong).kind == "certified wrongly"
