@@ -21,6 +21,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--slow"):
         config.option.markexpr = config.option.markexpr.replace("not slow", "")
+    # Processes that pytest-xdist starts fill the cores: none needs threads of its own.
+    if getattr(config.option, "numprocesses", None):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Ranks that wait let others run: tests start more of them than there are cores.
     os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     # All ranks are on this machine and need no network.

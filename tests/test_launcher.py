@@ -80,7 +80,8 @@ def test_it_works_through_a_link_from_elsewhere(place: Path) -> None:
 
 def test_tests_are_handed_to_pytest(place: Path) -> None:
     done = start(place, "test", "--slow", "-k", "a or b")
-    assert done.stdout.splitlines() == ["<-m>", "<pytest>", "<--slow>", "<-k>", "<a or b>"]
+    words = ["-m", "pytest", "-n", "auto", "--dist", "loadfile", "--slow", "-k", "a or b"]
+    assert done.stdout.splitlines() == [f"<{word}>" for word in words]
 
 
 def test_ranks_and_threads_fill_the_cores_and_no_more(place: Path) -> None:
