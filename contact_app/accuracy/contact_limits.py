@@ -64,7 +64,7 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
     body, count, depth = scene.bodies[contact.body], 0, 0.0
     if contact.boundary in body.boundaries and contact.obstacle.curvature_radius is None:
         return count, depth
-    least = ENTERED * solution.measures.displacements[contact.body]
+    least = ENTERED * solution.measures.deformations[contact.body]
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         if s.body != contact.body:
             continue
@@ -178,7 +178,7 @@ def slipped_through(model: Model, solution: Solution, unfelt: float = BETWEEN) -
     felt = problem.comm.allreduce(np.bincount(sources, minlength=len(scene.touching)))
     for number, contact in enumerate(scene.contacts):
         depth = entered_between(model, solution, number)
-        moved = float(solution.measures.displacements[contact.body])
+        moved = float(solution.measures.deformations[contact.body])
         if depth > (BETWEEN if felt[number] else unfelt) * moved:
             share = "of a body that does not move"
             if moved > 0.0:

@@ -54,7 +54,7 @@ def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
     Empty where they do. Halved edges stay on the straight ones they came from: what is solved for
     are polygons, whose corners press into flats, however fine the cells (collective).
     """
-    scene, moved = model.scene, solution.measures.displacements
+    scene, moved = model.scene, solution.measures.deformations
     for pair, sagitta in zip(scene.pairs, pair_sagittas(model, nodes), strict=True):
         largest = max(moved[pair.body], moved[pair.other])
         if sagitta > LARGE_SAGITTA * largest > 0.0:

@@ -24,9 +24,10 @@ from scipy.sparse.csgraph import connected_components
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.parts import Parts
 from contact_app.model.equilibrium import directions_in_words
-from solver.contact.equilibrium import balance, by_body, holds
+from solver.contact.equilibrium import balance, by_body, holds, loose_motions, spanned
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, HeldRows
+from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, orthonormal_kernel, rigid_motions
 
 Array = NDArray[np.float64]
@@ -174,11 +175,14 @@ class Holding:
         Whether conditions and springs stop every rigid motion of a body by itself.
     without_contact
         Whether they do so of all bodies.
+    loose
+        Motions that nothing resists, or that contact hardly does.
     """
 
     free_motions: list[Array]
     held: NDArray[np.bool_]
     without_contact: bool
+    loose: LooseBodies
 
 
 def holding(
@@ -212,7 +216,9 @@ def holding(
     springs = resisted(parts, bodies, stiffness)
     body_of_held = bodies.of_node[held.nodes - exchange.first]
     seen = _contact_motions(bodies, exchange, contact, d)
+    moved = _moved_by_contact(bodies, exchange, contact, d)
     free: list[Array] = [np.zeros((m, 0))] * bodies.count
+    loose = list(free)
     alone, steady = np.zeros(bodies.count, bool), True
     for number in np.unique(groups):
         group = np.flatnonzero(groups == number)
@@ -225,14 +231,38 @@ def holding(
         columns = (group[:, None] * m + np.arange(m)).ravel()
         of_group = seen[:, columns]
         of_group = of_group[np.diff(of_group.indptr) > 0].toarray()
-        size = float(scale[group].sum())
-        found = balance(comm, block_diag(*holds_body), of_group, work[group].ravel(), size)
+        size, holding_rows = float(scale[group].sum()), block_diag(*holds_body)
+        found = balance(comm, holding_rows, of_group, work[group].ravel(), size)
         if found.escape is not None:
             raise NoEquilibriumError(_leaving(bodies, group, found.escape, d))
         steady &= found.held
         for b, motion in zip(group, by_body(found.free_motions, m), strict=True):
             free[b] = motion
-    return Holding(free, alone, steady)
+        slides = loose_motions(comm, holding_rows, of_group, moved[:, columns])
+        slides = spanned(np.hstack([slides, found.free_motions])).reshape(len(group), m, -1)
+        for b, motion in zip(group, slides, strict=True):
+            loose[b] = motion
+    return Holding(free, alone, steady, LooseBodies(loose, bodies.centres, bodies.lengths))
+
+
+def _moved_by_contact(
+    bodies: Bodies, exchange: NodeExchange, contact: ContactRows, d: int
+) -> Array:
+    """Relative motion of the sides of the contact rows under the rigid motions (collective).
+
+    (rows · d, bodies · motions).
+    """
+    m, rows = MOTIONS[d], contact.entries.row
+    own = bodies.of_node[contact.nodes - exchange.first]
+    body = _of_entries(bodies, exchange, contact)
+    other = np.full(len(own), -1)
+    np.maximum.at(other, rows, np.where(body == own[rows], -1, body))
+    moved = np.zeros((len(own), d, bodies.count, m))
+    for side, sign in ((own, 1.0), (other, -1.0)):
+        for b in np.unique(side[side >= 0]):
+            mine = side == b
+            moved[mine, :, b] += sign * bodies.motions(int(b), contact.points[mine], d)
+    return moved.reshape(-1, bodies.count * m)
 
 
 def _contact_motions(

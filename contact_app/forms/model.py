@@ -109,7 +109,9 @@ def build_model(
     with together(parts.comm):
         pieces = _subdomains(parts, bodies, eliminated, (stiffness, loads), lifted)
     problem = DualProblem(
-        build_system(pieces, constraints, groups, lambda: measure("factorization"), options)
+        build_system(
+            pieces, constraints, groups, lambda: measure("factorization"), options, found.loose
+        )
     )
     return FormModel(
         parts, bodies, exchange, tuple(contacts), facets, problem, merged, _notes(bodies, found)

@@ -25,9 +25,11 @@ from solver.contact.equilibrium import (
     held_motions,
     holds,
     loose_motions,
+    spanned,
 )
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.rows import ContactRows, HeldRows
+from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 
 
@@ -96,10 +98,32 @@ def body_balances(
             if cones is not None:
                 resisting = np.concatenate([contact_rows, cones.slips])
             sliding = loose_motions(comm, both, resisting, moved)
+        sliding = _with_free(sliding, found.free_motions, np.repeat(group < elastic, MOTIONS[d]))
         loose = dict(zip(group, sliding.reshape(len(group), MOTIONS[d], -1), strict=True))
         for b, rows, free in zip(group, held_rows, shares, strict=True):
             balances[b] = BodyBalance(free, None, holds(comm, rows), found.held, loose[b])
     return [b for b in balances if b is not None]
+
+
+def _with_free(
+    sliding: NDArray[np.float64], free: NDArray[np.float64], elastic: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Orthonormal motions of elastic bodies in the span of slides and free motions.
+
+    All (motions of the group, k).
+    """
+    return spanned(np.where(elastic[:, None], np.hstack([sliding, free]), 0.0))
+
+
+def loose_bodies(scene: Scene, balances: list[BodyBalance]) -> LooseBodies:
+    """Rigid motions that nothing resists; of moving rigid bodies none."""
+    frames = [body_frame(body) for body in scene.bodies]
+    frames += [(np.zeros(3), 1.0)] * (len(balances) - len(frames))
+    return LooseBodies(
+        [balance.loose for balance in balances],
+        np.array([centre for centre, _ in frames]),
+        np.array([length for _, length in frames]),
+    )
 
 
 def _holding(

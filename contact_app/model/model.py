@@ -23,7 +23,12 @@ from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
 from contact_app.model.assembly import Element
 from contact_app.model.candidates import Needed
-from contact_app.model.equilibrium import directions_in_words, group_numbers, upward
+from contact_app.model.equilibrium import (
+    directions_in_words,
+    group_numbers,
+    loose_bodies,
+    upward,
+)
 from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.outline import Outline, Tell, outline
 from contact_app.model.probes import Probe
@@ -79,8 +84,6 @@ class Model:
         The cells on either side of planes at which section forces are asked for.
     supports
         Rows that hold rigid motions.
-    loose
-        Rigid motions of each body that contact hardly resists, (motions, k).
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -101,7 +104,6 @@ class Model:
     temperatures: tuple[NDArray[np.float64] | None, ...] = ()
     sections: tuple[SectionPiece, ...] = ()
     supports: SupportRows = field(default_factory=SupportRows)
-    loose: tuple[NDArray[np.float64], ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -226,7 +228,7 @@ def model_of_outline(
     problem = DualProblem(
         build_system(
             subdomains, constraints, group_numbers(scene),
-            lambda: timings.measure("factorization"), options,
+            lambda: timings.measure("factorization"), options, loose_bodies(scene, balances),
         )
     )  # fmt: skip
     give_back()
@@ -248,7 +250,6 @@ def model_of_outline(
         temperatures=tuple(_temperatures(known, members) for members in classes.values()),
         sections=known.sections,
         supports=supports,
-        loose=tuple(b.loose for b in balances),
         notes=tuple(_notes(scene, known, problem)),
     )
 

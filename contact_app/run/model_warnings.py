@@ -96,7 +96,7 @@ def _straight_edges(answer: Answer) -> Iterator[str]:
     for contact, sagitta in zip(
         scene.contacts, sagittas(answer.model, answer.nodes), strict=True
     ):  # fmt: skip
-        moved = answer.solution.measures.displacements[contact.body]
+        moved = answer.solution.measures.deformations[contact.body]
         if sagitta > LARGE_SAGITTA * moved > 0.0:
             share, body = sagitta / moved, scene.bodies[contact.body]
             second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
@@ -110,7 +110,7 @@ def _straight_edges(answer: Answer) -> Iterator[str]:
 
 def _straight_facets(answer: Answer) -> Iterator[str]:
     """Round bodies that touch each other by flat facets, coarse beside the displacements."""
-    scene, moved = answer.model.scene, answer.solution.measures.displacements
+    scene, moved = answer.model.scene, answer.solution.measures.deformations
     for pair, sagitta in zip(
         scene.pairs, pair_sagittas(answer.model, answer.nodes), strict=True
     ):  # fmt: skip
@@ -134,7 +134,7 @@ def _beside_obstacles(answer: Answer) -> Iterator[str]:
         if radius:
             sliding = _largest_sliding(model, solution, answer.nodes, i)
             sagitta = sliding**2 / (2.0 * radius)
-            if sagitta > SMALL_SAGITTA * solution.measures.displacements[contact.body] > 0.0:
+            if sagitta > SMALL_SAGITTA * solution.measures.deformations[contact.body] > 0.0:
                 yield (
                     f"{contact.source}: nodes in contact slide by up to {sliding:.3g} along an "
                     f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
@@ -295,8 +295,9 @@ def _free_motions(answer: Answer) -> list[str]:
 def _slides(answer: Answer) -> Iterator[str]:
     """Bodies that slide where facets alone resist (collective)."""
     scene = answer.model.scene
-    for found in free_motions(answer.model, answer.nodes):
-        if not answer.model.loose[found.body].any():
+    touching = {b for item in scene.touching for b in (item.body, getattr(item, "other", -1))}
+    for found in free_motions(answer.model, answer.solution):
+        if found.body not in touching:
             continue
         body = scene.bodies[found.body]
         names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in found.names)

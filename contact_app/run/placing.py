@@ -106,7 +106,7 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
 
     The normal counts by what it makes of the displacement.
     """
-    model, moved = solved.model, solved.solution.measures.displacements
+    model, moved = solved.model, solved.solution.measures.deformations
     scene, contact = model.scene, model.problem.contact
     after, worst = scene.placed(places), 0.0
     pressed = solved.solution.multiplier[model.problem.inequality] > 0.0

@@ -311,7 +311,7 @@ def _solved(asked: _Request) -> SolvedScene:
 
 def _lengths_of_contacts(solved: SolvedScene) -> NDArray[np.float64]:
     """Largest displacement of the bodies of each contact, (contacts,)."""
-    moved, bodies = solved.solution.measures.displacements, solved.model.scene.touching
+    moved, bodies = solved.solution.measures.deformations, solved.model.scene.touching
     return np.array([max(moved[item.body], moved[getattr(item, "other", item.body)])
                      for item in bodies])  # fmt: skip
 

@@ -69,7 +69,7 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     if solved.model.scene.rigid_bodies:
         summary |= rigid_records(solved.model, solved.solution, nodes, summary["reactions"])
     summary["reactions"] += hold_records(solved.model, solved.solution)
-    slides = free_motions(solved.model, nodes)
+    slides = free_motions(solved.model, solved.solution)
     if slides:
         bodies = solved.model.scene.bodies
         summary["free_motions"] = [slide.record(bodies[slide.body].name) for slide in slides]

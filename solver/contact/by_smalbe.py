@@ -157,7 +157,7 @@ class _Judge:
         """The answer that an iterate and its force Cᵀ μ stand for."""
         answer = answer_of_iterate(self._problem, self._rule, x, force)
         self._lengths = body_lengths(
-            self._problem.bodies, answer.measures.displacements, self._problem.free_lengths
+            self._problem.bodies, answer.measures.deformations, self._problem.free_lengths
         )
         self.answer = self._rule.judge(answer)
         return self.answer

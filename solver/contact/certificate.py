@@ -22,10 +22,11 @@ limit, or the largest slip of a point that should rest, if that is more. The dua
 the problem with the limits s, to which û adds s |ŵ| - λ_t · ŵ ≥ 0 at each point.
 
 What the numbers are relative to. Each body is measured by its own sizes: lengths by its largest
-displacement, forces by its load (the largest of the sums of the magnitudes of loads, of reactions
-and of contact forces), the gap by its strain energy ½ a(u,u). A weak body beside a strong one, or a
-stiff one on a soft one, is so certified for itself (`solver.tfeti.bodies`). Bodies that can touch
-form a group; the gap of a group bounds the error of each of its bodies. The worst body decides.
+displacement without rigid motions that nothing resists (`solver.tfeti.free_motions`), forces by its
+load (the largest of the sums of the magnitudes of loads, of reactions and of contact forces), the
+gap by its strain energy ½ a(u,u). A weak body beside a strong one, or a stiff one on a soft one, is
+so certified for itself (`solver.tfeti.bodies`). Bodies that can touch form a group; the gap of a
+group bounds the error of each of its bodies. The worst body decides.
 
 Rounding. The numbers stand in for the exact u. What rounding u to its last digit makes of its
 strains, and the energy norm of the residual of equilibrium (by the diagonal of K, as of an error
@@ -46,6 +47,7 @@ from solver.contact.sizes import (
     energy_scales,
     equilibrium_of,
     forces_on_bodies,
+    largest_deformations,
     largest_displacements,
     round_off,
 )
@@ -159,6 +161,8 @@ class Measures:
     ----------
     displacements : (bodies,)
         Largest |u| over all nodes of each body, in units of length; zero for rigid bodies.
+    deformations : (bodies,)
+        The same without the rigid motions that nothing resists: what lengths are relative to.
     loads : (bodies,)
         Largest of the sums of magnitudes of loads, reactions and contact forces of each body.
     pressed : (bodies,)
@@ -179,6 +183,7 @@ class Measures:
     """
 
     displacements: NDArray[np.float64]
+    deformations: NDArray[np.float64]
     loads: NDArray[np.float64]
     pressed: NDArray[np.float64]
     strains: NDArray[np.float64]
@@ -237,7 +242,8 @@ def certify(
     slack = residual / problem.spread
 
     moved = largest_displacements(problem, displacements)
-    lengths = body_lengths(bodies, moved, problem.free_lengths)
+    deformed = largest_deformations(problem, displacements)
+    lengths = body_lengths(bodies, deformed, problem.free_lengths)
     state = equilibrium_of(problem, multiplier, displacements)
     rounded, disturbed = round_off(problem, displacements)
     force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
@@ -251,6 +257,7 @@ def certify(
     roundings = (np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2
     measures = Measures(
         displacements=moved,
+        deformations=deformed,
         loads=forces.max(axis=0),
         pressed=forces[2],
         strains=state.strains,

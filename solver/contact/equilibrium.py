@@ -58,8 +58,8 @@ class BodyBalance:
     steady : bool
         Whether those of its group and tied rows together do.
     loose : (motions, k)
-        Its part of orthonormal motions of its group that contact rows hardly see, free ones among
-        them.
+        Its part of orthonormal motions of its group that contact rows hardly see, or that no row
+        sees at all.
     """
 
     free_motions: NDArray[np.float64]
@@ -184,6 +184,12 @@ def loose_motions(
     size += 1e-9 * np.trace(size) * np.eye(len(size))
     values, vectors = eigh(seen, size)
     return np.linalg.qr(allowed @ vectors[:, values <= SLIDING**2])[0]
+
+
+def spanned(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Orthonormal basis of the span of motions (n, k), in which none is nearly another."""
+    basis, size, _ = np.linalg.svd(motions, full_matrices=False)
+    return np.asarray(basis[:, size > 1e-6])
 
 
 def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]]:

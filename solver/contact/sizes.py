@@ -134,6 +134,23 @@ def largest_displacements(
     return np.sqrt(largest(problem.comm, result))
 
 
+def largest_deformations(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Largest |u| of each body without the motions that nothing resists, (bodies,) (collective)."""
+    free = problem.system.free
+    if free is None:
+        return largest_displacements(problem, displacements)
+    motions, left = free.of(displacements), []
+    for number, (u, body) in enumerate(zip(displacements, problem.bodies.members, strict=True)):
+        own = u.copy(order="F")
+        for member, b in enumerate(body):
+            if motions[b].any():
+                own[:, member] -= free.field(number, member, motions[b])
+        left.append(own)
+    return largest_displacements(problem, left)
+
+
 def forces_on_bodies(
     problem: DualProblem,
     multiplier: NDArray[np.float64],

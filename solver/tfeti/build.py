@@ -18,6 +18,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.rows import ContactRows, RowKind, Rows
 from solver.tfeti.constraints.supports import SupportRows
+from solver.tfeti.free_motions import FreeMotions, LooseBodies
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import SubdomainClass, subdomain_class, unfactored_class
@@ -102,6 +103,7 @@ def build_system(
     groups: NDArray[np.int64],
     measure: Measure = nullcontext,
     options: TotalFetiOptions | None = None,
+    loose: LooseBodies | None = None,
 ) -> ContactSystem:
     """Factor the stiffness matrices, number the interface, write B and the coarse problem.
 
@@ -111,6 +113,8 @@ def build_system(
     ----------
     groups : (bodies,)
         The group of each body: bodies that may touch, directly or through others.
+    loose
+        Rigid motions that nothing resists, the same on all ranks.
 
     Raises
     ------
@@ -167,7 +171,24 @@ def build_system(
         places,
         exchange.total,
         constraints.friction,
+        _free_motions(comm, d, subdomains, groups, loose),
     )
+
+
+def _free_motions(
+    comm: MPI.Intracomm,
+    d: int,
+    subdomains: Sequence[CongruentSubdomains],
+    groups: NDArray[np.int64],
+    loose: LooseBodies | None,
+) -> FreeMotions | None:
+    """Loose bodies with the nodes of their subdomains; None where there are none."""
+    if loose is None or not loose.any:
+        return None
+    moved = [np.zeros((len(s.bodies), 3)) if s.places is None else s.places.translations
+             for s in subdomains]  # fmt: skip
+    points, bodies = [s.points for s in subdomains], [s.bodies for s in subdomains]
+    return FreeMotions(comm, d, groups, loose, points, moved, bodies)
 
 
 def _factored(

@@ -21,6 +21,7 @@ from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.rows import ContactRows, RowKind
+from solver.tfeti.free_motions import FreeMotions
 from solver.tfeti.subdomain.classes import SubdomainClass
 
 
@@ -115,6 +116,8 @@ class ContactSystem:
         Nodes on all ranks.
     friction
         Tangential rows, in row order; None where no contact of any rank has friction.
+    free
+        Rigid motions that nothing resists; None where there are none.
     """
 
     comm: MPI.Intracomm
@@ -128,6 +131,7 @@ class ContactSystem:
     places: tuple[NodePlaces, ...] = ()
     nodes: int = 0
     friction: FrictionRows | None = None
+    free: FreeMotions | None = None
 
     def with_loads(
         self,

@@ -12,9 +12,10 @@ from mpi4py import MPI
 from contact_app.errors import ConfigurationError
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
+from solver.contact.certificate import certify
 from solver.contact.equilibrium import loose_motions
 from solver.tfeti.subdomain.kernels import rigid_motions
-from tests import scenes
+from tests import meshfiles, scenes
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
 
@@ -135,3 +136,64 @@ def test_two_ranks(tmp_path: Path) -> None:
     made["decomposition"] = {"subdomains": 4}
     one, two = (summary_of(made, tmp_path, ranks)["reactions"] for ranks in (1, 2))
     np.testing.assert_allclose(two[0]["force"], one[0]["force"], atol=1e-8)
+
+
+def shoe_between_races(directory: Path, tolerance: float) -> Config:
+    """A sector between two circles whose centres lie 0.04 apart: a small load turns it far."""
+    mesh = meshfiles.block("quadrilateral", 6, 0.0)
+    radius, angle = 10.0 - 2.0 * mesh.points[:, 1], (mesh.points[:, 0] - 2.0) * np.pi / 3.0
+    mesh.points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
+    outer = {"sphere": {"center": [0.0, 0.02], "radius": 10.02, "hollow": True}}
+    inner = {"sphere": {"center": [0.0, -0.02], "radius": 7.982}}  # 0.002 too large
+    return {
+        "dimension": "plane_strain",
+        "bodies": [
+            {
+                "name": "shoe",
+                "mesh": {"file": str(meshfiles.write(mesh, directory / "shoe.msh"))},
+                "material": {"young": 2e5, "poisson": 0.3},
+            }
+        ],
+        "conditions": [{"on": "shoe.x-", "traction": [0.1, 0.0]}],
+        "contacts": [
+            {"on": "shoe.y-", "obstacle": outer},
+            {"on": "shoe.y+", "obstacle": inner},
+        ],
+        "solver": {"tolerance": tolerance},
+    }
+
+
+def test_a_large_spin_does_not_loosen_the_tolerance(tmp_path: Path) -> None:
+    """Penetration and jumps are below it relative to the displacement without the spin."""
+    tolerance = 1e-2
+    solved = solve_scene(scenes.build(shoe_between_races(tmp_path, tolerance), 4))
+    points, u = solved.nodes.points, solved.nodes.displacement
+    spin = rigid_motions(points, 2, np.zeros(3), 1.0)[:, :, 2].reshape(-1, 1)
+    left = u.ravel() - spin @ np.linalg.lstsq(spin, u.ravel(), rcond=None)[0]
+    deformed, largest = (np.linalg.norm(v.reshape(-1, 2), axis=1).max() for v in (left, u))
+    assert deformed < 0.005 * largest
+    assert solved.summary["certificate"]["passed"]
+    assert solved.summary["solution"]["max_displacement"] == pytest.approx(largest)
+    (slide,) = solved.summary["free_motions"]
+    assert slide["without_it"] == pytest.approx(deformed, rel=0.05)
+    problem = solved.model.problem
+    slack = problem.residual(problem.on_interface(solved.solution.displacements)) / problem.spread
+    wrong = np.where(problem.inequality, np.maximum(slack, 0.0), np.abs(slack))
+    assert wrong.max() <= tolerance * deformed
+
+
+def test_what_lengths_are_relative_to_knows_no_free_motion() -> None:
+    """A slide of a hundred times the displacement leaves it and the penetration as they are."""
+    solved = solve_scene(scenes.build(block_on_a_floor("quadrilateral", [], 0.0), 4))
+    problem, solution = solved.model.problem, solved.solution
+    pressed = [u.copy() for u in solution.displacements]
+    for u in pressed:
+        u[1::2] -= 1e-2 * solution.measures.displacement
+    slid = [u.copy() for u in pressed]
+    for u in slid:
+        u[0::2] += 100.0 * solution.measures.displacement
+    before, after = (certify(problem, solution.multiplier, u, 1e-6) for u in (pressed, slid))
+    assert after[1].displacement > 50.0 * before[1].displacement
+    assert after[1].deformations[0] == pytest.approx(before[1].deformations[0])
+    assert after[0].max_penetration == pytest.approx(before[0].max_penetration)
+    assert before[0].max_penetration > 1e-3
