@@ -22,8 +22,8 @@ from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.model.test_convergence import column, confined_modulus
 from tests.contact_app.model.test_two_bodies import stack
-from tests.contact_app.run.test_ranks import summary_of
 from tests.contact_app.test_cli import contact_app
+from tests.scenes_on_ranks import summary_of
 
 CELLS = scenes.CELLS_3D + scenes.CELLS_2D
 

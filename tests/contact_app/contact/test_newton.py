@@ -14,7 +14,7 @@ from solver.contact.certificate import certify
 from solver.primal.newton import NewtonOptions, solve_by_newton
 from tests import scenes
 from tests.comparison import reference_of
-from tests.ranks import python
+from tests.ranks import execute
 
 NAMES = [
     "wall", "tilted_plane", "hollow_sphere", "floating_in_corner", "two_planes",
@@ -81,8 +81,6 @@ if MPI.COMM_WORLD.rank == 0:
 def test_the_same_on_two_ranks(name: str) -> None:
     told = []
     for ranks in (1, 2):
-        done = python("-c", PROGRAM, name, ranks=ranks, limit=120)
-        assert done.returncode == 0, done.stderr
-        told.append(json.loads(done.stdout.strip().splitlines()[-1]))
+        told.append(json.loads(execute(PROGRAM, name, ranks=ranks).splitlines()[-1]))
     assert all(one["passed"] for one in told)
     assert told[0]["energy"] == pytest.approx(told[1]["energy"], rel=1e-11)

@@ -17,7 +17,7 @@ from solver.primal.factor import FactorOptions
 from solver.qp.mprgp import MPRGP
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
-from tests.ranks import python
+from tests.ranks import execute
 
 ENERGY, FORCE = 1e-8, 1e-6
 
@@ -160,8 +160,6 @@ if MPI.COMM_WORLD.rank == 0:
     [("wall", "tetrahedron", 2), ("two_bodies", "hexahedron", 3), ("sliding", "triangle", 2)],
 )
 def test_ranks_agree(name: str, cell: str, ranks: int) -> None:
-    done = python("-c", ON_RANKS, name, cell, ranks=ranks, limit=120)
-    assert done.returncode == 0, done.stderr
-    method, energy = done.stdout.split()[-2:]
-    assert method == "primal", done.stderr
+    method, energy = execute(ON_RANKS, name, cell, ranks=ranks).split()[-2:]
+    assert method == "primal"
     assert float(energy) == pytest.approx(reference_of(name, cell, 4).energy, rel=1e-8)

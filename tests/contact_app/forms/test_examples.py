@@ -7,16 +7,21 @@ from pathlib import Path
 
 import pytest
 
-from tests.ranks import ROOT, python
+from tests.ranks import ROOT, execute
 
 GUIDE = ROOT / "docs" / "guide"
+
+EXAMPLE = """
+import runpy, sys
+del sys.argv[0]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
 
 
 def said(name: str, *arguments: str, ranks: int = 1) -> dict[str, list[float]]:
     """Numbers of each line that an example prints."""
-    ended = python(str(GUIDE / name), *arguments, ranks=ranks, limit=300.0)
-    assert ended.returncode == 0, ended.stderr
-    lines = dict(line.split(": ", 1) for line in ended.stdout.splitlines() if ": " in line)
+    printed = execute(EXAMPLE, str(GUIDE / name), *arguments, ranks=ranks)
+    lines = dict(line.split(": ", 1) for line in printed.splitlines() if ": " in line)
     assert lines["certified"] == "True"
     return {name: [float(n) for n in re.findall(r"-?\d+\.\d+", text)]
             for name, text in lines.items()}  # fmt: skip

@@ -18,7 +18,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of
-from tests.contact_app.run.test_ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 CELLS = tuple(meshfiles.MESHIO)
 

@@ -15,7 +15,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, solve
-from tests.contact_app.run.test_ranks import summary_of
+from tests.scenes_on_ranks import summary_of
 
 CONFIG = Path(__file__).parents[3] / "configs" / "roller_on_block.yaml"
 YOUNG, POISSON, PRESSURE = 900.0, 0.25, 10.0

@@ -20,7 +20,7 @@ from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from tests import scenes
 from tests.scenes import Config
-from tests.scenes_on_ranks import run_scene
+from tests.scenes_on_ranks import summary_of
 
 SQUARE = "quadrilateral"
 
@@ -388,12 +388,7 @@ def test_the_worst_case_decides_the_exit_code(
 def test_two_ranks_say_what_one_says(tmp_path: Path) -> None:
     made = slot()
     made["decomposition"] = {"subdomains": 4}
-    path = scenes.write(made, tmp_path / "scene.yaml")
-    found = []
-    for ranks in (1, 2):
-        done = run_scene(path, tmp_path / f"out{ranks}", ranks)
-        assert done.returncode == 0, done.stdout + done.stderr
-        found.append(json.loads((tmp_path / f"out{ranks}" / "summary.json").read_text()))
+    found = [summary_of(made, tmp_path, ranks) for ranks in (1, 2)]
     for name, case in found[0]["cases"].items():
         other = found[1]["cases"][name]["solution"]
         assert case["solution"]["energy"] == pytest.approx(other["energy"], rel=1e-8)

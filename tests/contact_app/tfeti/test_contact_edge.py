@@ -13,7 +13,7 @@ from solver.tfeti.constraints.contact_edge import SLACK, mirror_image
 from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.hard_scenes import wall
-from tests.ranks import python
+from tests.ranks import execute
 
 CASES = {"line": ("quadrilateral", 40, [3, 2]), "surface": ("hexahedron", 20, [2, 2, 2])}
 
@@ -75,8 +75,7 @@ def test_on_ranks() -> None:
         "        counts.append(comm.allreduce(int(found.sum())))\n"
         "    assert counts[0] == counts[1] > 0, (case, counts)\n"
     )
-    done = python("-c", program, ranks=3, limit=300)
-    assert done.returncode == 0, done.stderr
+    execute(program, ranks=3)
 
 
 @pytest.mark.ratchet

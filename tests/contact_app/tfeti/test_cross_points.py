@@ -18,7 +18,7 @@ from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
-from tests.ranks import python
+from tests.ranks import execute
 
 
 def graph(m: int, edges: list[tuple[int, int]]) -> NDArray[np.bool_]:
@@ -183,5 +183,4 @@ def test_on_ranks(shared: int) -> None:
         "coarse = coarse.with_active(coarse.inequality).coarse\n"
         "assert coarse.entries == 36 * 151, coarse.entries\n"
     )
-    done = python("-c", program, ranks=2, limit=300)
-    assert done.returncode == 0, done.stderr
+    execute(program, ranks=2)

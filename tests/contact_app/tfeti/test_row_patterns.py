@@ -19,7 +19,7 @@ from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
-from tests.ranks import python
+from tests.ranks import execute
 
 CASES = {
     "cube": ("wall", "hexahedron", [2, 3, 2]),
@@ -100,8 +100,7 @@ def test_on_ranks(ranks: int) -> None:
         "    error = error_of(problem)\n"
         "    assert error < 1e-13, (case, error)\n"
     )
-    done = python("-c", program, ranks=ranks, limit=300)
-    assert done.returncode == 0, done.stderr
+    execute(program, ranks=ranks)
 
 
 @st.composite

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.ranks import python
+from tests.ranks import execute
 
 SCRIPT = """
 import sys
@@ -77,8 +77,7 @@ if comm.rank == 0:
 
 def run(ranks: int, directory: Path) -> dict[str, np.ndarray]:
     out = directory / f"{ranks}.npz"
-    done = python("-c", SCRIPT, str(out), ranks=ranks, limit=300)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    execute(SCRIPT, str(out), ranks=ranks)
     with np.load(out) as found:
         return dict(found)
 
