@@ -7,8 +7,8 @@ jumps, too: there each material has a σ* of its own, fitted in its own cells, a
 interface has as many stresses as materials. The one field for all takes the largest by von Mises;
 one field for each material tells the sides.
 
-Degree 1 has a recovery of its own, more careful than the estimate's, which is after the mean of the
-error and not its peak (`DETERMINED`); of degree 2 the two are one.
+Linear polynomials are chosen more carefully than for the estimate, which is after the mean of the
+error and not its peak (`DETERMINED`); on regular meshes and of degree 2 the two are one.
 
 In plane strain zz is ν (xx + yy) - E α T, in plane stress zero.
 """
@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.accuracy.estimate.error_estimate import ErrorEstimator, touching_nodes
-from contact_app.accuracy.estimate.stress_recovery import Patches, StressRecovery
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
+from contact_app.accuracy.estimate.stress_recovery import Patches
 from contact_app.model.model import Model
 from contact_app.results.fields import NODAL_FIELDS
 from contact_app.scene.material import Material, von_mises
@@ -52,17 +52,11 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
     if not wanted or not (output.xdmf or output.vtu):
         return {}
     count = max(len(body.materials) for body in model.scene.bodies)
-    quadratic = any(body.degree == 2 for body in model.scene.bodies)
-    if count == 1 and quadratic:
-        sides = [_at_nodes(model, estimator.stresses(solution), 0)]
-    else:
-        touching = touching_nodes(model, solution)
-        sides = []
-        for k in range(count):
-            recovery = StressRecovery(model, Patches(model, k if count > 1 else None, DETERMINED))
-            sides.append(
-                _at_nodes(model, recovery(model.elastic(solution.displacements), touching), k)
-            )
+    patches = estimator.recovery.patches
+    each = [patches.determined_from(DETERMINED)]
+    if count > 1:
+        each = [Patches.of(model, k, patches.surface, DETERMINED) for k in range(count)]
+    sides = [_at_nodes(model, estimator.stresses(solution, p), k) for k, p in enumerate(each)]
     stresses = {"": _largest(sides)}
     if count > 1:
         stresses |= {f"_material_{k}": side for k, side in enumerate(sides)}

@@ -137,7 +137,7 @@ class CaseModels:
         if self._model is None or model.elements is not self._model.elements:
             return ErrorEstimator(model)
         if self._patches is None:
-            self._patches = Patches(self._model)
+            self._patches = Patches.of(self._model)
         return ErrorEstimator(model, self._patches)
 
     def add(self, model: Model, solution: Solution) -> None:

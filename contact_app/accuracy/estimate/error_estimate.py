@@ -27,6 +27,7 @@ Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and wi
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +52,21 @@ MISFIT = 0.5
 """Share of the squared misfit at samples that is the recovery's own error."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Recovered:
+    """An answer, its elastic displacements, the changes that meet its tractions, and σ*."""
+
+    solution: Solution
+    elastic: Sequence[Array]
+    changes: Array
+    stresses: list[Array]
+
+    def is_of(self, other: Solution) -> bool:
+        """Whether it belongs to the same multipliers and displacements."""
+        mine = self.solution
+        return mine.multiplier is other.multiplier and mine.displacements is other.displacements
+
+
 class ErrorEstimator:
     """Estimates the errors of answers to one model; using it is collective.
 
@@ -63,25 +79,33 @@ class ErrorEstimator:
     def __init__(self, model: Model, patches: Patches | None = None) -> None:
         self.model = model
         self._patches = patches
-        self._last: tuple[Array, Sequence[Array], list[Array]] | None = None
+        self._last: _Recovered | None = None
 
     @cached_property
     def recovery(self) -> StressRecovery:
         """What recovers stresses on this model (collective)."""
         return StressRecovery(self.model, self._patches)
 
-    def stresses(self, solution: Solution) -> list[Array]:
+    def stresses(self, solution: Solution, patches: Patches | None = None) -> list[Array]:
         """σ* of an answer at nodes, (nodes, members, components) of each class (collective).
 
-        That of the last answer asked for is kept.
+        What the last answer asked for needed is kept.
+
+        Parameters
+        ----------
+        patches
+            Of the model's meshes, other ones than the estimate's.
         """
-        multiplier, displacements = solution.multiplier, solution.displacements
         last = self._last
-        if last is None or last[0] is not multiplier or last[1] is not displacements:
+        if last is None or not last.is_of(solution):
             touching = touching_nodes(self.model, solution)
-            elastic = self.model.elastic(displacements)
-            self._last = last = multiplier, displacements, self.recovery(elastic, touching)
-        return last[2]
+            elastic = self.model.elastic(solution.displacements)
+            changes = self.recovery.patches.surface.changes(self.model, touching)
+            found = self.recovery.meeting(changes, elastic)
+            self._last = last = _Recovered(solution, elastic, changes, found)
+        if patches is None or patches is self.recovery.patches:
+            return last.stresses
+        return StressRecovery(self.model, patches).meeting(last.changes, last.elastic)
 
     def accuracy(self, solution: Solution) -> Accuracy:
         """The errors of an answer."""

@@ -338,11 +338,12 @@ class LinearFits:
         copies: Copies,
         flat: float = FLAT,
     ) -> None:
-        self._cells, self._copies = cells, copies
+        self._comm, self._cells, self._copies, self._flat = comm, cells, copies, flat
         self._size = 1 + cells[0].dimension
         A, kind, root = scaled_moments(cells, copies, self._size)
         fit = np.zeros(A.shape)
-        determined = np.linalg.det(A) > flat
+        self._determinants = np.linalg.det(A)
+        determined = self._determinants > flat
         fit[determined] = np.linalg.inv(A[determined])
         done = determined[kind]
         continued: list[Helped] = []
@@ -363,6 +364,13 @@ class LinearFits:
         self._near, place = np.flatnonzero(near), np.cumsum(near) - 1
         self._fit = fit[kind[self._near]] / _outer(root[self._near])
         self._continued = [(h, place[h.sources], place[h.targets]) for h in continued]
+
+    def determined_from(self, flat: float) -> LinearFits:
+        """Fits with another threshold; these where no determinant lies between (collective)."""
+        others = (self._determinants > self._flat) != (self._determinants > flat)
+        if not self._comm.allreduce(int(others.sum())):
+            return self
+        return LinearFits(self._comm, self._cells, self._copies, flat)
 
     def at_vertices(self, stresses: Sequence[Array]) -> Array:
         """Values at owned vertices of the polynomials that fit samples, (owned, k).
@@ -420,6 +428,10 @@ class QuadraticFits:
             own = OWN * moments[helped.targets]
             enlarged = helped.second(moments[helped.sources]) + own
             self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, d)
+
+    def determined_from(self, flat: float) -> QuadraticFits:
+        """These: the threshold is of linear ones."""
+        return self
 
     def at_vertices(self, stresses: Sequence[Array]) -> Array:
         """Coefficients at owned vertices, (owned, monomials · k); the rest as for linear ones."""

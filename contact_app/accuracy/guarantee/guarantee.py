@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.patches import Cells
 from contact_app.accuracy.estimate.stress_recovery import (
-    SHEARS,
     apply,
     at_cells,
     strain_of_gradient,
     stress_operator,
 )
+from contact_app.accuracy.estimate.tractions import SHEARS
 from contact_app.accuracy.guarantee.box_surface import BoxSurface, FacetsOnFace
 from contact_app.accuracy.guarantee.equilibrated import Found, NoAdmissibleStressError
 from contact_app.model.model import Model

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.patches import Cells
 from contact_app.accuracy.estimate.point_values import PointValues
-from contact_app.accuracy.estimate.stress_recovery import SHEARS
+from contact_app.accuracy.estimate.tractions import SHEARS
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.boundaries import boundary_facets
 from contact_app.model.facets import moments

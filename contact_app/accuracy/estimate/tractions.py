@@ -1,0 +1,186 @@
+"""The tractions that are known on the surface of bodies, and stresses at its nodes that meet them.
+
+On the surface σ n is the traction where one is given, zero where nothing is, and has no part along
+the surface where the body touches without friction. At a node the known tractions of the facets
+about it are equations C σ = t for its stress. Of a stress that does not meet them the smallest
+change is made that does, in the least squares where they contradict each other, as at the edge of a
+load: σ becomes σ + q - P σ with P = (CᵀC)⁺ CᵀC and q = (CᵀC)⁺ Cᵀt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact_app.accuracy.estimate.patch_fits import WEAK, Copies
+from contact_app.accuracy.estimate.patches import Cells
+from contact_app.model.boundaries import boundary_facets
+from contact_app.model.model import Model
+from contact_app.scene.scene import Scene
+from meshes import Subdomain
+
+Array = NDArray[np.float64]
+
+SHEARS = ((0, 1), (1, 2), (0, 2))
+"""Components of a stress in space after the normal ones, in the plane the first of them."""
+
+
+def tied_sides(scene: Scene) -> list[tuple[int, str]]:
+    """Body and boundary of each side of the tied pairs, whose tractions are not known."""
+    sides = [(tie.body, tie.boundary) for tie in scene.ties]
+    return sides + [(tie.other, tie.other_boundary) for tie in scene.ties]
+
+
+class Surface:
+    """The surface nodes of a model's meshes, whatever loads them (collective).
+
+    Parameters
+    ----------
+    cells
+        Of each class.
+    """
+
+    def __init__(self, model: Model, cells: Sequence[Cells]) -> None:
+        self._cells = cells
+        self._subdomains = list(zip(model.partition.subdomains, model.place, strict=True))
+        nodes = [np.unique(c.element.reference.facets).astype(np.int64) for c in cells]
+        self._nodes = nodes
+        self._copies = copies = Copies(model, nodes)
+        outside = np.zeros((copies.count, 1))
+        for subdomain, (cls, column) in self._subdomains:
+            copies.of_class(outside, cls)[self._facet_nodes(subdomain, cls), column] = 1.0
+        self._exterior = np.flatnonzero(copies.scatter(copies.gather(outside))[:, 0])
+        self._met = copies.some(self._exterior)
+
+    def _facet_nodes(self, subdomain: Subdomain, cls: int) -> NDArray[np.int64]:
+        """Places among the surface nodes of the nodes of the exterior facets, facet by facet."""
+        facets = subdomain.reference.facets[subdomain.exterior]
+        return np.searchsorted(self._nodes[cls], facets.ravel())
+
+    def changes(self, model: Model, touching: Sequence[NDArray[np.bool_]]) -> Array:
+        """P and q at copies of the nodes on the bodies' surfaces, (copies, s² + s) (collective).
+
+        Parameters
+        ----------
+        model
+            With the loads.
+        touching : one (nodes, members) array a class
+            Nodes that an obstacle or another body pushes.
+        """
+        s = model.scene.dimension * (model.scene.dimension + 1) // 2
+        places, equations = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
+        for subdomain, (cls, column) in self._subdomains:
+            if len(subdomain.exterior):
+                touch = touching[cls][:, column]
+                equations.append(_equations(model, subdomain, self._cells[cls].normals, touch))
+                at = self._facet_nodes(subdomain, cls) * self._copies.shapes[cls][1]
+                places.append(self._copies.starts[cls] + at + column)
+        place = np.searchsorted(self._exterior, np.concatenate(places))
+        incidence = sparse.csr_matrix(
+            (np.ones(len(place)), (place, np.arange(len(place)))),
+            shape=(len(self._exterior), len(place)),
+        )
+        sums = self._met.gather(incidence @ np.concatenate(equations))
+        known = np.flatnonzero(sums[:, : s * s].any(axis=1))
+        P, q = sums[known, : s * s], sums[known, s * s :]
+        # many nodes have the same P: a face or an edge of a box
+        key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)
+        _, first, kind = np.unique(key, return_index=True, return_inverse=True)
+        inverse = np.linalg.pinv(P[first].reshape(-1, s, s), rcond=WEAK, hermitian=True)
+        inverse = inverse[kind.reshape(-1)]
+        change = np.zeros_like(sums)
+        change[known, : s * s] = (inverse @ P.reshape(-1, s, s)).reshape(-1, s * s)
+        change[known, s * s :] = (inverse @ q[..., None])[..., 0]
+        return self._met.scatter(change)
+
+    def meet(self, changes: Array, recovered: Sequence[Array]) -> None:
+        """Change stresses (nodes, members, components) of each class, in place."""
+        copies = self._copies
+        for cls, (values, own) in enumerate(zip(recovered, self._nodes, strict=True)):
+            s = values.shape[2]
+            begin, end = np.searchsorted(self._exterior, copies.starts[cls : cls + 2])
+            row, member = np.divmod(self._exterior[begin:end] - copies.starts[cls], values.shape[1])
+            mine, before = changes[begin:end], values[own[row], member]
+            taken = mine[:, : s * s].reshape(-1, s, s) @ before[..., None]
+            values[own[row], member] = before - taken[..., 0] + mine[:, s * s :]
+
+
+def _equations(
+    model: Model, subdomain: Subdomain, normals: Array, touch: NDArray[np.bool_]
+) -> Array:
+    """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).
+
+    Row by row CᵀC and Cᵀt of C σ = t.
+
+    Parameters
+    ----------
+    normals : (facets, nodes, dimension)
+        Of the reference's facets.
+    """
+    known, load = _known_tractions(model, subdomain, normals, touch)
+    known, normal, load = (a[subdomain.exterior] for a in (known, normals, load))
+    d = normal.shape[-1]
+    s = d * (d + 1) // 2
+    C = np.zeros((*normal.shape, s))
+    for i in range(d):
+        C[..., i, i] = normal[..., i]
+    for row, (i, j) in enumerate(SHEARS[: s - d], d):
+        C[..., i, row], C[..., j, row] = normal[..., j], normal[..., i]
+    C = known @ C
+    t = known @ load[..., None]
+    transposed = np.swapaxes(C, -1, -2)
+    squares = (transposed @ C).reshape(-1, s * s)
+    right = (transposed @ t).reshape(-1, s)
+    return np.concatenate([squares, right], axis=1)
+
+
+def _known_tractions(
+    model: Model, subdomain: Subdomain, normal: Array, touch: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Projectors to the known parts of the traction at the nodes of facets, and the traction.
+
+    All of it but the components that are held, that of tied boundaries, and where a node of the
+    facet is pushed by an obstacle the part along the normal.
+
+    Returns
+    -------
+    (facets, nodes, dimension, dimension) and (facets, nodes, dimension)
+    """
+    scene, d, number = model.scene, normal.shape[-1], subdomain.body
+
+    def rows_on(boundary: str) -> NDArray[np.int32]:
+        return boundary_facets(subdomain, scene.bodies[number], boundary)
+
+    load = np.zeros(normal.shape)
+    known = np.broadcast_to(np.eye(d), (*normal.shape, d)).copy()
+    for traction in scene.tractions:
+        if traction.body == number:
+            load[rows_on(traction.boundary)] += traction.vector
+    for pressure in scene.pressures:
+        if pressure.body == number:
+            rows = rows_on(pressure.boundary)
+            load[rows] -= pressure.value * normal[rows]
+    for linear in model.linear:
+        if linear.body == number:
+            rows = rows_on(linear.boundary)
+            load[rows] += linear.at(subdomain.points()[subdomain.reference.facets[rows]], d)
+    pushed = touch[subdomain.reference.facets].any(axis=1)
+    sides = [(t.body, t.boundary) for t in scene.touching]
+    sides += [(pair.other, pair.other_boundary) for pair in scene.pairs]
+    for body, boundary in sides:
+        if body == number:
+            rows = rows_on(boundary)
+            n = normal[rows[pushed[rows]]]
+            known[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
+    for body, boundary in tied_sides(scene):
+        if body == number:
+            known[rows_on(boundary)] = 0.0
+    for condition in scene.displacements:
+        if condition.body == number:
+            rows = rows_on(condition.boundary)
+            free = np.array([value is None for value in condition.values], float)
+            known[rows] = free[:, None] * known[rows]
+    return known, load
