@@ -1,9 +1,11 @@
-"""Meshes of the bodies, cut into subdomains: regular splits of boxes and graph partitions."""
+"""Meshes of the bodies, cut into subdomains: regular splits of boxes and graph partitions.
+
+Files are read by `meshes.repair`, which boxes do without.
+"""
 
 from meshes.box import BoxShape
 from meshes.decompose import Shape, decompose
 from meshes.refine import refined
-from meshes.repair import Placement, load_mesh
 from meshes.subdomains import Partition, Reference, Subdomain
 from meshes.unstructured import CellMesh, MeshError
 
@@ -12,11 +14,9 @@ __all__ = [
     "CellMesh",
     "MeshError",
     "Partition",
-    "Placement",
     "Reference",
     "Shape",
     "Subdomain",
     "decompose",
-    "load_mesh",
     "refined",
 ]

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
-from contact_app.accuracy.guarantee.guarantee import Guarantee
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields, slabs
 from solver.contact.solution import Accuracy, Solution
+
+if TYPE_CHECKING:
+    from contact_app.accuracy.guarantee.guarantee import Guarantee
 
 
 @dataclass(frozen=True, eq=False)

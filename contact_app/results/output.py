@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,10 @@ from contact_app.results.fields import (
 )
 from contact_app.results.mirror import Image, Whole, whole
 from contact_app.results.result_size import components, file_names, result_bytes, wanted_fields
-from contact_app.results.vtu import VTUWriter
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
+
+if TYPE_CHECKING:
+    from contact_app.results.vtu import VTUWriter
 
 Array = NDArray[np.float64]
 
@@ -162,6 +164,8 @@ def _files(
                 xdmf = XDMFWriter(path, runs, found.nodes, found.cells, size)
                 writers.append(stack.enter_context(xdmf))
             else:
+                from contact_app.results.vtu import VTUWriter
+
                 vtu = VTUWriter(path, runs, found.nodes, at_nodes, at_cells)
                 writers.append(stack.enter_context(vtu))
         yield _Files(writers)

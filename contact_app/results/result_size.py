@@ -8,7 +8,6 @@ from contact_app.results.fields import (
     NODAL_FIELDS,
     POINT_FIELDS,
 )
-from contact_app.results.vtu import vtu_bytes
 from contact_app.results.xdmf import CELL_TYPES, cell_type_name, grid_bytes
 from contact_app.scene.scene import Scene
 
@@ -47,6 +46,11 @@ def result_bytes(scene: Scene, nodes: int, cells: int, alone: int | None = None)
         Contacts with a pressure field of their own; all where there are several, unless given.
     """
     return grid_bytes(nodes, cells, _vertices(scene), *_components(scene, alone))
+
+
+def vtu_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
+    """Size of ``solution.vtu``, about; parameters as of `xdmf.grid_bytes`."""
+    return 4096 + nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 9)
 
 
 def all_bytes(scene: Scene, nodes: int, cells: int) -> int:

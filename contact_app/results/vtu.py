@@ -264,8 +264,3 @@ class VTUWriter:
 
 
 _END = b"\n</AppendedData>\n</VTKFile>\n"
-
-
-def vtu_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
-    """Size of a file with these fields, about; parameters as of `xdmf.grid_bytes`."""
-    return 4096 + nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 9)

@@ -12,11 +12,9 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
 from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_levels
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.outline import Outline
-from contact_app.model.symmetry import halved
 from contact_app.results.mirror import Image, whole
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import write_summary
@@ -148,6 +146,8 @@ def solve(
     given = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
     built = build_scene(given)
     if built.symmetry:
+        from contact_app.model.symmetry import halved
+
         built = halved(built).scene
     if built.cases:
         return _answers(built, comm)
@@ -168,7 +168,10 @@ def _answers(scene: Scene, comm: MPI.Intracomm) -> CaseAnswers:
 
 
 def _refuse(scene: Scene, known: Outline) -> None:
-    refuse_unguaranteed(scene, known.partition)
+    if scene.guaranteed:
+        from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
+
+        refuse_unguaranteed(scene, known.partition)
 
 
 def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:

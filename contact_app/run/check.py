@@ -19,7 +19,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from rich.console import Console
 
-from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed, stress_bytes
 from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
@@ -27,7 +26,6 @@ from contact_app.model.far_obstacles import distant
 from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.method import PATIENCE, chosen, is_undecomposed, may_peel
 from contact_app.model.outline import Outline, left_out_notes, outline
-from contact_app.model.symmetry import halved
 from contact_app.run.case_models import outlines_of_cases
 from contact_app.run.repeated_sentences import said_once
 from contact_app.run.rigid_lines import rigid_lines
@@ -84,6 +82,9 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     ConfigurationError, NoEquilibriumError
         What a run would refuse, too.
     """
+    from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed, stress_bytes
+    from contact_app.model.symmetry import halved
+
     halving = halved(scene)
     if scene.symmetry:
         scene = halving.scene

@@ -29,7 +29,6 @@ from solver.contact.certificate import certify
 from solver.contact.driver import ROUNDED_AWAY
 from solver.contact.solution import Solution
 from solver.errors import QPError, UnboundedError
-from solver.primal.newton import solve_by_newton
 from solver.qp.result import Monitor
 from solver.tfeti.feasible import feasible_multiplier
 
@@ -121,6 +120,8 @@ def solve_directly(
         return None
     if not problem.comm.allreduce(problem.size) or not _has_room(model):
         return None
+    from solver.primal.newton import solve_by_newton
+
     start = None if before is None else before.multiplier
     try:
         found = solve_by_newton(problem, start, monitor)

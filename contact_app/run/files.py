@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
-from contact_app.accuracy.refine.refinement import Refined, with_levels
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.disk import refuse_without_room
 from contact_app.model.outline import Outline
-from contact_app.model.symmetry import halved
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import log, write_summary
 from contact_app.results.result_size import all_bytes, file_names
@@ -23,11 +20,16 @@ from contact_app.run.repeated_sentences import said_once
 from contact_app.run.result_directory import remove_parts
 from contact_app.scene.scene import Scene
 
+if TYPE_CHECKING:
+    from contact_app.accuracy.refine.refinement import Refined
+
 
 def part_that_is_solved(scene: Scene) -> Scene:
     """The half, quarter or eighth of a scene that mirrors, if that is asked for; else all of it."""
     if not scene.symmetry:
         return scene
+    from contact_app.model.symmetry import halved
+
     halving = halved(scene)
     for note in halving.notes:
         log.info("%s", note)
@@ -54,6 +56,8 @@ def write_run(
             files = [*write_fields(solved.model, fields, directory), *files]
     summary = {**solved.summary, "timings": solved.timings.as_dict()}
     if refined is not None:
+        from contact_app.accuracy.refine.refinement import with_levels
+
         summary = with_levels(summary, refined)
     if comm.rank == 0:
         for warning in summary["certificate"]["warnings"]:
@@ -78,7 +82,10 @@ def log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
 
 def log_model(scene: Scene, known: Outline) -> None:
     """What is modelled and what is left out, as `check` says and refuses it (collective)."""
-    refuse_unguaranteed(scene, known.partition)
+    if scene.guaranteed:
+        from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
+
+        refuse_unguaranteed(scene, known.partition)
     for line in modelled_lines(scene, known):
         if line and known.partition.comm.rank == 0:
             log.info("%s", line)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
-from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.errors import ConfigurationError, CouldNotRunError
 from contact_app.machine.caches import usable_caches
 from contact_app.machine.exits import Exit, add_remedy
 from contact_app.machine.exits import tell as say
 from contact_app.results.history import History
 from contact_app.results.report import log, print_summary, run_log
-from contact_app.run.cases import run_cases
 from contact_app.run.communication import on_first
 from contact_app.run.files import (
     log_model,
@@ -30,6 +28,9 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene
 from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
 from solver.qp.result import Reason
+
+if TYPE_CHECKING:
+    from contact_app.accuracy.refine.refinement import Refined, Solve
 
 
 def run(
@@ -53,6 +54,8 @@ def run(
         Seconds of solving between two checkpoints.
     """
     if scene.cases:
+        from contact_app.run.cases import run_cases
+
         return run_cases(scene, directory, comm, resume, every)
     first = comm.rank == 0
     if resume and scene.accuracy is not None:
@@ -87,7 +90,7 @@ def run(
             solved = solve_scene(scene, comm, monitor, checkpoint, tell)
         else:
             once = partial(solve_scene, comm=comm, monitor=monitor, tell=log_model)
-            refined = solve_to_accuracy(scene, once, progress.stage)
+            refined = _to_accuracy(scene, once, progress)
             solved = refined.solved
         solution = solved.solution
         stopped = solution.reason is Reason.STOPPED and not solution.converged and refined is None
@@ -109,6 +112,13 @@ def run(
     reached = refined is None or not refined.missed
     reached &= solved.guaranteed is None or not solved.guaranteed.missing
     return Exit.CERTIFIED if solved.solution.converged and reached else Exit.NOT_CERTIFIED
+
+
+def _to_accuracy(scene: Scene, once: Solve, progress: Progress) -> Refined:
+    """The answer on meshes that were refined to the accuracy asked for (collective)."""
+    from contact_app.accuracy.refine.refinement import solve_to_accuracy
+
+    return solve_to_accuracy(scene, once, progress.stage)
 
 
 def _print(summary: dict[str, Any], tolerance: float, files: list[Path]) -> None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
-from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
 from contact_app.accuracy.nodal_stress import nodal_stresses
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError, CouldNotRunError, NoEquilibriumError
@@ -145,6 +144,8 @@ def solve_scene(
     solved = _at_rest(asked)
     if not scene.guaranteed:
         return solved
+    from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
+
     with solved.timings.measure("estimate"):
         found = guarantee(solved.model, solved.solution)
     if comm.rank == 0:

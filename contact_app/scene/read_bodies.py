@@ -165,12 +165,9 @@ def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
 
 
 def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
-    from meshes import (
-        MeshError,
-        Placement,
-        load_mesh,
-        refined,
-    )  # dolfinx, which boxes need later only
+    # dolfinx and meshio, which boxes need later or not at all
+    from meshes import MeshError, refined
+    from meshes.repair import Placement, load_mesh
 
     axis: Any = (0.0, 0.0, 1.0)
     if mesh.rotate is not None and mesh.rotate.axis is not None:

@@ -51,7 +51,7 @@ def solve_by_multigrid(
 
 def _solve(task: Task, guess: NDArray[np.float64] | None, restart: Restart | None) -> Solution:
     """As `solve_by_multigrid`."""
-    backend, before = Multigrid(task.problem, factors=task.factors), Counts()
+    backend, before = Multigrid(task.problem), Counts()
     test = _CertificateTest(backend, task.rule)
     problem = task.problem
     if restart is not None:

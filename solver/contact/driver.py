@@ -28,7 +28,6 @@ from solver.contact.active_set import ActiveSetOptions
 from solver.contact.answers import answer_of_iterate, answer_of_state
 from solver.contact.by_active_sets import METHOD, solve_from_first_set
 from solver.contact.by_mprgp import solve_by_mprgp
-from solver.contact.by_primal import solve_by_multigrid
 from solver.contact.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
 from solver.contact.monitoring import with_bounds
@@ -115,6 +114,8 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
     """The answer of a method (collective)."""
     problem, checkpoint = task.problem, task.checkpoint
     if not problem.factored:
+        from solver.contact.by_primal import solve_by_multigrid
+
         restart = checkpoint.load(problem) if checkpoint else None
         return solve_by_multigrid(task, start, restart)
     if method == "smalbe":

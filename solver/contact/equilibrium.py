@@ -30,7 +30,6 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
-from scipy.optimize import lsq_linear
 
 ROUNDS = 200
 
@@ -273,6 +272,8 @@ def _nearest(
         sums = np.concatenate([np.zeros(len(chosen)), np.full(len(bounded) + 1, heavy)])
         columns = np.hstack([columns, bounded.T, np.zeros((len(load), 1))])
         columns, target = np.vstack([columns, sums]), np.append(load, heavy)
+    from scipy.optimize import lsq_linear  # slow to import, and few scenes come here
+
     weights = lsq_linear(
         columns, target, bounds=(0.0, np.inf), method="bvls", tol=1e-14, max_iter=1000
     ).x

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.checkpoint import Checkpoint
 from solver.contact.stopping import StoppingRule
-from solver.primal.factor import FactorOptions
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor
 from solver.qp.smalbe import SMALBE
@@ -28,7 +27,7 @@ class Task:
         Sees each step; may stop the solve.
     checkpoint
         Where the state is saved, and where a stopped solve goes on from.
-    active_sets, smalbe, factors
+    active_sets, smalbe
         Options of the algorithms.
     """
 
@@ -39,4 +38,3 @@ class Task:
     checkpoint: Checkpoint | None = None
     active_sets: ActiveSetOptions = field(default_factory=ActiveSetOptions)
     smalbe: SMALBE = field(default_factory=SMALBE)
-    factors: FactorOptions = field(default_factory=FactorOptions)

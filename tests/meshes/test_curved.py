@@ -11,8 +11,9 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.assembly import Element
-from meshes import CellMesh, MeshError, Placement, decompose, load_mesh
+from meshes import CellMesh, MeshError, decompose
 from meshes.refine import refined
+from meshes.repair import Placement, load_mesh
 from tests import meshfiles
 
 NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]

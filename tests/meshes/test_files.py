@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from meshes import CellMesh, MeshError, Placement, decompose, load_mesh
+from meshes import CellMesh, MeshError, decompose
 from meshes.refine import refined
+from meshes.repair import Placement, load_mesh
 from tests import meshfiles
 from tests.meshes.test_decompose import volume
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshes import CellMesh, MeshError, load_mesh
+from meshes import CellMesh, MeshError
 from meshes.crossing import Boxes, Surface, meeting, triangle_crossings, winding
 from meshes.quadratic import VERTICES
 from meshes.read import read_file
-from meshes.repair import REVERSED, folded_inside, warped
+from meshes.repair import REVERSED, folded_inside, load_mesh, warped
 from meshes.unstructured import Topology
 from tests import meshfiles
 

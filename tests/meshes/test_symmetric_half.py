@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshes import BoxShape, load_mesh
+from meshes import BoxShape
+from meshes.repair import load_mesh
 from meshes.symmetric_half import AsymmetryError, half_box, half_mesh
 from tests import meshfiles
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from contact_app.studies.refine_on_sphere import refined_round
-from meshes import MeshError, load_mesh
+from meshes import MeshError
 from meshes.quadratic import straight_middles
+from meshes.repair import load_mesh
 from meshes.unstructured import CellMesh
 
 SAMPLES = Path(__file__).parents[3] / "meshes" / "samples"
