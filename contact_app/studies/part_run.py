@@ -1,0 +1,192 @@
+"""One part solved by one method, in a process of its own: where its seconds go.
+
+    python -m contact_app.studies.part_run METHOD SCENE.yaml [--set KEY=VALUE …] [--tolerance T]
+
+Prints one line of JSON. METHOD is ``primal``, ``active-set`` or ``auto`` for this application,
+or one of `peers.METHODS`. Seconds count from the mesh file to the solution, without start-up and
+without what follows a solution (error estimate, stresses, files):
+
+``read``
+    Ours: the scene with its meshes, checked and repaired. Peers: meshio reads the files, no more.
+``assembly``
+    Everything up to the first iteration but the preconditioner. Peers: dolfinx makes the mesh and
+    assembles stiffness, load and bounds; a first assembly, which compiles forms, is left out.
+``solve``
+    Preconditioners and iterations.
+
+Linear methods solve the part glued where it may touch (`contact_app.studies.glued`). Of several
+bodies they take our assembly, and no other peer takes these.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.machine.environment import peak_rss_gb
+from contact_app.model.model import build_model
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Scene
+from contact_app.scene.yaml_reader import read
+from contact_app.studies.glued import glued_matrix, hold_bounds
+from contact_app.studies.peers import METHODS, linear_solve, set_options, solve
+from contact_app.studies.undecomposed import UnsuitableError, assemble
+from solver.contact.driver import solve as solve_problem
+from solver.primal.merged import merge
+
+OURS = ("primal", "active-set", "auto")
+
+
+class _Clock:
+    """Wall and CPU seconds since it was made; the CPU seconds are summed over ranks."""
+
+    def __init__(self) -> None:
+        self._wall, self._cpu = time.perf_counter(), time.process_time()
+
+    def seconds(self) -> tuple[float, float]:
+        """Both (collective)."""
+        wall, cpu = time.perf_counter() - self._wall, time.process_time() - self._cpu
+        return wall, float(MPI.COMM_WORLD.allreduce(cpu))
+
+
+def scene_of(path: Path, overrides: Sequence[str]) -> Scene:
+    """A scene; with load cases its last one."""
+    scene = build_scene(load(path, overrides))
+    return scene.under(scene.cases[-1]) if scene.cases else scene
+
+
+def ours(path: Path, overrides: Sequence[str], method: str, tolerance: float) -> dict[str, Any]:
+    """This application on a scene."""
+    asked = [*overrides, f"solver.method={method}", f"solver.tolerance={tolerance}"]
+    clock = _Clock()
+    scene = scene_of(path, asked)
+    reading, cpu_reading = clock.seconds()
+    clock = _Clock()
+    solved = solve_scene(scene, MPI.COMM_WORLD)
+    whole, cpu = clock.seconds()
+    stages, solution = solved.timings.seconds, solved.solution
+    after = sum(stages.get(name, 0.0) for name in ("estimate", "output"))
+    found = {
+        "unknowns": solved.model.dofs,
+        "used": solved.summary["solver"]["method"],
+        "read": reading,
+        "assembly": stages["setup"] + stages["assembly"] + stages["factorization"],
+        "solve": stages["solve"],
+        "seconds": reading + whole - after,
+        "cpu": cpu_reading + cpu * (whole - after) / whole,
+        "iterations": solution.counts.hessian,
+        "converged": bool(solution.certificate.passed),
+        "energy": solved.summary["solution"]["energy"],
+    }
+    if found["used"] == "primal":
+        pressing = np.where(solution.multiplier > 0.0, solution.multiplier, 0.0)
+        again = solve_problem(solved.model.problem, scene.solver, start=pressing)
+        found["known"] = again.counts.hessian
+    return found
+
+
+def peer(path: Path, overrides: Sequence[str], method: str, tolerance: float) -> dict[str, Any]:
+    """A method of PETSc's on a scene.
+
+    Raises
+    ------
+    UnsuitableError
+        It cannot take the scene.
+    """
+    comm = MPI.COMM_WORLD
+    files = {path.parent / body["mesh"]["file"] for body in _bodies(path, overrides)}
+    clock = _Clock()
+    for file in files:
+        meshio.read(file)
+    reading, cpu_reading = clock.seconds()
+    scene = scene_of(path, [*overrides, "solver.method=primal"])
+    if len(scene.bodies) > 1:
+        return _glued(scene, method, tolerance, reading, cpu_reading)
+    assemble(scene, comm)
+    clock = _Clock()
+    change = None if METHODS[method].contact else hold_bounds
+    row, _, _ = solve(scene, method, tolerance, comm, change)
+    seconds, cpu = clock.seconds()
+    return {
+        "unknowns": row["dofs"],
+        "used": method,
+        "read": reading,
+        "assembly": seconds - row["solve_seconds"],
+        "solve": row["solve_seconds"],
+        "seconds": reading + seconds,
+        "cpu": cpu_reading + cpu,
+        "iterations": row["products"],
+        "converged": row["converged"],
+        "energy": row["energy"],
+    }
+
+
+def _glued(
+    scene: Scene, method: str, tolerance: float, reading: float, cpu_reading: float
+) -> dict[str, Any]:
+    """A linear method on the bodies of a scene glued together."""
+    if METHODS[method].contact:
+        raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
+    clock = _Clock()
+    model = build_model(scene, MPI.COMM_WORLD, needed="estimated")
+    system = merge(model.problem)
+    assembling, cpu_assembling = clock.seconds()
+    matrix = glued_matrix(system)
+    set_options(method)
+    clock = _Clock()
+    load = matrix.createVecLeft()
+    load.array[:] = system.load
+    x, iterations, converged = linear_solve(matrix, load, tolerance)
+    solving, cpu = clock.seconds()
+    return {
+        "unknowns": model.dofs,
+        "used": method,
+        "read": reading,
+        "assembly": assembling,
+        "solve": solving,
+        "seconds": reading + assembling + solving,
+        "cpu": cpu_reading + cpu_assembling + cpu,
+        "iterations": iterations,
+        "converged": converged,
+        "energy": -0.5 * x.dot(load),
+    }
+
+
+def _bodies(path: Path, overrides: Sequence[str]) -> list[dict[str, Any]]:
+    """The bodies of a file with the mesh files of overrides."""
+    bodies: list[dict[str, Any]] = read(path)[0]["bodies"]
+    for override in overrides:
+        key, _, value = override.partition("=")
+        parts = key.split(".")
+        if parts[0] == "bodies" and parts[2:] == ["mesh", "file"]:
+            bodies[int(parts[1])]["mesh"]["file"] = value
+    return bodies
+
+
+def main() -> None:
+    """Run one method and print its row."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("method", choices=(*OURS, *METHODS))
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--set", action="append", default=[], dest="overrides")
+    parser.add_argument("--tolerance", type=float, default=1e-8)
+    given = parser.parse_args()
+    run = ours if given.method in OURS else peer
+    row = run(given.scene, given.overrides, given.method, given.tolerance)
+    row |= {"memory": float(MPI.COMM_WORLD.allreduce(peak_rss_gb())), "ranks": MPI.COMM_WORLD.size}
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""One linear solve, ours and PETSc's contact solvers on a part: same scene, same answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from contact_app.studies import part_run, parts, peers
+from contact_app.studies.glued import glued_matrix
+from solver.primal.merged import merge
+from solver.tfeti.constraints.matrix import local_rows
+from solver.tfeti.subdomain.kernels import rigid_motions
+from tests import meshfiles, scenes
+from tests.comparison import solve
+from tests.contact_app.model.test_meshes_from_files import two_materials
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+COARSE = ["bodies.0.degree=1"]
+"""The pillow block: several loads on different boundaries, total forces among them."""
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[str, dict]:
+    path = CONFIGS / "pillow_block.yaml"
+    found = {"primal": part_run.ours(path, COARSE, "primal", 1e-8)}
+    for method in ("tao-bnls", "linear-gamg"):
+        found[method] = part_run.peer(path, COARSE, method, 1e-8)
+    return found
+
+
+def test_peers_take_several_loads_and_agree_with_ours(rows: dict[str, dict]) -> None:
+    assert all(row["converged"] for row in rows.values())
+    energy = rows["primal"]["energy"]
+    assert rows["tao-bnls"]["energy"] == pytest.approx(energy, rel=1e-8)
+    assert rows["linear-gamg"]["energy"] > energy * (1.0 - 1e-12)  # glued, it is held more
+    assert len({row["unknowns"] for row in rows.values()}) == 1
+
+
+def test_the_table_sets_all_methods_beside_the_linear_solve(rows: dict[str, dict]) -> None:
+    row = {"part": "block", "method": "primal", "note": "", "memory": 1.0, **rows["primal"]}
+    linear = {**row, "seconds": row["seconds"] / 3.0, "cpu": row["cpu"] / 2.0}
+    cells = [cell.strip() for cell in parts.line(row, linear).split("|")]
+    assert len(cells) == len(parts.HEADING.splitlines()[0].split("|"))
+    assert (cells[8], cells[10]) == ("3.00", "2.00")
+    failed = parts.line({"part": "block", "method": "snes-vi", "note": "not done"}, linear)
+    assert failed.count("|") == len(cells) - 1
+
+
+def test_peers_take_two_materials(tmp_path: Path) -> None:
+    file = meshfiles.write(meshfiles.block("tetrahedron", 3), tmp_path / "block.msh")
+    made = two_materials("tetrahedron", file)
+    row, _, _ = peers.solve(scenes.build(made), "tao-bnls", 1e-10)
+    assert row["energy"] == pytest.approx(solve(made).summary["solution"]["energy"], rel=1e-8)
+
+
+def test_glued_bodies_move_rigidly_together_and_in_no_other_way() -> None:
+    path = CONFIGS / "bolted_flange.yaml"
+    scene = part_run.scene_of(path, [*parts.overrides_of(path, 1, None), "solver.method=primal"])
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="estimated").problem)
+    matrix = local_rows(glued_matrix(system))
+    points = system.nodes.points
+    motions = rigid_motions(points, 3, np.zeros(3), 1.0).reshape(system.size, 6)
+    springs = matrix - local_rows(system.K)
+    assert abs(springs @ motions).max() < 1e-12 * abs(springs).max()
+    slid = np.where(system.body == 0, motions[:, 0], 0.0)  # along the faces in contact or across
+    slid_across = np.where(system.body == 0, motions[:, 1], 0.0)
+    for motion in (slid, slid_across):
+        assert abs(springs @ motion).max() > 0.1 * abs(springs).max()
