@@ -15,6 +15,7 @@ from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
 from solver.contact.task import Task
 from solver.primal.backend import Multigrid, PrimalState
+from solver.primal.factor import FactorOptions
 from solver.primal.recovery import recover
 from solver.qp.result import Counts, Reason
 from solver.qp.smalbe import Restart
@@ -27,7 +28,10 @@ steps, and a set decided on less changes back."""
 
 
 def solve_by_multigrid(
-    task: Task, guess: NDArray[np.float64] | None, restart: Restart | None
+    task: Task,
+    guess: NDArray[np.float64] | None,
+    restart: Restart | None,
+    factors: FactorOptions | None = None,
 ) -> Solution:
     """Active sets from the contact on coarse levels on, or from a guess (collective).
 
@@ -37,6 +41,8 @@ def solve_by_multigrid(
         Multipliers of a problem that is nearly the same.
     restart
         Where a stopped solve had come to.
+    factors
+        When a factor takes the place of the V-cycle.
 
     Raises
     ------
@@ -44,14 +50,19 @@ def solve_by_multigrid(
         The sets left no answer.
     """
     try:
-        return _solve(task, guess, restart)
+        return _solve(task, guess, restart, factors)
     except PETSc.Error as error:  # a factor of a coarse level or of the active rows
         raise ArithmeticError("a matrix of the multigrid has no factor") from error
 
 
-def _solve(task: Task, guess: NDArray[np.float64] | None, restart: Restart | None) -> Solution:
+def _solve(
+    task: Task,
+    guess: NDArray[np.float64] | None,
+    restart: Restart | None,
+    factors: FactorOptions | None,
+) -> Solution:
     """As `solve_by_multigrid`."""
-    backend, before = Multigrid(task.problem), Counts()
+    backend, before = Multigrid(task.problem, factors=factors), Counts()
     test = _CertificateTest(backend, task.rule)
     problem = task.problem
     if restart is not None:

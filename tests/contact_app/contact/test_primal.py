@@ -72,8 +72,9 @@ def test_multigrid_where_a_factor_would_be_taken(name: str, cell: str) -> None:
     made = {**scenes.ALL[name](cell, 4), "solver": {"method": "primal"}}
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
     inner = MPRGP(rtol=1e-10, max_iterations=2000)
-    task = Task(problem, StoppingRule(1e-9), inner, factors=MULTIGRID_ALWAYS)
-    found, known = solve_by_multigrid(task, None, None), reference_of(name, cell, 4)
+    task = Task(problem, StoppingRule(1e-9), inner)
+    found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
+    known = reference_of(name, cell, 4)
     assert found.converged, found.certificate
     scale = max(abs(known.energy), 0.5 * abs(known.u.ravel() @ known.system.load))
     assert found.measures.energy == pytest.approx(known.energy, rel=0, abs=ENERGY * scale)
