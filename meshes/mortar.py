@@ -30,7 +30,7 @@ transmitted exactly. A node whose share is hardly covered gives its row to its n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ from scipy.spatial import cKDTree
 
 from meshes import dolfinx_compat as versions
 from meshes.quadratic import FACETS
+from meshes.smooth_surface import bulges
 from meshes.subdomains import vtk_places, vtk_shapes
 
 FACING = 0.5
@@ -89,12 +90,15 @@ class Surface:
         Coordinates.
     normals : (facets, 3)
         Outward unit normal of the vertices; of a warped quadrilateral that of its diagonals.
+    bulge : (facets, v, v) or None
+        Where the facets stand for a smooth surface: its height over them is ½ φᵀ bulge φ.
     """
 
     dimension: int
     nodes: NDArray[np.int64]
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
+    bulge: NDArray[np.float64] | None = None
 
     @classmethod
     def of(
@@ -132,6 +136,21 @@ class Surface:
             np.take_along_axis(points, place[..., None], axis=1),
             normals,
         )
+
+    def smooth(self) -> Surface:
+        """The same with the heights of the smooth surface; as it is where edges are curved."""
+        v = self.vertices.shape[1]
+        if _curved(self.points, v):
+            return self
+        return replace(self, bulge=bulges(self.nodes[:, :v], self.vertices, self.normals))
+
+    def height(
+        self, facets: NDArray[np.int64], hats: NDArray[np.float64]
+    ) -> NDArray[np.float64] | float:
+        """Of the smooth surface over points of facets (q,) with hats (q, v)."""
+        if self.bulge is None:
+            return 0.0
+        return 0.5 * np.einsum("qa,qab,qb->q", hats, self.bulge[facets], hats)
 
     @property
     def vertices(self) -> NDArray[np.float64]:
@@ -328,15 +347,16 @@ class Overlaps:
         here, there, i, j = here[near], there[near], i[near], j[near]
         v, w = on.vertices.shape[1], against.vertices.shape[1]
         flat, other = here[:, :v, :-1], there[:, :w, :-1]
-        linear = (here.shape[1], there.shape[1]) == (v, w)
+        linear = (here.shape[1], there.shape[1]) == (v, w) and on.bulge is None
         curved = _curved(here, v) or _curved(there, w)
         cut = _segments if on.dimension == 2 else _polygons
         pair, x, weights = cut(flat, other, linear, curved)
         plane = here[pair, :, :-1]
         phi, mine, slopes = on_facets(plane, x, _curved(here, v))
-        theirs = on_facets(there[pair, :, :-1], x, _curved(there, w))[1]
+        hats, theirs, _ = on_facets(there[pair, :, :-1], x, _curved(there, w))
         gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
         gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
+        gap -= on.height(i[pair], phi) + against.height(j[pair], hats)
         slopes = np.linalg.solve(slopes @ plane, slopes) if tilted else slopes[:, :0]
         kept, start = np.unique(pair, return_index=True)
 

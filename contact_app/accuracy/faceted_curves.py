@@ -26,6 +26,9 @@ SMOOTH = np.deg2rad(30.0)
 LARGE_SAGITTA = 0.05
 """Sagitta over the largest displacement from which on an answer is that of the polygon."""
 
+FITTED = 0.05
+"""Median gap over the sagitta below which facets lie on each other, as those of matching meshes."""
+
 FLAT = 1e-6
 """Angle below which facets lie in one plane."""
 
@@ -64,6 +67,36 @@ def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
                 "the largest displacement; give a mesh file of second order and degree: 2, or a "
                 "finer one"
             )
+    return ""
+
+
+def median_gaps(model: Model) -> list[float]:
+    """Median magnitude of the gap of each contact before anything moves (collective).
+
+    It tells the play or the interference of parts that fit into each other, and is large where a
+    ball lies on a plane.
+    """
+    contacts = (model.problem.contact, model.left_out)
+    parts = model.comm.allgather([(rows.sources, np.abs(rows.gaps)) for rows in contacts])
+    sources, gaps = (np.concatenate(part) for part in zip(*sum(parts, []), strict=True))
+    return [
+        float(np.median(gaps[sources == number])) if (sources == number).any() else np.inf
+        for number in range(len(model.scene.touching))
+    ]
+
+
+def beside(sagitta: float, moved: float, gap: float) -> str:
+    """What a sagitta is large beside, in words; empty where it is small.
+
+    Parameters
+    ----------
+    moved, gap
+        Largest displacement of the bodies, and median gap of the contact.
+    """
+    if sagitta > LARGE_SAGITTA * moved > 0.0:
+        return f"{100.0 * sagitta / moved:.2g} % of the largest displacement"
+    if sagitta > LARGE_SAGITTA * gap and gap > FITTED * sagitta:
+        return f"{100.0 * sagitta / gap:.2g} % of the gap or overlap of {gap:.2g} that is drawn"
     return ""
 
 

@@ -132,6 +132,8 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
         if not np.isfinite(contact.interference):
             raise ValueError(f"{at}.interference must be a number")
         if contact.obstacle is not None:
+            if contact.round:
+                raise ValueError(f"{at}.round is for facets against facets; leave it out")
             _check_obstacle(contact.obstacle, f"{at}.obstacle", d)
 
 

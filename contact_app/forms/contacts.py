@@ -126,6 +126,8 @@ class Contact:
         lives on `tag`: let that be the side with the finer mesh or the softer body.
     interference
         Length along the normal by which the gap is smaller than the geometry has it.
+    round
+        Whether flat facets of both sides stand for smooth surfaces through their nodes; for pairs.
     name
         For messages and the summary; ``facets 3`` unless given.
     """
@@ -135,6 +137,7 @@ class Contact:
     obstacle: Plane | Sphere | Cylinder | SignedDistance | Callable[[Array], Array] | None = None
     against: int | Sequence[int] | None = None
     interference: float = 0.0
+    round: bool = False
     name: str = ""
 
     @property

@@ -142,7 +142,8 @@ def _mortar_rows(
     at = f"contacts[{number}]"
     other = side_of(parts, contact, contact.against, f"{at}.against")
     try:
-        found = mean_gaps(gathered_surface(parts, own), gathered_surface(parts, other))
+        sides = [gathered_surface(parts, side) for side in (own, other)]
+        found = mean_gaps(*(side.smooth() if contact.round else side for side in sides))
     except SurfacesApartError as error:
         raise ValueError(f"{at}: {error}") from error
     found = replace(found, gaps=found.gaps - contact.interference)

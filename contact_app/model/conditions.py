@@ -100,7 +100,7 @@ def mortar_rows(
                 f"{scene.at(pair.source)}.{key}: no whole facet of the surface of {body.name} lies "
                 f"on {boundary}; contact between bodies needs facets all of whose nodes are on it"
             )
-        sides.append(side)
+        sides.append(side.smooth() if pair.round else side)
     try:
         found = mean_gaps(*sides)
     except SurfacesApartError as error:

@@ -444,7 +444,7 @@ class _Described:
             return where, _scaled(np.array([item.value]))
         if isinstance(item, BodyContact):
             other = self._boundary(item.other, item.other_boundary, mirror)
-            return (*where, *other), _scaled(np.array([item.interference]))
+            return (*where, *other, item.round), _scaled(np.array([item.interference]))
         words, numbers = _described_obstacle(item.obstacle, self.size, mirror)
         return (*where, *words), np.append(numbers, _scaled(np.array([item.interference])))
 

@@ -46,6 +46,7 @@ class _Contact:
     whole: Resultant
     area: float
     max_pressure: float
+    max_smoothed: float
 
 
 def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
@@ -66,6 +67,7 @@ def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
             "on": name.on, "with": name.against, **joined(resultants, model.scene.dimension),
             "area": float(sum(piece.area for _, piece in pieces)),
             "max_pressure": max(piece.max_pressure for _, piece in pieces),
+            "max_smoothed_pressure": max(piece.max_smoothed for _, piece in pieces),
             "nodes": counts,
         })  # fmt: skip
     return records
@@ -86,7 +88,7 @@ def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
             contact.shares.sum(), len(at), contact.areas.sum(), *(contact.shares @ arm),
             *arm.sum(axis=0), *contact.forces.sum(axis=0), *turned,
         ])  # fmt: skip
-        peaks.append(contact.pressure.max(initial=0.0))
+        peaks.append([contact.pressure.max(initial=0.0), contact.smoothed.max(initial=0.0)])
     totals = model.comm.allreduce(np.array(sums, float))
     largest = np.array(peaks)
     model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
@@ -96,7 +98,7 @@ def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
         away = weighted / share if share > 0.0 else plain / max(count, 1.0)
         moment = moment - np.cross(away, force)
         whole_force = Resultant(force, moment, centre + away, float(share))
-        found.append(_Contact(whole_force, float(area), float(peak)))
+        found.append(_Contact(whole_force, float(area), *map(float, peak)))
     return found
 
 

@@ -24,7 +24,13 @@ from solver.contact.solution import Solution
 FRICTION_FIELDS = ("friction_traction", "slip", "contact_status")
 """Fields at nodes that scenes with friction alone have."""
 
-POINT_FIELDS = ("displacement", "contact_pressure", "gap", *FRICTION_FIELDS)
+POINT_FIELDS = (
+    "displacement",
+    "contact_pressure",
+    "contact_pressure_smoothed",
+    "gap",
+    *FRICTION_FIELDS,
+)
 """Fields at nodes that can be asked for."""
 
 NODAL_FIELDS = ("nodal_stress", "nodal_von_mises")
@@ -44,6 +50,8 @@ class NodeFields:
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
         The largest over the contacts of a node, as `pressure` evaluates them; 0 elsewhere.
+    contact_pressure_smoothed : (nodes,)
+        The same of `smoothed_pressure`.
     contacts
         Each contact at its nodes, as `Scene.touching` counts them.
     gap : (nodes,)
@@ -68,6 +76,7 @@ class NodeFields:
     points: NDArray[np.float64]
     displacement: NDArray[np.float64]
     contact_pressure: NDArray[np.float64]
+    contact_pressure_smoothed: NDArray[np.float64]
     contacts: tuple[NodesInContact, ...]
     gap: NDArray[np.float64]
     friction_traction: NDArray[np.float64]
@@ -96,8 +105,9 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
 
     surface = SurfaceNodes.of(model)
     forces = contact_forces(model, solution, surface)
-    pressure = np.zeros(size)
+    pressure, smoothed = np.zeros((2, size))
     pressure[forces.nodes - exchange.first] = forces.pressure
+    smoothed[forces.nodes - exchange.first] = forces.smoothed
     gap = np.full(size, np.nan)
     far = slack_of(model.left_out, exchange, mean)
     gap[forces.nodes - exchange.first] = node_gaps(model, solution, surface, far)
@@ -107,6 +117,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         points=located,
         displacement=mean,
         contact_pressure=pressure,
+        contact_pressure_smoothed=smoothed,
         contacts=forces.contacts,
         gap=gap,
         **_friction(forces.contacts, exchange.first, size, d),

@@ -28,7 +28,7 @@ ninth of the change over the last facet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.results.alternation import Lines, alternation
 from contact_app.results.division import ContactLoads, contact_loads
+from contact_app.results.smoothed_pressure import smoothed_pressure
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
 from contact_app.scene.conditions import BodyContact, Contact
 from solver.contact.solution import Solution
@@ -58,7 +59,8 @@ class NodesInContact:
     ----------
     nodes : (n,)
         Ascending numbers.
-    pressure : (n,)
+    pressure, smoothed : (n,), (n,)
+        Also without what facets make of it (`smoothed_pressure`).
     shares : (n,)
         ∫ φ_k over the boundary.
     carriers : (n,)
@@ -80,6 +82,7 @@ class NodesInContact:
 
     nodes: NDArray[np.int64]
     pressure: Array
+    smoothed: Array
     shares: Array
     carriers: NDArray[np.bool_]
     closed: NDArray[np.bool_]
@@ -104,7 +107,7 @@ class ContactForces:
     ----------
     nodes : (owned,)
         Numbers of surface nodes.
-    pressure : (owned,)
+    pressure, smoothed : (owned,), (owned,)
         The largest over the contacts of a node.
     contacts
         Each contact alone, as `Scene.touching` counts them.
@@ -114,6 +117,7 @@ class ContactForces:
 
     nodes: NDArray[np.int64]
     pressure: Array
+    smoothed: Array
     contacts: tuple[NodesInContact, ...]
     without_area: int
 
@@ -126,15 +130,16 @@ class ContactForces:
 def contact_forces(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactForces:
     """Pressures and forces of an answer, contact by contact (collective)."""
     loads = contact_loads(model, solution, surface)
-    pressure = np.zeros(len(surface.owned))
+    pressure, smoothed = np.zeros((2, len(surface.owned)))
     contacts, lost = [], 0
     for number in range(len(model.scene.touching)):
         found, missed = _in_contact(model, surface, loads, number)
         at = np.searchsorted(surface.owned, found.nodes)
         pressure[at] = np.maximum(pressure[at], found.pressure)
+        smoothed[at] = np.maximum(smoothed[at], found.smoothed)
         contacts.append(found)
         lost += missed
-    return ContactForces(surface.owned, pressure, tuple(contacts), lost)
+    return ContactForces(surface.owned, pressure, smoothed, tuple(contacts), lost)
 
 
 def _in_contact(
@@ -169,6 +174,7 @@ def _in_contact(
     of_owned = NodesInContact(
         nodes=surface.owned,
         pressure=pressure,
+        smoothed=np.zeros_like(pressure),
         shares=boundary.shares,
         carriers=carriers,
         closed=at_owned(loaded, force[loaded]) > 0.0,
@@ -180,7 +186,8 @@ def _in_contact(
         sticks=at_owned(every, loads.sticks[mine].astype(float)) > 0.0,
     )
     found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
-    return found, int((loaded & ~usable).sum())
+    smoothed = smoothed_pressure(model, number, found.nodes, found.pressure, found.shares)
+    return replace(found, smoothed=smoothed), int((loaded & ~usable).sum())
 
 
 def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Array) -> Array:

@@ -31,7 +31,7 @@ from contact_app.accuracy.contact_limits import (
     facets_along_axes,
     slipped_through,
 )
-from contact_app.accuracy.faceted_curves import LARGE_SAGITTA, pair_sagittas, sagittas
+from contact_app.accuracy.faceted_curves import beside, median_gaps, pair_sagittas, sagittas
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.model import Model
@@ -91,38 +91,47 @@ def _large_deformations(answer: Answer) -> Iterator[str]:
 
 
 def _straight_edges(answer: Answer) -> Iterator[str]:
-    """Round boundaries whose straight edges are coarse beside the displacements."""
-    scene = answer.model.scene
-    for contact, sagitta in zip(
-        scene.contacts, sagittas(answer.model, answer.nodes), strict=True
-    ):  # fmt: skip
-        moved = answer.solution.measures.deformations[contact.body]
-        if sagitta > LARGE_SAGITTA * moved > 0.0:
-            share, body = sagitta / moved, scene.bodies[contact.body]
+    """Round boundaries whose straight edges are coarse beside displacements or gaps."""
+    scene, moved = answer.model.scene, answer.solution.measures.deformations
+    found = sagittas(answer.model, answer.nodes)
+    gaps = median_gaps(answer.model) if any(found) else []
+    for contact, sagitta, gap in zip(scene.contacts, found, gaps, strict=False):
+        body = scene.bodies[contact.body]
+        share = beside(sagitta, moved[contact.body], gap)
+        if share:
             second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
             remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
             yield (
                 f"{contact.source}: {body.name} is round there and has straight edges: their "
-                f"middles lie up to {sagitta:.2g} off the curve of their ends, {100.0 * share:.2g} "
-                f"% of the largest displacement, and the mesh answers for the polygon; {remedy}"
+                f"middles lie up to {sagitta:.2g} off the curve of their ends, {share}, and the "
+                f"mesh answers for the polygon; {remedy}"
             )
 
 
 def _straight_facets(answer: Answer) -> Iterator[str]:
-    """Round bodies that touch each other by flat facets, coarse beside the displacements."""
+    """Round bodies that touch each other by flat facets, coarse beside displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
-    for pair, sagitta in zip(
-        scene.pairs, pair_sagittas(answer.model, answer.nodes), strict=True
-    ):  # fmt: skip
-        largest = max(moved[pair.body], moved[pair.other])
-        if sagitta > LARGE_SAGITTA * largest > 0.0:
-            names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
-            yield (
-                f"{pair.source}: {names} are round there and meet by flat facets, which lie up to "
-                f"{sagitta:.2g} off the curve (h²/8R), {100.0 * sagitta / largest:.2g} % of the "
-                "largest displacement: the largest pressure is that of the facets; use degree: 2 "
-                "and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+    found = pair_sagittas(answer.model, answer.nodes)
+    gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(found) else []
+    for pair, sagitta, gap in zip(scene.pairs, found, gaps, strict=False):
+        share = beside(sagitta, max(moved[pair.body], moved[pair.other]), gap)
+        if not share:
+            continue
+        names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
+        second = "degree: 2 and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+        said = (
+            "gaps and largest pressure are those of the facets; use `round: true` of the contact "
+            f"and max_smoothed_pressure, or {second}"
+        )
+        if pair.round:
+            said = (
+                "the largest pressure is that of the facets; max_smoothed_pressure is without "
+                f"them, as is {second}"
             )
+        yield (
+            f"{pair.source}: {names} are round there and meet by flat facets, which lie up to "
+            f"{sagitta:.2g} off the curve (h²/8R), {share}: {said}"
+        )
 
 
 def _beside_obstacles(answer: Answer) -> Iterator[str]:

@@ -182,6 +182,8 @@ class BodyContact:
         Overlap along the normal beside that of the geometry.
     friction
         None where the boundaries slide freely.
+    round
+        Whether flat facets stand for smooth surfaces.
     """
 
     body: int
@@ -191,6 +193,7 @@ class BodyContact:
     source: str
     interference: float = 0.0
     friction: Friction | None = None
+    round: bool = False
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ from contact_app.scene.yaml_reader import Key, key_text
 
 FIELDS = (
     "displacement", "stress", "von_mises", "nodal_stress", "nodal_von_mises", "contact_pressure",
-    "gap", "friction_traction", "slip", "contact_status", "body", "material",
+    "contact_pressure_smoothed", "gap", "friction_traction", "slip", "contact_status", "body",
+    "material",
 )  # fmt: skip
 EXPANSIONS = (
     "fixed",
@@ -364,6 +365,11 @@ class Contact(Model):
         0.0,
         description="Overlap along the normal (length), added to what the geometry overlaps; a "
         "negative one is a clearance.",
+    )
+    round: bool = Field(
+        False,
+        description="Flat facets of both sides stand for smooth surfaces through their nodes: the "
+        "gap is that of these. For round bodies of straight edges that touch each other.",
     )
 
 

@@ -182,6 +182,12 @@ class ConditionReader:
                 f"is for obstacles and elastic bodies; {contact.against} is rigid: leave friction "
                 "out, or give the body as an obstacle or with a mesh",
             )
+        if contact.round:
+            self.keys.fail(
+                (*path, "round"),
+                f"is for two elastic bodies; {contact.against} is rigid and round as it is: leave "
+                "it out",
+            )
         body, boundary = self._boundary(contact.on, (*path, "on"))
         self._refuse_repeated(i, contact)
         number = self.rigid.names.index(contact.against or "")
@@ -213,6 +219,11 @@ class ConditionReader:
             self._refuse_beside_tied(contact, path)
         friction = self._friction(contact.friction, (*path, "friction"))
         if contact.obstacle is not None:
+            if contact.round:
+                self.keys.fail(
+                    (*path, "round"),
+                    "is for two elastic bodies: a round obstacle is round as it is; leave it out",
+                )
             obstacle = read_obstacle(self.keys, contact.obstacle, (*path, "obstacle"))
             return Contact(
                 body, boundary, obstacle, f"contacts[{i}]", contact.interference, friction
@@ -228,8 +239,9 @@ class ConditionReader:
         if contact.tied:
             return Tie(body, boundary, other, other_boundary, f"contacts[{i}]")
         return BodyContact(
-            body, boundary, other, other_boundary, f"contacts[{i}]", contact.interference, friction
-        )
+            body, boundary, other, other_boundary, f"contacts[{i}]", contact.interference,
+            friction, contact.round,
+        )  # fmt: skip
 
     def _friction(self, given: c.Friction | None, path: Place) -> Friction | None:
         """A law of friction; None where a limit of zero makes it none."""
@@ -277,6 +289,6 @@ class ConditionReader:
                 (*path, "tied"),
                 "is for two bodies; hold a boundary with a displacement condition instead",
             )
-        for key in ("interference", "friction"):
+        for key in ("interference", "friction", "round"):
             if key in contact.model_fields_set:
                 self.keys.fail((*path, key), "has no meaning in a tied contact; leave it out")

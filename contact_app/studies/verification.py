@@ -172,6 +172,13 @@ def _fit(solved: SolvedScene) -> list[Quantity]:
     ]
 
 
+def _round_fit(solved: SolvedScene) -> list[Quantity]:
+    """The same with straight edges, by the smoothed pressure."""
+    mean, single = _fit(solved)
+    (contact,) = solved.summary["contacts"]
+    return [mean, Quantity("largest smoothed", contact["max_smoothed_pressure"], single.theory)]
+
+
 def _cantilever(solved: SolvedScene) -> list[Quantity]:
     """Pure bending: M L²/(2 E I) at the end, and M² L/(2 E I), of I = h³/12."""
     (material,) = solved.model.scene.bodies[0].materials
@@ -362,6 +369,11 @@ CASES = (
         "shrink_fit", "A hub shrunk onto a shaft",
         "The same by cooling the hub by δ/(α R) = 83.33 degrees.",
         _fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
+    ),
+    Case(
+        "round_facets", "A shaft in a hub, by interference, with straight edges",
+        "The same with degree 1 and `round: true`: straight edges stand for circles.",
+        _round_fit, _sizes(1.0, 0.5, 0.25, 0.125), "shaft_and_hub", (0, 1),
     ),
     Case(
         "tied_cantilever", "A cantilever cut in two and tied, in pure bending",

@@ -1,0 +1,82 @@
+"""The smooth surface that flat facets with vertices on it stand for.
+
+A facet of size h on a surface of radius R lies up to h²/8R below it. With the normals n_a of the
+smooth surface at the vertices x_a of a facet and their hats φ_a, the height above the facet is
+
+    δ = ½ Σ_{a<b} φ_a φ_b (x_b - x_a)·(n_b - n_a),
+
+on a sphere or a cylinder (n_b - n_a = (x_b - x_a)/R across it) the height of the parabola through
+the vertices, right but for terms of fourth order (the quadratic form of curved point-normal
+triangles; A. Vlachos and others, Curved PN triangles, 2001).
+
+The normal at a vertex is the value of a linear fit to the normals of the facets about it, of which
+each stands at its centre with its area. It is as good at the end of a boundary as inside. Facets
+that meet at an edge by more than `SMOOTH` meet in a corner of the body: neither counts for the
+other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+SMOOTH = np.deg2rad(30.0)
+"""Angle between facets above which the body has a corner there and is not meant to be round."""
+
+RANK = 1e-6
+"""Spread of the centres of facets along an axis, over the largest, below which normals are not
+fitted along it."""
+
+Array = NDArray[np.float64]
+
+
+def bulges(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
+    """½ (x_b - x_a)·(n_b - n_a) of the vertices of each facet, (facets, v, v).
+
+    Parameters
+    ----------
+    corners : (facets, v)
+        Numbers of the vertices.
+    points : (facets, v, 3)
+        Their coordinates.
+    normals : (facets, 3)
+        Outward unit normals.
+    """
+    at_vertices = _normals_at_vertices(corners, points, normals)
+    x = points[:, None, :] - points[:, :, None]
+    n = at_vertices[:, None, :] - at_vertices[:, :, None]
+    return np.asarray(0.5 * np.einsum("fabi,fabi->fab", x, n))
+
+
+def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
+    """Normals of the smooth surface at the vertices as each facet sees them, (facets, v, 3)."""
+    facets, v = corners.shape
+    numbers, place = np.unique(corners, return_inverse=True)
+    place = place.reshape(corners.shape)
+    of_vertex: list[list[int]] = [[] for _ in numbers]
+    for facet, own in enumerate(place):
+        for vertex in own:
+            of_vertex[vertex].append(facet)
+    centres = points.mean(axis=1)
+    sizes = np.linalg.norm(points - centres[:, None], axis=2).max(axis=1)
+    area = sizes ** (points.shape[1] - 1 if v == 2 else 2)
+    result = np.empty((facets, v, 3))
+    for facet in range(facets):
+        for k in range(v):
+            near = {g for f in of_vertex[place[facet, k]] for w in place[f] for g in of_vertex[w]}
+            ring = np.array(sorted(near))
+            ring = ring[normals[ring] @ normals[facet] > np.cos(2.0 * SMOOTH)]
+            away = centres[ring] - points[facet, k]
+            result[facet, k] = _fitted(away, normals[ring], area[ring])
+    return result
+
+
+def _fitted(away: Array, normals: Array, weights: Array) -> Array:
+    """Value at zero of a linear fit to normals (n, 3) at places (n, 3), a unit vector."""
+    root = np.sqrt(weights)[:, None]
+    mean = (weights @ away) / weights.sum()
+    _, spread, axes = np.linalg.svd((away - mean) * root, full_matrices=False)
+    axes = axes[:2][spread[:2] > RANK * spread[0]] if spread[0] > 0.0 else axes[:0]
+    columns = np.hstack([np.ones((len(away), 1)), away @ axes.T])
+    value = np.linalg.lstsq(columns * root, normals * root, rcond=None)[0][0]
+    return np.asarray(value / np.linalg.norm(value))

@@ -1,0 +1,63 @@
+"""The smooth surface over flat facets: heights of circles, cylinders and balls, also at ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshes.mortar import Surface, mean_gaps
+
+RADIUS, FACETS = 10.0, 12
+
+
+def strip(radius: float, count: int, outward: float, deep: int = 0, cut: bool = False) -> Surface:
+    """A quarter of a circle, or of a cylinder of some cells along its axis, of straight facets."""
+    angle = np.linspace(0.0, 0.5 * np.pi, count + 1)
+    ring = radius * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    if deep == 0:
+        nodes = np.column_stack([np.arange(count), np.arange(1, count + 1)])
+        points = ring[nodes]
+    else:
+        points = (ring[None] + 2.0 * np.arange(deep + 1)[:, None, None] * [0.0, 0.0, 1.0]).reshape(
+            -1, 3
+        )
+        grid = np.arange(len(points)).reshape(deep + 1, count + 1)
+        nodes = np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=-1)
+        nodes = nodes.reshape(-1, 4)
+        if cut:
+            nodes = np.concatenate([nodes[:, [0, 1, 2]], nodes[:, [0, 2, 3]]])
+        points = points[nodes]
+    inside = points.mean(axis=1) * [1.0 - outward * 0.1, 1.0 - outward * 0.1, 1.0]
+    return Surface.of(2 if deep == 0 else 3, nodes, points, inside)
+
+
+@pytest.mark.parametrize("deep", [0, 3])
+@pytest.mark.parametrize("cut", [False, True])
+@pytest.mark.parametrize("outward", [1.0, -1.0])
+def test_heights_of_round_surfaces(deep: int, cut: bool, outward: float) -> None:
+    """At the middles of facets h²/8R, above a shaft and below a bore, at the ends too."""
+    surface = strip(RADIUS, FACETS, outward, deep, cut).smooth()
+    assert surface.bulge is not None
+    v = surface.vertices.shape[1]
+    middles = np.full((len(surface.nodes), v), 1.0 / v)
+    found = surface.height(np.arange(len(surface.nodes)), middles)
+    away = np.linalg.norm(surface.centres[:, :2], axis=1)
+    right = outward * (RADIUS - away)
+    np.testing.assert_allclose(found, right, rtol=0.25 if cut else 0.02)
+
+
+def test_corners_stay_sharp() -> None:
+    """Two flat sides of a square have no height."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0]])
+    nodes = np.column_stack([np.arange(4), np.arange(1, 5)])
+    surface = Surface.of(2, nodes, x[nodes], x[nodes].mean(axis=1) + [-0.1, 0.1, 0.0]).smooth()
+    assert surface.bulge is not None
+    np.testing.assert_allclose(surface.bulge, 0.0, atol=1e-14)
+
+
+def test_the_gap_of_arcs_is_that_of_circles() -> None:
+    """Polygons of different counts in a distance of 0.05."""
+    bore, shaft = strip(RADIUS, 13, -1.0), strip(RADIUS - 0.05, 8, 1.0)
+    flat, smooth = mean_gaps(bore, shaft).gaps, mean_gaps(bore.smooth(), shaft.smooth()).gaps
+    assert np.abs(flat - 0.05).max() > 0.02
+    np.testing.assert_allclose(smooth, 0.05, rtol=0.03)
