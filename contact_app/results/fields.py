@@ -27,7 +27,7 @@ FRICTION_FIELDS = ("friction_traction", "slip", "contact_status")
 POINT_FIELDS = (
     "displacement",
     "contact_pressure",
-    "contact_pressure_smoothed",
+    "smoothed_contact_pressure",
     "gap",
     *FRICTION_FIELDS,
 )
@@ -50,7 +50,7 @@ class NodeFields:
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
         The largest over the contacts of a node, as `pressure` evaluates them; 0 elsewhere.
-    contact_pressure_smoothed : (nodes,)
+    smoothed_contact_pressure : (nodes,)
         The same of `smoothed_pressure`.
     contacts
         Each contact at its nodes, as `Scene.touching` counts them.
@@ -76,7 +76,7 @@ class NodeFields:
     points: NDArray[np.float64]
     displacement: NDArray[np.float64]
     contact_pressure: NDArray[np.float64]
-    contact_pressure_smoothed: NDArray[np.float64]
+    smoothed_contact_pressure: NDArray[np.float64]
     contacts: tuple[NodesInContact, ...]
     gap: NDArray[np.float64]
     friction_traction: NDArray[np.float64]
@@ -117,7 +117,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         points=located,
         displacement=mean,
         contact_pressure=pressure,
-        contact_pressure_smoothed=smoothed,
+        smoothed_contact_pressure=smoothed,
         contacts=forces.contacts,
         gap=gap,
         **_friction(forces.contacts, exchange.first, size, d),

@@ -34,7 +34,7 @@ from contact_app.scene.yaml_reader import Key, key_text
 
 FIELDS = (
     "displacement", "stress", "von_mises", "nodal_stress", "nodal_von_mises", "contact_pressure",
-    "contact_pressure_smoothed", "gap", "friction_traction", "slip", "contact_status", "body",
+    "smoothed_contact_pressure", "gap", "friction_traction", "slip", "contact_status", "body",
     "material",
 )  # fmt: skip
 EXPANSIONS = (

@@ -51,7 +51,7 @@ def test_the_integral_stays(straight: SolvedScene) -> None:
     assert contact.shares @ contact.smoothed == pytest.approx(contact.shares @ contact.pressure)
     assert contact.smoothed.min() >= 0.0
     at = contact.nodes - straight.nodes.first
-    field = straight.nodes.contact_pressure_smoothed
+    field = straight.nodes.smoothed_contact_pressure
     np.testing.assert_array_equal(field[at], contact.smoothed)
     assert field.sum() == pytest.approx(contact.smoothed.sum())
 
@@ -73,7 +73,7 @@ def test_a_half_has_the_pressure_of_the_whole() -> None:
         assert second["max_smoothed_pressure"] == pytest.approx(
             first["max_smoothed_pressure"], rel=1e-5
         )
-        assert first["max_smoothed_pressure"] != pytest.approx(first["max_pressure"], rel=1e-2)
+    assert one[0]["max_smoothed_pressure"] != pytest.approx(one[0]["max_pressure"], rel=1e-2)
 
 
 def test_play_is_held_against_the_facets(straight: SolvedScene) -> None:
