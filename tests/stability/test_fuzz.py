@@ -50,6 +50,7 @@ def test_500_random_scenes() -> None:
     assert kinds.count("degraded") + kinds.count("undecided") < 0.05 * SLOW
 
 
+@pytest.mark.slow
 def test_an_active_set_that_rounding_holds_up_is_left() -> None:
     """Nine rows hardly hold three bodies: they took all 10,000 steps there, without an answer.
 
@@ -77,6 +78,7 @@ def test_an_active_set_that_rounding_holds_up_is_left() -> None:
     assert verdict.products < 20_000
 
 
+@pytest.mark.slow
 def test_a_named_method_that_fails_gives_way_to_others() -> None:
     """The paper's algorithm ends there at rounding errors, in the fewest subdomains, too."""
     assert fuzz.judge(269, method="smalbe").kind == "agrees"

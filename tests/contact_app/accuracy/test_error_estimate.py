@@ -11,6 +11,7 @@ from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.model.test_convergence import column, confined_modulus
 from tests.contact_app.model.test_two_bodies import stack
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 CELLS = scenes.CELLS_3D + scenes.CELLS_2D
@@ -97,8 +98,7 @@ def test_zero_where_nothing_is_strained() -> None:
     assert set(solved.accuracy.as_dict().values()) == {0.0}
 
 
-@pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("name", ["wall", "sphere"])
+@pytest.mark.parametrize(("cell", "name"), covering(CELLS, ["wall", "sphere"]))
 def test_independent_of_the_decomposition(name: str, cell: str) -> None:
     made = scenes.ALL[name](cell, 4)
     whole = solve(made, 1, tolerance=1e-11).accuracy.discretisation

@@ -19,6 +19,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Decomposition, Scene
 from tests import scenes
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 ROOT = Path(__file__).parents[3]
@@ -43,8 +44,9 @@ def products(solved: SolvedScene) -> int:
     return int(solved.summary["solver"]["hessian_multiplications"])
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("subdomains", [1, (2, 2, 2), 7])
+@pytest.mark.parametrize(
+    ("cell", "subdomains"), covering(["hexahedron", "tetrahedron"], [1, (2, 2, 2), 7])
+)
 def test_a_level_begins_with_the_answer_of_the_last(cell: str, subdomains: Any) -> None:
     """Whole bodies and cut ones: the same answer for fewer products, whatever the last's parts."""
     wanted = [f"bodies.0.mesh.box.cell={cell}", "solver.tolerance=1e-3"]

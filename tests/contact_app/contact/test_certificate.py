@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ NAMES = ["wall", "tilted_plane", "hollow_sphere", "floating_in_corner", "two_pla
 CELL, SPLIT = "hexahedron", [2, 2, 2]
 
 
+@cache
 def certified(name: str, tolerance: float, **options: Any) -> Any:
     return solve(scenes.ALL[name](CELL, 4), SPLIT, tolerance=tolerance, **options)
 

@@ -6,6 +6,7 @@ import gc
 import itertools
 import weakref
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from tests.loops import loop
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
+@cache
 def summary(name: str, *overrides: str) -> dict[str, Any]:
     return solve_scene(build_scene(load(CONFIGS / f"{name}.yaml", overrides))).summary
 

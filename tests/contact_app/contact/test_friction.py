@@ -12,6 +12,7 @@ import pytest
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from tests import friction_reference, scenes
 from tests.comparison import in_order_of, solve
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 LAWS = ({"coulomb": 0.3}, {"tresca": 8.0})
@@ -62,9 +63,11 @@ def check(made: scenes.Config, subdomains: Any) -> Any:
     return solved
 
 
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@pytest.mark.parametrize("cell", SPLITS)
-@pytest.mark.parametrize("name", ["wall", "pushed", "hollow_sphere"])
+@pytest.mark.parametrize(
+    ("law", "cell", "name"),
+    covering(LAWS, SPLITS, ["wall", "pushed", "hollow_sphere"], together=2),
+    ids=str,
+)
 def test_obstacles(name: str, cell: str, law: dict[str, float]) -> None:
     n = 4 if scenes.dimension(cell) == 2 else 2
     check(rough(scenes.ALL[name](cell, n), law), SPLITS[cell])

@@ -15,6 +15,7 @@ from solver.primal.newton import NewtonOptions, solve_by_newton
 from tests import scenes
 from tests.comparison import reference_of
 from tests.ranks import execute
+from tests.rows import covering
 
 NAMES = [
     "wall", "tilted_plane", "hollow_sphere", "floating_in_corner", "two_planes",
@@ -22,8 +23,7 @@ NAMES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("subdomains", [None, 1, [2, 1, 1]])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("subdomains", "name"), covering([None, 1, [2, 1, 1]], NAMES))
 def test_certified_to_rounding_errors(name: str, subdomains: int | list[int] | None) -> None:
     cell = "hexahedron"
     n = 4 if name == "two_bodies" else 2

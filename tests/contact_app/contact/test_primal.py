@@ -25,6 +25,7 @@ from solver.qp.mprgp import MPRGP
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
 from tests.ranks import execute
+from tests.rows import covering
 
 ENERGY, FORCE = 1e-8, 1e-6
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -51,14 +52,15 @@ def check(name: str, cell: str, n: int) -> None:
     assert error <= 4.0 * bound + 1e-13 * strain_energy
 
 
-@pytest.mark.parametrize("name", scenes.ALL)
-@pytest.mark.parametrize("cell", scenes.CELLS_3D)
+@pytest.mark.parametrize(("name", "cell"), covering(scenes.ALL, scenes.CELLS_3D[::-1]))
 def test_scenes_in_space(name: str, cell: str) -> None:
     check(name, cell, 4)
 
 
-@pytest.mark.parametrize("name", [n for n in scenes.ALL if n not in scenes.ONLY_3D])
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    covering([n for n in scenes.ALL if n not in scenes.ONLY_3D], scenes.CELLS_2D[::-1]),
+)
 def test_scenes_in_the_plane(name: str, cell: str) -> None:
     check(name, cell, 6)
 
@@ -66,8 +68,7 @@ def test_scenes_in_the_plane(name: str, cell: str) -> None:
 MULTIGRID_ALWAYS = FactorOptions(small=0.0, thin_seconds=0.0, slow_seconds=0.0)
 
 
-@pytest.mark.parametrize("name", scenes.ALL)
-@pytest.mark.parametrize("cell", scenes.CELLS_3D)
+@pytest.mark.parametrize(("name", "cell"), covering(scenes.ALL, scenes.CELLS_3D))
 def test_multigrid_where_a_factor_would_be_taken(name: str, cell: str) -> None:
     made = {**scenes.ALL[name](cell, 4), "solver": {"method": "primal"}}
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem

@@ -20,6 +20,7 @@ from contact_app.scene.configuration import load
 from tests import meshfiles, scenes
 from tests.boundary_integrals import WEIGHTS, Where, facets, integral, pressure_of
 from tests.comparison import same_contacts, solve
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 CORNER = Path(__file__).parents[3] / "configs" / "corner.yaml"
@@ -122,8 +123,10 @@ def load_of(solved: Any, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return force, moment
 
 
-@pytest.mark.parametrize("subdomains", [1, 3])
-@pytest.mark.parametrize(("cell", "degree"), CELLS)
+@pytest.mark.parametrize(
+    ("subdomains", "cell", "degree"),
+    covering([1, 3], scenes.CELLS_2D + scenes.CELLS_3D, (1, 2), together=2),
+)
 def test_a_free_body_is_in_balance(cell: str, degree: int, subdomains: int) -> None:
     """Forces and moments of the contacts and the loads; each pressure is its force."""
     solved = solve(in_corner(cell, degree), subdomains)

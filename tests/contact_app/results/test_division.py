@@ -11,6 +11,7 @@ import pytest
 from tests import scenes
 from tests.boundary_integrals import integral, pressure_of
 from tests.comparison import same_contacts, solve
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 PRESSURE = 10.0
@@ -60,8 +61,10 @@ def are_uniform(solved: Any, forces: list[float]) -> None:
     assert solved.summary["certificate"]["passed"]
 
 
-@pytest.mark.parametrize("subdomains", [1, 3])
-@pytest.mark.parametrize(("cell", "degree"), CELLS)
+@pytest.mark.parametrize(
+    ("subdomains", "cell", "degree"),
+    covering([1, 3], scenes.CELLS_2D + scenes.CELLS_3D, (1, 2), together=2),
+)
 def test_floors_side_by_side(cell: str, degree: int, subdomains: int) -> None:
     """A node of the seam belongs to both by their areas: neither doubled nor missing."""
     solved = solve(on_floors(cell, degree), subdomains, tolerance=1e-10)
@@ -167,9 +170,16 @@ def on_bodies(cell: str, degree: int, n: tuple[int, int], what: str) -> scenes.C
     )
 
 
-@pytest.mark.parametrize("what", ["both", "on", "against", "two bodies"])
-@pytest.mark.parametrize("n", [(4, 4), (2, 4)], ids=["matching", "coarser"])
-@pytest.mark.parametrize(("cell", "degree"), CELLS)
+@pytest.mark.parametrize(
+    ("what", "n", "cell", "degree"),
+    covering(
+        ["both", "on", "against", "two bodies"],
+        [(4, 4), (2, 4)],
+        scenes.CELLS_2D + scenes.CELLS_3D,
+        (1, 2),
+        together=2,
+    ),
+)
 def test_pairs_side_by_side(cell: str, degree: int, n: tuple[int, int], what: str) -> None:
     """Rows of both pairs at the nodes of the seam, equal or too many for their multipliers."""
     solved = solve(on_bodies(cell, degree, n, what), 1, tolerance=1e-10)

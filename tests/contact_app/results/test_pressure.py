@@ -138,6 +138,7 @@ def top(cells: list[int], degree: int) -> dict[tuple[float, float], float]:
     return {(x, y): p for (x, y), p in zip(at, nodes.contact_pressure[surface], strict=True)}
 
 
+@pytest.mark.slow
 def test_flat_faces_are_as_accurate_as_degree_1_on_as_many_nodes() -> None:
     """Under a ball, against a mesh twice as fine: errors of nodal pressures over the peak."""
     second, first, fine = top([20, 20, 8], 2), top([40, 40, 16], 1), top([80, 80, 16], 1)

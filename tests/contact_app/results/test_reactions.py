@@ -15,6 +15,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import scenes
 from tests.comparison import load_resultant
+from tests.rows import covering
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
 
@@ -32,9 +33,10 @@ def about_origin(records: list[dict[str, Any]], dimension: int) -> tuple[np.ndar
     return force, moment
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    ("degree", "cell", "name"),
+    covering([1, 2], ["quadrilateral", "triangle", "hexahedron", "tetrahedron"], CASES, together=2),
+)
 def test_reactions_contacts_and_loads_are_in_balance(name: str, cell: str, degree: int) -> None:
     made = scenes.ALL[name](cell, 4)
     for body in made["bodies"]:

@@ -12,6 +12,7 @@ import pytest
 import contact_app
 from contact_app.errors import ConfigurationError
 from tests import meshfiles, scenes
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -50,9 +51,9 @@ def sections(made: scenes.Config, **changes: Any) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize("subdomains", [1, 3])
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize(
+    ("subdomains", "degree", "cell"), covering([1, 3], [1, 2], CELLS, together=2)
+)
 def test_a_cantilever(cell: str, degree: int, subdomains: int) -> None:
     """What is beyond the section pulls at it, and its weight."""
     made = cantilever(cell, degree, {"root": 0.5, "middle": 2.0})

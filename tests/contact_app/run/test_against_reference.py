@@ -12,6 +12,7 @@ import pytest
 
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
+from tests.rows import covering
 
 ENERGY, DISPLACEMENT, FORCE = 1e-8, 1e-7, 1e-6
 
@@ -49,14 +50,14 @@ def check(name: str, cell: str, n: int, subdomains: int | list[int]) -> None:
     assert summary["mesh"]["nodes"] == known.points.shape[0]
 
 
-@pytest.mark.parametrize("name", scenes.ALL)
-@pytest.mark.parametrize("cell", scenes.CELLS_3D)
+@pytest.mark.parametrize(("name", "cell"), covering(scenes.ALL, scenes.CELLS_3D))
 def test_eight_subdomains(name: str, cell: str) -> None:
     check(name, cell, 4, [2, 2, 2])
 
 
-@pytest.mark.parametrize("name", [n for n in scenes.ALL if n not in scenes.ONLY_3D])
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
+@pytest.mark.parametrize(
+    ("name", "cell"), covering([n for n in scenes.ALL if n not in scenes.ONLY_3D], scenes.CELLS_2D)
+)
 def test_four_subdomains(name: str, cell: str) -> None:
     check(name, cell, 4, [2, 2])
 
@@ -67,16 +68,20 @@ def test_one_subdomain(name: str) -> None:
     check(name, "hexahedron", 3, 1)
 
 
-@pytest.mark.parametrize("subdomains", SPLITS_3D, ids=str)
-@pytest.mark.parametrize("cell", scenes.CELLS_3D)
-@pytest.mark.parametrize("name", ["wall", "floating_in_corner"])
+@pytest.mark.parametrize(
+    ("subdomains", "cell", "name"),
+    covering(SPLITS_3D, scenes.CELLS_3D, ["wall", "floating_in_corner"], together=2),
+    ids=str,
+)
 def test_any_split_in_space(name: str, cell: str, subdomains: int | list[int]) -> None:
     check(name, cell, 6 if cell == "hexahedron" else 3, subdomains)
 
 
-@pytest.mark.parametrize("subdomains", SPLITS_2D, ids=str)
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
-@pytest.mark.parametrize("name", ["wall", "floating_in_corner"])
+@pytest.mark.parametrize(
+    ("subdomains", "cell", "name"),
+    covering(SPLITS_2D, scenes.CELLS_2D, ["wall", "floating_in_corner"], together=2),
+    ids=str,
+)
 def test_any_split_in_the_plane(name: str, cell: str, subdomains: int | list[int]) -> None:
     check(name, cell, 6, subdomains)
 

@@ -6,6 +6,8 @@ Boxes are coarsened to half the cells along each axis, so that each takes about 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from contact_app.scene.configuration import RigidBody, load
 from tests.contact_app.test_cli import contact_app
 
 CONFIGS = sorted((Path(__file__).parents[3] / "configs").glob("*.yaml"))
+BY_NAME = {config.stem: config for config in CONFIGS}
 
 
 def coarser(config: Path) -> list[str]:
@@ -28,19 +31,33 @@ def coarser(config: Path) -> list[str]:
     return words
 
 
-def run(config: Path, directory: Path) -> dict[str, Any]:
-    """Summary of a run, which must end well."""
-    assert contact_app("run", config, "-o", directory, *coarser(config)) == 0
-    return json.loads((directory / "summary.json").read_text())
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The results of a scene by its name; its run must end well."""
+
+    @cache
+    def results(name: str) -> Path:
+        config, directory = BY_NAME[name], tmp_path_factory.mktemp(name)
+        assert contact_app("run", config, "-o", directory, *coarser(config)) == 0
+        return directory
+
+    return results
+
+
+@pytest.fixture
+def summary_of(ran: Callable[[str], Path]) -> Callable[[str], dict[str, Any]]:
+    return lambda name: json.loads((ran(name) / "summary.json").read_text())
 
 
 def test_there_are_several() -> None:
     assert 6 <= len(CONFIGS) <= 40
 
 
-@pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.stem)
-def test_runs_and_is_certified(config: Path, tmp_path: Path) -> None:
-    summary = run(config, tmp_path)
+@pytest.mark.parametrize("name", BY_NAME)
+def test_runs_and_is_certified(
+    name: str, ran: Callable[[str], Path], summary_of: Callable[[str], dict[str, Any]]
+) -> None:
+    summary = summary_of(name)
     cases = summary.get("cases", {"": summary})
     assert all(case["certificate"]["passed"] for case in cases.values())
     warnings = [w for case in cases.values() for w in case["certificate"]["warnings"]]
@@ -53,7 +70,7 @@ def test_runs_and_is_certified(config: Path, tmp_path: Path) -> None:
     assert [w for w in warnings if not any(words in w for words in coarse)] == []
     tied = "tied" in summary["decomposition"]
     assert tied or all(case["solution"]["active_contacts"] > 0 for case in cases.values())
-    assert all((tmp_path / name / "solution.xdmf").exists() for name in cases)
+    assert all((ran(name) / case / "solution.xdmf").exists() for case in cases)
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.stem)
@@ -78,22 +95,23 @@ BALANCED = {
 
 
 @pytest.mark.parametrize("name", BALANCED)
-def test_the_obstacles_carry_the_load(name: str, tmp_path: Path) -> None:
-    config = next(c for c in CONFIGS if c.stem == name)
-    force = run(config, tmp_path)["solution"]["contact_force"]
+def test_the_obstacles_carry_the_load(
+    name: str, summary_of: Callable[[str], dict[str, Any]]
+) -> None:
+    force = summary_of(name)["solution"]["contact_force"]
     expected = BALANCED[name]
     assert force[: len(expected)] == pytest.approx(expected, rel=1e-4, abs=1e-2)
 
 
-def test_the_patch_has_the_pressure_of_its_comment(tmp_path: Path) -> None:
-    config = next(c for c in CONFIGS if c.stem == "block_2d")
-    solution = run(config, tmp_path)["solution"]
+def test_the_patch_has_the_pressure_of_its_comment(
+    summary_of: Callable[[str], dict[str, Any]],
+) -> None:
+    solution = summary_of("block_2d")["solution"]
     assert solution["max_contact_pressure"] == pytest.approx(100.0, rel=1e-5)
 
 
-def test_the_roller_presses_as_hertz_says(tmp_path: Path) -> None:
+def test_the_roller_presses_as_hertz_says(summary_of: Callable[[str], dict[str, Any]]) -> None:
     """Two elastic bodies (verification.md: p0 = 3585.4), by a mesh of 1300 nodes."""
-    config = next(c for c in CONFIGS if c.stem == "roller_on_block")
-    summary = run(config, tmp_path)
+    summary = summary_of("roller_on_block")
     assert summary["solution"]["max_contact_pressure"] == pytest.approx(3585.4, rel=0.005)
     assert summary["solution"]["pair_forces"]["contacts[0]"][1] == pytest.approx(17500.0)

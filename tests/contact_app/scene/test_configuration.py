@@ -342,7 +342,7 @@ def places(data: Any, path: tuple = ()) -> list[tuple]:
     return [path, *(p for key, value in items for p in places(value, (*path, key)))]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32), st.lists(JUNK, min_size=1, max_size=3))
 def test_random_mutations_are_scenes_or_refused(
     tmp_path_factory: pytest.TempPathFactory, seed: int, junk: list[Any]
@@ -371,7 +371,7 @@ def test_random_mutations_are_scenes_or_refused(
     assert not told or told.startswith(str(file))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.sampled_from(places(yaml.safe_load(SCENE))[1:]), st.text(max_size=30))
 def test_random_overrides_are_scenes_or_refused(
     tmp_path_factory: pytest.TempPathFactory, path: tuple, value: str

@@ -207,6 +207,7 @@ def test_clouds_hold_polynomials(cell: str, degree: int) -> None:
     assert cloud.areas @ fine.points[:, 0] == pytest.approx(2.0, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_chart_of_a_mesh_from_a_file(tmp_path: Path) -> None:
     """Halved once the error is less, and refined where it is for as much takes fewer unknowns."""
     made = scenes.wall("triangle", 4)
@@ -263,6 +264,7 @@ def test_a_patch_whose_answer_every_mesh_holds_has_no_error(tmp_path: Path) -> N
     assert (tmp_path / "frontier.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_refinement_to_an_accuracy_is_a_point_and_a_chart_goes_on(tmp_path: Path) -> None:
     """Graded cells under a punch: the error measured is below what was asked for."""
     config = CONFIGS / "flat_punch.yaml"

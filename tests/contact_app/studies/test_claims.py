@@ -32,7 +32,12 @@ def test_the_distance_of_fields_on_different_grids() -> None:
 
 
 @pytest.mark.parametrize(
-    ("dimension", "seed", "target"), [(2, 70, 0.15), (2, 87, 0.3), (2, 5087, 0.08)]
+    ("dimension", "seed", "target"),
+    [
+        pytest.param(2, 70, 0.15, marks=pytest.mark.slow),
+        (2, 87, 0.3),
+        pytest.param(2, 5087, 0.08, marks=pytest.mark.slow),
+    ],
 )
 def test_a_random_claim_holds(dimension: int, seed: int, target: float, tmp_path: Path) -> None:
     """They were wrong by 1.3 to 3.8 times: discs on few cells, ν = 0.49 in bending."""

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from contact_app.studies.contact_rates import errors, rate
-from tests import scenes
 
 
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
+@pytest.mark.parametrize(
+    "cell", [pytest.param("quadrilateral", marks=pytest.mark.slow), "triangle"]
+)
 def test_the_rates_of_signorini(cell: str) -> None:
     """Energy norm, the edge of contact amid a boundary: O(h) and for degree 2 O(h^1.5)."""
     cells = (8, 16, 32)

@@ -13,9 +13,8 @@ from contact_app.studies import growth
 
 
 def test_runs_and_summaries_share_a_table_and_a_figure(tmp_path: Path) -> None:
-    first = list(growth.growth(tmp_path / "first", [3, 5]))
-    assert [row["dofs"] for row in first] == [192, 648]
-    assert first[0]["energy"] > first[1]["energy"] > -0.52
+    first = list(growth.growth(tmp_path / "first", [3]))
+    assert [row["dofs"] for row in first] == [192]
     summary = {
         "mesh": {"dofs": 81_812_703},
         "decomposition": {"subdomains": 1000},
@@ -31,6 +30,7 @@ def test_runs_and_summaries_share_a_table_and_a_figure(tmp_path: Path) -> None:
     failed = {**summary, "certificate": {"passed": False, "max_penetration": 1.0}}
     (place.parent / "summary.json").write_text(json.dumps(failed))
     rows = list(growth.growth(tmp_path / "second", [4], [tmp_path / "paper"]))
+    assert first[0]["energy"] > rows[0]["energy"] > -0.52
     assert [(row["dofs"], row["seconds"]) for row in rows[1:]] == [(81_812_703, 10.0)]
     with (tmp_path / "second" / "growth.csv").open() as file:
         written = list(csv.DictReader(file))

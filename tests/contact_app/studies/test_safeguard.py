@@ -8,9 +8,9 @@ from contact_app.studies.safeguard import cost, random_start, search, second_ste
 
 
 def test_over_many_expansions_the_safeguard_descends_always_and_projected_cg_does_not():
-    found = search(6000)
-    assert found.expansions > 1000
-    assert found.rises > 100
+    found = search(2000)
+    assert found.expansions > 300
+    assert found.rises > 30
     assert found.safe_rises == 0
     assert found.losses == 0
     assert found.elsewhere == 0  # no product more where projected CG does not raise the cost
@@ -20,7 +20,7 @@ def test_over_many_expansions_the_safeguard_descends_always_and_projected_cg_doe
 def test_a_further_product_decides_only_where_it_must():
     """Of the minima on both ways the lower one is taken, with the gradient that belongs to it."""
     taken = set()
-    for seed in range(3000):
+    for seed in range(1000):
         qp, x0 = random_start(seed)
         plain, safe = (second_step(qp, x0, name) for name in ("projcg", "projcg-safe"))
         if plain is None or safe is None or cost(qp, plain[0].x) <= plain[1]:

@@ -12,7 +12,7 @@ from solver.qp.iterate import Iterate
 from tests.solver.qp.problems import ALL, kkt_residual, random_hessian
 
 SETTINGS = settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
 )
 LIMIT = 3000
 KINDS = ("plain", "ill-conditioned", "semidefinite", "degenerate", "diagonal")
