@@ -1,4 +1,8 @@
-"""The numerical core: quadratic programs with bounds and equalities, and Total FETI."""
+"""The numerical core: quadratic programs with bounds and equalities, and contact problems.
+
+`qp` has the quadratic programs, `contact` the discrete contact problem, `tfeti` and `primal` are
+two ways to solve it, and `driver` chooses between them.
+"""
 
 from solver.errors import IndefiniteError, NotFiniteError, QPError, UnboundedError
 from solver.qp.box_qp import BoxQP

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from solver import MPRGP
 from solver.contact.active_set import Outcome, StoppingTest, active_set_loop
-from solver.contact.by_active_sets import initial_active_set
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
+from solver.tfeti.methods.by_active_sets import initial_active_set
 
 
 def loop(backend: TotalFeti, violation: float = 1e-8, steps: int = 10_000) -> Outcome[State]:

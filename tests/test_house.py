@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 
 PACKAGES = ("solver", "meshes", "contact_app")
 
-SOLVER = ("errors", "vectors", "openmp", "qp", "backend", "tfeti", "primal", "contact")
+SOLVER = ("errors", "vectors", "openmp", "qp", "backend", "contact", "tfeti", "primal", "driver")
 """Rooms and modules of `solver`, lower ones first; each may import those before it."""
 
 APPLICATION = (

@@ -27,9 +27,9 @@ from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.run.fallback import FAILURES, failure_text
 from solver.contact.certificate import Certificate
-from solver.contact.driver import reason_text, solve
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
+from solver.driver import reason_text, solve
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.options import TotalFetiOptions
 

@@ -31,8 +31,8 @@ from contact_app.results.mirror import whole
 from contact_app.results.resultants import Resultant, joined
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
+from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.rows import RowKind
 
 Array = NDArray[np.float64]
 

@@ -25,11 +25,11 @@ from contact_app.machine.memory import available_bytes, factor_bytes, needed_byt
 from contact_app.model.model import Model
 from contact_app.scene.scene import Decomposition, Scene
 from solver import Reason
-from solver.contact.certificate import certify
-from solver.contact.driver import ROUNDED_AWAY
 from solver.contact.solution import Solution
+from solver.driver import ROUNDED_AWAY
 from solver.errors import QPError, UnboundedError
 from solver.qp.result import Monitor
+from solver.tfeti.certify import certify
 from solver.tfeti.feasible import feasible_multiplier
 
 STEPS = 10

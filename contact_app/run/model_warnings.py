@@ -41,9 +41,9 @@ from contact_app.run.repeated_sentences import said_once
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
-from solver.contact.driver import reason_text
 from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Solution
+from solver.driver import reason_text
 
 SMALL_STRAIN = 0.05
 SMALL_ROTATION = 0.1

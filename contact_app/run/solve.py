@@ -48,8 +48,8 @@ from contact_app.run.summary import summary_of
 from contact_app.scene.scene import Scene
 from solver import Counts, Reason
 from solver.contact.checkpoint import Checkpoint, CheckpointError
-from solver.contact.driver import reason_text, solve
 from solver.contact.solution import Solution
+from solver.driver import reason_text, solve
 from solver.qp.result import Monitor
 
 EXTENSIONS = 4

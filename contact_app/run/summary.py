@@ -21,9 +21,9 @@ from contact_app.results.reactions import hold_records, reaction_records
 from contact_app.results.rigid import rigid_records
 from contact_app.results.sections import section_records
 from contact_app.results.ties import in_order_of_file, tie_records
-from solver.contact.driver import reason_text
+from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.rows import RowKind
+from solver.driver import reason_text
 from solver.tfeti.dual import DualProblem
 
 

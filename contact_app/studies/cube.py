@@ -31,9 +31,9 @@ from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
 from solver import MPRGP, SMALBE, BoxQP, Counts
-from solver.contact.answers import certified_answer
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.operators import estimate_norm
+from solver.tfeti.methods.answers import certified_answer
 from solver.tfeti.projected import ProjectorEquality
 
 SMALL_CELLS = 40

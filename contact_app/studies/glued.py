@@ -14,10 +14,10 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from contact_app.studies.undecomposed import WholeSystem
+from solver.contact.row_kinds import RowKind
 from solver.primal.factor import row_stiffness, with_springs
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
-from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.subdomain.kernels import rigid_motions
 
 

@@ -28,13 +28,13 @@ from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
 from contact_app.studies.surface import surface_fields, write_lattice, write_surface
 from solver import MPRGP, SMALBE, BoxQP, Reason
-from solver.contact.answers import certified_answer
 from solver.contact.checkpoint import Attention, Checkpoint, Saver
-from solver.contact.driver import solve
 from solver.contact.solution import Solution
+from solver.driver import solve
 from solver.qp.operators import estimate_norm
 from solver.qp.result import Monitor
 from solver.qp.smalbe import Hooks
+from solver.tfeti.methods.answers import certified_answer
 
 PAPER_CELLS = 300
 """Hexahedra along each edge of the paper's cube."""

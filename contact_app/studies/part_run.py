@@ -41,7 +41,7 @@ from contact_app.scene.yaml_reader import read
 from contact_app.studies.glued import glued_matrix, hold_bounds
 from contact_app.studies.peers import METHODS, linear_solve, set_options, solve
 from contact_app.studies.undecomposed import UnsuitableError, assemble
-from solver.contact.driver import solve as solve_problem
+from solver.driver import solve as solve_problem
 from solver.primal.merged import merge
 
 OURS = ("primal", "active-set", "auto")

@@ -19,7 +19,7 @@ from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.studies.bench import config
-from solver.tfeti.constraints.rows import RowKind
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.winkler import winkler_contact

@@ -20,7 +20,7 @@ from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Decomposition, Scene
-from solver.contact.driver import solve
+from solver.driver import solve
 
 STEPS = (1 / 4, 1 / 2, 2 / 3, 1.0, 3 / 2, 2.0)
 """Subdomains along an edge tried, over those of `auto`."""

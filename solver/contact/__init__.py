@@ -1,7 +1,8 @@
 """The discrete contact problem: active sets, stopping rule, certificate, checkpoint.
 
-`driver` chooses the algorithm, `active_set` is the loop over active sets, `stopping` decides when
-an answer is good enough, `certificate` recomputes from an answer how far it may be off: the duality
-gap between an admissible displacement and a multiplier in equilibrium bounds its error in energy
-(`duality_gap`), the sizes of each body say what errors are relative to (`sizes`).
+`active_set` is the loop over active sets on any backend (`solver.backend`), `law` and
+`friction_law` say what the rows of a contact point may do, `stopping` decides when an answer is
+good enough, `certificate` recomputes from an answer how far it may be off. What it asks of the
+answer is a protocol, too (`sizes.MeasuredAnswer`): nothing here knows a backend. The algorithms of
+the backends stand in their own rooms, and `solver.driver` chooses one.
 """

@@ -25,7 +25,7 @@ What the numbers are relative to. Each body is measured by its own sizes: length
 displacement without rigid motions that nothing resists (`solver.tfeti.free_motions`), forces by its
 load (the largest of the sums of the magnitudes of loads, of reactions and of contact forces), the
 gap by its strain energy ½ a(u,u). A weak body beside a strong one, or a stiff one on a soft one, is
-so certified for itself (`solver.tfeti.bodies`). Bodies that can touch form a group; the gap of a
+so certified for itself (`solver.contact.bodies`). Bodies that can touch form a group; the gap of a
 group bounds the error of each of its bodies. The worst body decides.
 
 Rounding. The numbers stand in for the exact u. What rounding u to its last digit makes of its
@@ -42,17 +42,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.duality_gap import group_gaps
+from solver.contact.bodies import Bodies, body_lengths, largest, sizes
 from solver.contact.sizes import (
+    MeasuredAnswer,
     energy_scales,
-    equilibrium_of,
-    forces_on_bodies,
-    largest_deformations,
-    largest_displacements,
-    round_off,
 )
-from solver.tfeti.bodies import Bodies, body_lengths, largest, sizes
-from solver.tfeti.dual import DualProblem
 
 NUMBERS = (
     "max_penetration",
@@ -209,22 +203,16 @@ class Measures:
         return np.asarray((np.sqrt(2.0 * np.maximum(self.gaps, 0.0)) + np.sqrt(rounding)) ** 2)
 
 
-def certify(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    displacements: list[NDArray[np.float64]],
+def certificate_of(
+    answer: MeasuredAnswer,
     tolerance: float,
     relaxations: int = 0,
     unsolved: NDArray[np.float64] | None = None,
 ) -> tuple[Certificate, Measures]:
-    """Compute the certificate of an answer.
+    """Compute the certificate of an answer (collective).
 
     Parameters
     ----------
-    multiplier : (dual,)
-        λ, local part.
-    displacements : one (n, members) array a class
-        u.
     tolerance
         `solver.tolerance` of the scene.
     relaxations
@@ -235,34 +223,28 @@ def certify(
         group of each body. The gap takes that equation for granted, so its root is added to the
         root of the gap.
     """
-    comm, bodies = problem.comm, problem.bodies
-    contact = problem.inequality
-    interface = problem.on_interface(displacements)
-    residual = problem.residual(interface)
-    slack = residual / problem.spread
+    comm, bodies = answer.comm, answer.bodies
+    contact, multiplier, residual = answer.contact_rows, answer.multiplier, answer.residual
+    slack = residual / answer.spread
 
-    moved = largest_displacements(problem, displacements)
-    deformed = largest_deformations(problem, displacements)
-    lengths = body_lengths(bodies, deformed, problem.free_lengths)
-    state = equilibrium_of(problem, multiplier, displacements)
-    rounded, disturbed = round_off(problem, displacements)
-    force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
-    forces = forces_on_bodies(problem, multiplier, force, state.reactions)
-    gaps = group_gaps(problem, multiplier, interface, relaxations)
+    deformed = answer.largest_deformations()
+    lengths = body_lengths(bodies, deformed, answer.free_lengths)
+    state, (rounded, disturbed) = answer.equilibrium(), answer.round_off()
+    force = np.where(answer.conditional, multiplier * answer.spread, 0.0)
+    forces = answer.forces_on_bodies(force, state.reactions)
+    gaps = answer.gaps(relaxations)
     bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
-    work = float(
-        comm.allreduce(multiplier @ residual - _friction_work(problem, multiplier, residual))
-    )
+    work = float(comm.allreduce(multiplier @ residual - _friction_work(answer)))
     idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))
     roundings = (np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2
     measures = Measures(
-        displacements=moved,
+        displacements=answer.largest_displacements(),
         deformations=deformed,
         loads=forces.max(axis=0),
         pressed=forces[2],
         strains=state.strains,
         roundings=roundings,
-        scales=energy_scales(problem, state.strains, roundings, forces, rounded),
+        scales=energy_scales(answer, state.strains, roundings, forces, rounded),
         gaps=bounds,
         energy=float(state.energy + work + gaps.sum()),
         groups=bodies.groups,
@@ -273,59 +255,54 @@ def certify(
     away = np.abs(slack) / bodies.of_rows(lengths)
     pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)
     found = {
-        "max_penetration": _worst_rows(problem, np.where(slack > 0.0, away, 0.0), contact),
-        "max_gluing_jump": _worst_rows(problem, away, ~problem.conditional),
-        "min_multiplier": _worst_rows(problem, pulls, contact),
+        "max_penetration": _worst_rows(answer, np.where(slack > 0.0, away, 0.0), contact),
+        "max_gluing_jump": _worst_rows(answer, away, ~answer.conditional),
+        "min_multiplier": _worst_rows(answer, pulls, contact),
         "complementarity": idle / (load * lengths),
         "equilibrium": state.imbalance / load,
-        "duality_gap": _relative_gaps(problem, measures),
-        **_friction(problem, multiplier, residual, load, lengths),
+        "duality_gap": _relative_gaps(answer, measures),
+        **_friction(answer, load, lengths),
     }
-    frictional = problem.friction is not None
+    frictional = answer.friction is not None
     certificate = replace(_certificate(found, rounded / load), frictional=frictional)
     return certificate.judged(tolerance), measures
 
 
-def _friction_work(
-    problem: DualProblem, multiplier: NDArray[np.float64], residual: NDArray[np.float64]
-) -> float:
+def _friction_work(answer: MeasuredAnswer) -> float:
     """Σ s |w| of this rank: a part of J(û), but not of the energy of the bodies."""
-    points = problem.friction
+    points = answer.friction
     if points is None:
         return 0.0
-    return float(points.slip_limits(multiplier) @ points.sizes(points.slips(residual)))
+    slips = points.sizes(points.slips(answer.residual))
+    return float(points.slip_limits(answer.multiplier) @ slips)
 
 
 def _friction(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    load: NDArray[np.float64],
-    lengths: NDArray[np.float64],
+    answer: MeasuredAnswer, load: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """The numbers of friction of each body, (bodies,) (collective)."""
-    points, bodies = problem.friction, problem.bodies
+    points, bodies, multiplier = answer.friction, answer.bodies, answer.multiplier
     if points is None:
         return {name: np.zeros(bodies.count) for name in ("friction_cone", "slip_alignment")}
     rows = points.rows[points.first]
-    here = np.zeros(problem.size, bool)
+    here = np.zeros(len(multiplier), bool)
     here[rows] = True
 
     def at_rows(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        result = np.zeros(problem.size)
+        result = np.zeros(len(multiplier))
         result[rows] = values
         return result
 
-    forces, slips = points.forces(multiplier), points.slips(residual)
+    forces, slips = points.forces(multiplier), points.slips(answer.residual)
     size, limit, slip = points.sizes(forces), points.slip_limits(multiplier), points.sizes(slips)
     beyond = at_rows(np.maximum(size - limit, 0.0)) / bodies.of_rows(load)
     askew = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
     rests = ~points.sliding(multiplier)[rows]
     moved = at_rows(np.where(rests, slip, 0.0)) / bodies.of_rows(lengths)
-    astray = problem.comm.allreduce(bodies.sum_rows(at_rows(askew), here)) / (load * lengths)
+    astray = answer.comm.allreduce(bodies.sum_rows(at_rows(askew), here)) / (load * lengths)
     return {
-        "friction_cone": _worst_rows(problem, beyond, here),
-        "slip_alignment": np.maximum(astray, _worst_rows(problem, moved, here)),
+        "friction_cone": _worst_rows(answer, beyond, here),
+        "slip_alignment": np.maximum(astray, _worst_rows(answer, moved, here)),
     }
 
 
@@ -367,20 +344,20 @@ def _certificate(
 
 
 def _worst_rows(
-    problem: DualProblem, values: NDArray[np.float64], rows: NDArray[np.bool_]
+    answer: MeasuredAnswer, values: NDArray[np.float64], rows: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """The largest of values (dual,) over some rows of each body, (bodies,) (collective)."""
-    local = np.zeros(problem.bodies.count)
-    np.maximum.at(local, problem.bodies.rows[rows, 0], values[rows])
-    return largest(problem.comm, local)
+    local = np.zeros(answer.bodies.count)
+    np.maximum.at(local, answer.bodies.rows[rows, 0], values[rows])
+    return largest(answer.comm, local)
 
 
-def _relative_gaps(problem: DualProblem, measures: Measures) -> NDArray[np.float64]:
+def _relative_gaps(answer: MeasuredAnswer, measures: Measures) -> NDArray[np.float64]:
     """Half the bound on the squared error of each body over its strain energy, (bodies,).
 
     The error of a body is at most that of its group, and what rounding makes of its own digits.
     """
-    gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[problem.bodies.groups]
+    gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[answer.bodies.groups]
     square = (gap + np.sqrt(measures.roundings)) ** 2
     strained = measures.scales > 0.0
     return np.divide(square, measures.scales, out=np.zeros(len(square)), where=strained)

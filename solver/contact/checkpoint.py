@@ -22,18 +22,17 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver import Counts
+from solver.contact.row_kinds import RowKind
 from solver.contact.vector_file import read_vectors, write_vectors
 from solver.qp.result import Step
 from solver.qp.smalbe import Restart
-from solver.tfeti.constraints.rows import RowKind
-from solver.tfeti.dual import DualProblem
 
 CHECKPOINT, VECTORS = "checkpoint.json", "checkpoint-*.vectors"
 """Names of the file of the scalars and of the files of vectors."""
@@ -49,6 +48,33 @@ log = logging.getLogger("contact_app")
 
 class CheckpointError(Exception):
     """A checkpoint cannot be used; the text says why and what to do."""
+
+
+class DescribedProblem(Protocol):
+    """What tells one problem from another; arrays are local parts."""
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
+
+    @property
+    def size(self) -> int:
+        """Rows of this rank."""
+
+    @property
+    def c(self) -> NDArray[np.float64]:
+        """Right-hand side of the rows, (rows,)."""
+
+    @property
+    def effect_of_loads(self) -> NDArray[np.float64]:
+        """What the loads do in the rows, (rows,)."""
+
+    @property
+    def e(self) -> NDArray[np.float64]:
+        """Loads along the rigid motions of the floating subdomains."""
+
+    def count(self, kind: RowKind) -> int:
+        """Rows of a kind over all ranks (collective)."""
 
 
 class Checkpoint:
@@ -77,7 +103,7 @@ class Checkpoint:
         self.due = False
         self._written = time.monotonic()
         self._held: Restart | None = None
-        self._problem: DualProblem | None = None
+        self._problem: DescribedProblem | None = None
 
     @property
     def found(self) -> bool:
@@ -89,7 +115,7 @@ class Checkpoint:
         """Whether the last one is old enough, as this rank sees it (not collective)."""
         return time.monotonic() - self._written >= self.every
 
-    def load(self, problem: DualProblem) -> Restart | None:
+    def load(self, problem: DescribedProblem) -> Restart | None:
         """The state to go on from; None where there is none or none is wanted.
 
         Raises
@@ -292,7 +318,7 @@ def _next_name(previous: list[Path]) -> str:
     return VECTORS.replace("*", str(max(numbers, default=0) + 1))
 
 
-def _description(problem: DualProblem) -> dict[str, float]:
+def _description(problem: DescribedProblem) -> dict[str, float]:
     """Numbers that tell one dual problem from another, the same on any number of ranks."""
     c, d, e = problem.c, problem.effect_of_loads, problem.e
     squares = problem.comm.allreduce(np.array([problem.size, c @ c, d @ d, e @ e]))

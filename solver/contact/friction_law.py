@@ -26,8 +26,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.backend import Statuses, Turn
+from solver.contact.friction_points import AT_LIMIT, FrictionPoints
 from solver.contact.law import Found, Frictionless
-from solver.tfeti.constraints.friction import AT_LIMIT, FrictionPoints
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

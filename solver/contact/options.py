@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Method = Literal["auto", "active-set", "smalbe", "primal"]
-"""Which algorithm solves the problem (`solver.contact.driver`)."""
+"""Which algorithm solves the problem (`solver.driver`)."""
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,18 @@
-"""How large an answer is in each body: displacements, forces, energies, and what rounding makes.
-
-A certificate is relative to these. All functions are collective and return one value a body.
-"""
+"""What the certificate asks of an answer, and what errors in energy norm are relative to."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.bodies import largest
-from solver.tfeti.constraints.rows import RowKind
-from solver.tfeti.dual import DualProblem
-from solver.tfeti.dual_operator import interface_slices
+from solver.contact.bodies import Bodies
+from solver.contact.friction_points import FrictionPoints
 
-ROUNDED = 4.0
-"""Rounding errors of displacements, in units of ε max|u|, that forces may show."""
+Array = NDArray[np.float64]
 
 STRAINLESS = 1e4
 """a(u, u) over what rounding makes of it, below which strains are rounding errors: a hundredth of
@@ -59,126 +55,86 @@ class Equilibrium:
     energy: float
 
 
-def equilibrium_of(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    displacements: list[NDArray[np.float64]],
-) -> Equilibrium:
-    """Residual and energies of each body (collective)."""
-    bodies, forces = problem.bodies, problem.constraint_forces(multiplier)
-    sums, work = np.zeros((4, bodies.count)), 0.0
-    for cls, part, u, load, body in zip(
-        problem.classes,
-        interface_slices(problem.classes),
-        displacements,
-        problem.forces,
-        bodies.members,
-        strict=True,
-    ):
-        force = forces[part].reshape(cls.members, -1)
-        stiff = cls.resistance[:, None]
-        held = np.ones(cls.unknowns, bool)
-        held[cls.free] = False
-        for members in cls.batches():
-            some = u[:, members]
-            strained = some - cls.motions @ (cls.motions.T @ some)
-            Ku = cls.stiffness @ strained
-            work += float(np.vdot(some, load[:, members]))
-            strains = np.einsum("im,im->m", strained, Ku)
-            Ku -= load[:, members]
-            Ku[cls.interface] += force[members].T
-            reactions = np.abs(Ku[held]).sum(axis=0)
-            Ku[held] = 0.0
-            squares = np.einsum("im,im->m", Ku, Ku)
-            each = squares, reactions, np.einsum("im,im->m", Ku, Ku / stiff), strains
-            for row, values in zip(sums, each, strict=True):
-                row += np.bincount(body[members], values, bodies.count)
-    sums, work = problem.comm.allreduce(sums), problem.comm.allreduce(work)
-    energy = 0.5 * float(sums[3].sum()) - work
-    return Equilibrium(np.sqrt(sums[0]), sums[1], sums[2], np.maximum(sums[3], 0.0), energy)
+class MeasuredAnswer(Protocol):
+    """An answer of a backend and how large it is in each body; using it is collective.
 
-
-def round_off(
-    problem: DualProblem, displacements: list[NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What rounding errors of the displacements do, (bodies,): ‖K δu‖ and δuᵀ K δu (collective).
-
-    The first is by the sums of the magnitudes of K's rows: loads of held unknowns are products with
-    K, too (N. J. Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., sec. 3.5). The
-    second counts those of the displacements without constraint forces, too, of which the
-    answer is a difference.
+    Arrays are (rows,), local parts, or (bodies,).
     """
-    unit = float(np.finfo(np.float64).eps)
-    parts = []
-    for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
-        stiff = cls.stiffness.diagonal()[cls.free]
-        size = np.maximum(u.max(axis=0), -u.min(axis=0))
-        squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * (ROUNDED * unit * size) ** 2
-        size = np.maximum(size, problem.free_lengths[body])
-        parts.append(np.stack([squares, float(stiff.sum()) * (unit * size) ** 2]))
-    sums = np.array([problem.bodies.sum_members([part[k] for part in parts]) for k in range(2)])
-    squares, energies = problem.comm.allreduce(sums)
-    return np.sqrt(squares), energies
 
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
 
-def largest_displacements(
-    problem: DualProblem, displacements: list[NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Largest |u| over the nodes of each body, (bodies,) (collective); zero for rigid bodies."""
-    result = np.zeros(problem.bodies.count)
-    for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
-        for members in () if cls.rigid else cls.batches():
-            some = u[:, members]
-            squares = (some.reshape(-1, problem.dimension, some.shape[1]) ** 2).sum(axis=1)
-            np.maximum.at(result, body[members], squares.max(axis=0))
-    return np.sqrt(largest(problem.comm, result))
+    @property
+    def bodies(self) -> Bodies:
+        """To which body each row belongs."""
 
+    @property
+    def contact_rows(self) -> NDArray[np.bool_]:
+        """Rows with one-sided multipliers, (rows,)."""
 
-def largest_deformations(
-    problem: DualProblem, displacements: list[NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Largest |u| of each body without the motions that nothing resists, (bodies,) (collective)."""
-    free = problem.system.free
-    if free is None:
-        return largest_displacements(problem, displacements)
-    motions, left = free.of(displacements), []
-    for number, (u, body) in enumerate(zip(displacements, problem.bodies.members, strict=True)):
-        own = u.copy(order="F")
-        for member, b in enumerate(body):
-            if motions[b].any():
-                own[:, member] -= free.field(number, member, motions[b])
-        left.append(own)
-    return largest_displacements(problem, left)
+    @property
+    def conditional(self) -> NDArray[np.bool_]:
+        """Rows that need not hold: contact rows and tangential ones, (rows,)."""
 
+    @property
+    def spread(self) -> Array:
+        """Force over multiplier, and distance over residual by its inverse, (rows,)."""
 
-def forces_on_bodies(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    force: NDArray[np.float64],
-    reactions: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Sums of the magnitudes of loads, of reactions and ties, and of contact forces of each body.
+    @property
+    def friction(self) -> FrictionPoints | None:
+        """Contact points with friction."""
 
-    (3, bodies) (collective).
+    @property
+    def multiplier(self) -> Array:
+        """λ, (rows,)."""
 
-    Parameters
-    ----------
-    force : (dual,)
-        Contact and friction forces, zero on other rows.
-    reactions : (bodies,)
-        At eliminated unknowns.
-    """
-    bodies = problem.bodies
-    given = bodies.sum_members([np.abs(f).sum(axis=0) for f in problem.forces])
-    holding = (problem.kinds == RowKind.DIRICHLET) | problem.tied
-    held = bodies.sum_rows(np.abs(multiplier * problem.spread), holding)
-    touching = bodies.sum_rows(np.abs(force), problem.conditional)
-    sums = np.asarray(problem.comm.allreduce(np.array([given, held, touching])))
-    return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
+    @property
+    def residual(self) -> Array:
+        """B u - c, (rows,)."""
+
+    @property
+    def free_lengths(self) -> Array:
+        """Largest displacement without constraint forces, (bodies,)."""
+
+    @property
+    def free_strains(self) -> Array:
+        """a(u, u) without constraint forces, (bodies,)."""
+
+    def strains_at_unknowns(self) -> Array:
+        """a(u, u) that loads make at their unknowns alone, (bodies,)."""
+
+    def equilibrium(self) -> Equilibrium:
+        """What K u - f + Bᵀ λ comes to."""
+
+    def round_off(self) -> tuple[Array, Array]:
+        """What rounding errors of u do, (bodies,): ‖K δu‖ and δuᵀ K δu."""
+
+    def largest_displacements(self) -> Array:
+        """Largest |u| over the nodes of each body, (bodies,); zero for rigid bodies."""
+
+    def largest_deformations(self) -> Array:
+        """The same without the rigid motions that nothing resists, (bodies,)."""
+
+    def forces_on_bodies(self, force: Array, reactions: Array) -> Array:
+        """Sums of the magnitudes of loads, of reactions and ties, and of contact forces.
+
+        (3, bodies).
+
+        Parameters
+        ----------
+        force : (rows,)
+            Contact and friction forces, zero on other rows.
+        reactions : (bodies,)
+            At eliminated unknowns.
+        """
+
+    def gaps(self, relaxations: int) -> Array:
+        """The duality gap of each group of bodies, (groups,), after steps that sharpen it."""
 
 
 def energy_scales(
-    problem: DualProblem,
+    answer: MeasuredAnswer,
     strains: NDArray[np.float64],
     roundings: NDArray[np.float64],
     forces: NDArray[np.float64],
@@ -202,13 +158,13 @@ def energy_scales(
     rounded : (bodies,)
         Force that rounding makes.
     """
-    bodies, groups = problem.bodies, problem.bodies.groups
+    bodies, groups = answer.bodies, answer.bodies.groups
     load = forces.max(axis=0)
     whole = bodies.sum_by_group(strains)[groups]
-    floor = STRAINLESS * roundings + UNSTRAINED * problem.strains_at_unknowns()
+    floor = STRAINLESS * roundings + UNSTRAINED * answer.strains_at_unknowns()
     still = whole <= bodies.sum_by_group(floor)[groups]
     if still.any():
-        free = bodies.sum_by_group(problem.free_strains)[groups]
+        free = bodies.sum_by_group(answer.free_strains)[groups]
         loaded, given, pressed, noise = (
             bodies.sum_by_group(v)[groups] for v in (load, forces[0], forces[2], rounded)
         )

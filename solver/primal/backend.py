@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from scipy.linalg import eigvalsh_tridiagonal
 
 from solver.backend import Statuses
+from solver.contact.bodies import body_lengths, largest
 from solver.primal.cycle import Cycle, truncated_cycle
 from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
 from solver.primal.first_set import FirstSet, find_first_set
@@ -28,7 +29,6 @@ from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-from solver.tfeti.bodies import body_lengths, largest
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.dual import DualProblem
 from solver.vectors import Mask, Vector

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import lent, petsc_rows
-from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.contact.row_kinds import RowKind
 from solver.primal.merged import MergedSystem
-from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual_operator import interface_slices
 
 Array = NDArray[np.float64]

@@ -12,11 +12,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.rows import ContactRows, RowKind, Rows
+from solver.tfeti.constraints.rows import ContactRows, Rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.free_motions import FreeMotions, LooseBodies
 from solver.tfeti.options import TotalFetiOptions

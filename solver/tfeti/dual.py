@@ -25,9 +25,11 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.backend import Turn
-from solver.tfeti.bodies import Bodies, body_lengths, largest
+from solver.contact.bodies import Bodies, body_lengths, largest
+from solver.contact.friction_points import FrictionPoints
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.friction import FrictionPoints
+from solver.tfeti.constraints.friction import friction_points
 from solver.tfeti.constraints.matrix import (
     ConstraintMatrix,
     RowWeights,
@@ -35,7 +37,7 @@ from solver.tfeti.constraints.matrix import (
     local_rows,
     petsc_rows,
 )
-from solver.tfeti.constraints.rows import ContactRows, RowKind
+from solver.tfeti.constraints.rows import ContactRows
 from solver.tfeti.dual_operator import DualOperator, interface_slices
 from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import SubdomainClass
@@ -250,7 +252,7 @@ class DualProblem:
         rows = self.system.friction
         if rows is None:
             return None
-        return FrictionPoints.of(rows, self.contact, self.tangential, self.inequality)
+        return friction_points(rows, self.contact, self.tangential, self.inequality)
 
     @cached_property
     def tied(self) -> NDArray[np.bool_]:

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.gram import KernelRows
 from solver.tfeti.coarse.row_patterns import RowPattern, patterns_of
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.nodal import nodal_rows
-from solver.tfeti.constraints.rows import RowKind, Rows
+from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows
 
 

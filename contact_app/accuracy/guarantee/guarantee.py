@@ -43,9 +43,9 @@ from contact_app.accuracy.guarantee.equilibrated import Found, NoAdmissibleStres
 from contact_app.model.model import Model
 from contact_app.results.report import at_most
 from meshes import Subdomain
-from solver.contact.duality_gap import nearest_admissible
 from solver.contact.solution import Solution
 from solver.tfeti.dual_operator import interface_slices
+from solver.tfeti.duality_gap import nearest_admissible
 
 Array = NDArray[np.float64]
 

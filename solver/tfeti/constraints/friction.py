@@ -17,13 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.contact.friction_points import FrictionPoints
 from solver.tfeti.constraints.rows import ContactRows, points_of
 
 Array = NDArray[np.float64]
-
-AT_LIMIT = 1e-3
-"""Share of the slip limit by which a friction force below it still counts as at the limit: the
-limits of Coulomb's law are met to a share of the largest force, not of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,98 +60,25 @@ class FrictionRows:
         return number[place[count:]]
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionPoints:
-    """Contact points with friction, by the rows of a problem; this rank's.
+def friction_points(
+    friction: FrictionRows,
+    contact: ContactRows,
+    tangential: NDArray[np.bool_],
+    inequality: NDArray[np.bool_],
+) -> FrictionPoints:
+    """Find the normal row of each tangential one.
 
-    Attributes
+    Parameters
     ----------
-    rows, normals : (k,)
-        Row of B of each tangential row, and that of its point's normal.
-    point : (k,)
-        Number of the point of each.
-    first : (points,)
-        One of the tangential rows of each point.
-    coefficients, limits : (points,)
-        μ, and the slip limit that is given; one of them is 0.
-    spread, normal_spread : (k,), (k,)
-        Force over multiplier, and slip over residual by its inverse.
+    tangential, inequality : (dual,)
+        Which rows of B are those of `friction` and of `contact`.
     """
-
-    rows: NDArray[np.int64]
-    normals: NDArray[np.int64]
-    point: NDArray[np.int64]
-    first: NDArray[np.int64]
-    coefficients: Array
-    limits: Array
-    spread: Array
-    normal_spread: Array
-
-    @classmethod
-    def of(
-        cls,
-        friction: FrictionRows,
-        contact: ContactRows,
-        tangential: NDArray[np.bool_],
-        inequality: NDArray[np.bool_],
-    ) -> FrictionPoints:
-        """Find the normal row of each tangential one.
-
-        Parameters
-        ----------
-        tangential, inequality : (dual,)
-            Which rows of B are those of `friction` and of `contact`.
-        """
-        normal = friction.places(contact)
-        point = points_of(friction.rows)
-        _, first = np.unique(point, return_index=True)
-        return cls(
-            rows=np.flatnonzero(tangential), normals=np.flatnonzero(inequality)[normal],
-            point=point, first=first, coefficients=friction.coefficients[first],
-            limits=friction.limits[first], spread=friction.rows.spread,
-            normal_spread=contact.spread[normal],
-        )  # fmt: skip
-
-    @property
-    def planar(self) -> NDArray[np.int64]:
-        """Points that have two tangential rows, in space; those of a point are neighbours."""
-        return np.flatnonzero(np.bincount(self.point, minlength=len(self.first)) == 2)
-
-    def sizes(self, values: Array) -> Array:
-        """Lengths of tangential vectors (k,), (points,)."""
-        return np.sqrt(np.bincount(self.point, values**2, len(self.first)))
-
-    def dots(self, one: Array, other: Array) -> Array:
-        """Inner products of tangential vectors (k,), (points,)."""
-        return np.bincount(self.point, one * other, len(self.first)).astype(np.float64)
-
-    def forces(self, multiplier: Array) -> Array:
-        """λ_t of multipliers (dual,), (k,)."""
-        return np.asarray(multiplier[self.rows] * self.spread)
-
-    def pressing(self, multiplier: Array) -> Array:
-        """λ_n, zero where it is tensile, (points,)."""
-        own = multiplier[self.normals[self.first]] * self.normal_spread[self.first]
-        return np.maximum(own, 0.0)
-
-    def slip_limits(self, multiplier: Array) -> Array:
-        """The largest friction forces that multipliers (dual,) allow, (points,)."""
-        return self.coefficients * self.pressing(multiplier) + self.limits
-
-    def slips(self, residual: Array) -> Array:
-        """w of residuals B u - c (dual,), (k,)."""
-        return np.asarray(residual[self.rows] / self.spread)
-
-    def sliding(self, multiplier: Array) -> NDArray[np.bool_]:
-        """Tangential rows (dual,) of points whose friction force is at its limit, or nearly so."""
-        size, limit = self.sizes(self.forces(multiplier)), self.slip_limits(multiplier)
-        result = np.zeros(len(multiplier), bool)
-        result[self.rows] = (size >= (1.0 - AT_LIMIT) * limit)[self.point]
-        return result
-
-    def work_lost(self, multiplier: Array, residual: Array) -> tuple[NDArray[np.int64], Array]:
-        """s |w| - λ_t · w of each point, zero or more, and one of its rows of B: (points,) each."""
-        slips, forces = self.slips(residual), self.forces(multiplier)
-        limit = self.slip_limits(multiplier)
-        lost = limit * self.sizes(slips) - self.dots(slips, forces)
-        return self.rows[self.first], np.maximum(lost, 0.0)
+    normal = friction.places(contact)
+    point = points_of(friction.rows)
+    _, first = np.unique(point, return_index=True)
+    return FrictionPoints(
+        rows=np.flatnonzero(tangential), normals=np.flatnonzero(inequality)[normal],
+        point=point, first=first, coefficients=friction.coefficients[first],
+        limits=friction.limits[first], spread=friction.rows.spread,
+        normal_spread=contact.spread[normal],
+    )  # fmt: skip

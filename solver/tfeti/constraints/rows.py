@@ -31,7 +31,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -39,6 +38,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.options import TotalFetiOptions
@@ -48,17 +48,6 @@ MOST_COMPONENTS = 3
 
 PARALLEL = 1e-10
 """Two unit directions closer than this are one."""
-
-
-class RowKind(IntEnum):
-    """What a row of B stands for."""
-
-    GLUING = 0
-    DIRICHLET = 1
-    CONTACT = 2
-    SUPPORT = 3
-    TANGENT = 4
-    TIED = 5
 
 
 SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED

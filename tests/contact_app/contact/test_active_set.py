@@ -11,13 +11,13 @@ from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetUpdate, StoppingTest, solve_on_set
-from solver.contact.driver import solve
-from solver.contact.duality_gap import duality_gap
 from solver.contact.solution import Accuracy
 from solver.contact.stopping import GAIN, LOOSEST, SHARPENS, AutomaticRule
+from solver.driver import solve
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.feasible import follows
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 from solver.tfeti.winkler import winkler_contact

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.contact.certificate import certify
+from solver.tfeti.certify import certify
 from tests import scenes
 from tests.comparison import solve
 

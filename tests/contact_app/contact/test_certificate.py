@@ -170,7 +170,7 @@ def test_nearly_incompressible_is_warned_of() -> None:
 
 def judged(solution: Any, multiplier: np.ndarray, displacements: list[np.ndarray]) -> dict:
     """The certificate of an answer that has been tampered with."""
-    from solver.contact.certificate import certify
+    from solver.tfeti.certify import certify
 
     return certify(solution.model.problem, multiplier, displacements, 1e-9)[0].as_dict()
 
@@ -251,7 +251,7 @@ def test_sees_wrong_contact_forces(change: str) -> None:
 @pytest.mark.parametrize("name", ["wall", "hollow_sphere", "floating_in_corner"])
 def test_gap_is_sharper_where_the_inside_follows(name: str) -> None:
     """And still a bound."""
-    from solver.contact.certificate import certify
+    from solver.tfeti.certify import certify
 
     known = reference_of(name, CELL, 4)
     solution = certified(name, 1e-4)
@@ -269,7 +269,7 @@ def test_gap_is_sharper_where_the_inside_follows(name: str) -> None:
 
 def test_rows_that_press_and_stand_open_cost_the_second_order() -> None:
     """A body moved off its wall by t: λ t would be first order in t, closing the gap is t²."""
-    from solver.contact.certificate import certify
+    from solver.tfeti.certify import certify
 
     solution = certified("wall", 1e-12)
     problem, answer = solution.model.problem, solution.solution

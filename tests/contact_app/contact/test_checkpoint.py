@@ -18,7 +18,7 @@ from contact_app.scene.configuration import load
 from solver import SMALBE, Counts, Reason, Step
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.checkpoint import Attention, Checkpoint, CheckpointError, Saver
-from solver.contact.driver import Solution, solve
+from solver.driver import Solution, solve
 from solver.qp.smalbe import Restart
 from solver.tfeti.dual import DualProblem
 

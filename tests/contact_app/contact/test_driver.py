@@ -21,14 +21,14 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetOptions
-from solver.contact.answers import certified_answer
-from solver.contact.driver import solve
+from solver.driver import solve
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
+from solver.tfeti.methods.answers import certified_answer
 from tests import scenes
 from tests.loops import loop
 

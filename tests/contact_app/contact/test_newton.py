@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from contact_app.model.model import build_model
 from solver import Reason
-from solver.contact.certificate import certify
 from solver.primal.newton import NewtonOptions, solve_by_newton
+from solver.tfeti.certify import certify
 from tests import scenes
 from tests.comparison import reference_of
 from tests.ranks import execute
@@ -63,7 +63,7 @@ def test_it_stops_when_it_is_told() -> None:
 PROGRAM = """
 import json, sys
 from mpi4py import MPI
-from solver.contact.certificate import certify
+from solver.tfeti.certify import certify
 from contact_app.model.model import build_model
 from solver.primal.newton import solve_by_newton
 from tests import scenes

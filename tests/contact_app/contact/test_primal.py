@@ -11,17 +11,17 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from solver.contact.by_primal import solve_by_multigrid
-from solver.contact.driver import solve as solve_problem
 from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
-from solver.contact.task import Task
+from solver.driver import solve as solve_problem
 from solver.primal.backend import Multigrid
+from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.factor import FactorOptions
 from solver.primal.hierarchy import build_hierarchy
 from solver.primal.merged import merge
 from solver.primal.projector import Projector
 from solver.qp.mprgp import MPRGP
+from solver.tfeti.methods.task import Task
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
 from tests.ranks import execute

@@ -11,10 +11,10 @@ from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
 from solver.contact.active_set import StoppingTest, active_set_loop
-from solver.contact.by_active_sets import initial_active_set
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.methods.by_active_sets import initial_active_set
 from solver.tfeti.recycling import Directions, Recycled, RecyclingOptions
 from tests import scenes
 from tests.hard_scenes import wall

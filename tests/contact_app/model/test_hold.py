@@ -12,8 +12,8 @@ from mpi4py import MPI
 from contact_app.errors import ConfigurationError
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
-from solver.contact.certificate import certify
 from solver.contact.equilibrium import loose_motions
+from solver.tfeti.certify import certify
 from solver.tfeti.subdomain.kernels import rigid_motions
 from tests import meshfiles, scenes
 from tests.scenes import Config

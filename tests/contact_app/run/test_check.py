@@ -13,7 +13,7 @@ from contact_app.model.outline import outline
 from contact_app.run.check import describe, estimate, modelled_lines, report
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
-from solver.tfeti.constraints.rows import RowKind
+from solver.contact.row_kinds import RowKind
 from tests import scenes
 
 

@@ -12,9 +12,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
-from solver.contact.driver import solve
+from solver.contact.row_kinds import RowKind
+from solver.driver import solve
 from solver.tfeti.constraints.cross_points import Neighbours, helmert, joining
-from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from tests import scenes

@@ -10,9 +10,9 @@ from mpi4py import MPI
 from scipy import sparse
 
 from contact_app.model.model import build_model
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights
 from solver.tfeti.constraints.nodal import NodalProduct, nodal_rows
-from solver.tfeti.constraints.rows import RowKind
 from tests import scenes
 from tests.ranks import execute
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.model.model import build_model
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.coarse.gram import Blocks, KernelRows
 from solver.tfeti.coarse.row_patterns import PatternProduct, RowPattern, blocks_of, patterns_of
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.constraints.rows import RowKind
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from tests import scenes

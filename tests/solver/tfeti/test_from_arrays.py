@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import lsq_linear
 
-from solver.contact.driver import solve
 from solver.contact.options import SolverOptions
+from solver.driver import solve
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
 

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 
+from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import (
     ContradictionError,
     NodeConditions,
-    RowKind,
     merge_contact,
     merge_held,
     write_rows,

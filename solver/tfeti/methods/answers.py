@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.certificate import certify
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
 from solver.qp.result import Counts, Reason
 from solver.tfeti.active_set_problem import State
+from solver.tfeti.certify import certify
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
 from solver.tfeti.recovery import displacements as recover

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.answers import answer_of_iterate
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
-from solver.contact.task import Task
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate
 from solver.qp.result import Counts, Reason
 from solver.tfeti.columns import on_columns
+from solver.tfeti.methods.answers import answer_of_iterate
+from solver.tfeti.methods.task import Task
 
 METHOD = "mprgp"
 

@@ -25,20 +25,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.contact.active_set import ActiveSetOptions
-from solver.contact.answers import answer_of_iterate, answer_of_state
-from solver.contact.by_active_sets import METHOD, solve_from_first_set
-from solver.contact.by_mprgp import solve_by_mprgp
-from solver.contact.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
 from solver.contact.monitoring import with_bounds
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
 from solver.contact.stopping import Assess, stopping_rule
-from solver.contact.task import Task
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
 from solver.qp.smalbe import SMALBE
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.methods.answers import answer_of_iterate, answer_of_state
+from solver.tfeti.methods.by_active_sets import METHOD, solve_from_first_set
+from solver.tfeti.methods.by_mprgp import solve_by_mprgp
+from solver.tfeti.methods.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
+from solver.tfeti.methods.task import Task
 
 INNER = 0.1
 """Residual relative to the right-hand side of the dual that a tolerance is worth."""
@@ -114,7 +114,7 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
     """The answer of a method (collective)."""
     problem, checkpoint = task.problem, task.checkpoint
     if not problem.factored:
-        from solver.contact.by_primal import solve_by_multigrid
+        from solver.primal.by_active_sets import solve_by_multigrid
 
         restart = checkpoint.load(problem) if checkpoint else None
         return solve_by_multigrid(task, start, restart)

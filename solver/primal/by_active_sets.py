@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, active_set_loop
-from solver.contact.certificate import certify
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
-from solver.contact.task import Task
 from solver.primal.backend import Multigrid, PrimalState
 from solver.primal.factor import FactorOptions
 from solver.primal.recovery import recover
 from solver.qp.result import Counts, Reason
 from solver.qp.smalbe import Restart
+from solver.tfeti.certify import certify
+from solver.tfeti.methods.task import Task
 
 METHOD = "primal"
 

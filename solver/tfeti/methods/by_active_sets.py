@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, active_set_loop
-from solver.contact.answers import answer_of_state
 from solver.contact.checkpoint import Saver, without_outer_iterations
-from solver.contact.duality_gap import duality_gap
 from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
-from solver.contact.task import Task
 from solver.qp.result import Counts, Reason
 from solver.qp.smalbe import Restart
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.duality_gap import duality_gap
+from solver.tfeti.methods.answers import answer_of_state
+from solver.tfeti.methods.task import Task
 from solver.tfeti.winkler import gaps_are_zero, winkler_contact
 
 METHOD = "active-set"

@@ -16,18 +16,18 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.contact.active_set import Outcome, Start, StateSaver
-from solver.contact.answers import answer_of_iterate
-from solver.contact.by_active_sets import solve_from
+from solver.contact.bodies import body_lengths
 from solver.contact.checkpoint import Saver
 from solver.contact.solution import Solution
-from solver.contact.task import Task
 from solver.qp.box_qp import BoxQP
 from solver.qp.operators import estimate_norm
 from solver.qp.result import Counts, Reason
 from solver.qp.smalbe import SMALBE, Hooks, OuterIterations, OuterState, Restart
 from solver.tfeti.active_set_problem import State
-from solver.tfeti.bodies import body_lengths
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.methods.answers import answer_of_iterate
+from solver.tfeti.methods.by_active_sets import solve_from
+from solver.tfeti.methods.task import Task
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import ProjectorEquality
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients

@@ -1,0 +1,149 @@
+"""Which body each subdomain, interface unknown and row belongs to, and the sizes of each body.
+
+A certificate is worth what it is relative to. A weak body beside a strong one, or a body that
+nothing connects with another, has its own displacements, its own load and its own energy; relative
+to those of the strong one its whole answer may be an error nobody sees. Everything relative is
+therefore measured body by body. Bodies that can touch each other form a group, directly or through
+others: they hold one another up, and the duality gap bounds the error of a group as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FAINT = 1e-6
+"""Share of the largest displacement or load in its group below which a body is measured by the
+group's: in contact with a body a million times as soft its own would be below what the solver's
+tolerance leaves of the other's."""
+
+MOTIONLESS = 1e-9
+"""Displacement over that without any constraint force below which a body does not move and the
+digits of its displacement are rounding errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """To which body everything on this rank belongs.
+
+    Attributes
+    ----------
+    groups : (bodies,)
+        Number of the group of bodies each one belongs to, from 0.
+    members : one (members,) array a class
+        Body of each subdomain.
+    columns : (interface,)
+        Body of each interface unknown.
+    rows : (dual, 2)
+        The bodies a row of B connects; twice the same where it is of one body.
+    rigid : (bodies,)
+        Bodies without stiffness. However far one moves, the bodies that it touches are measured by
+        their own displacements.
+    """
+
+    groups: NDArray[np.int64]
+    members: tuple[NDArray[np.int64], ...]
+    columns: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    rigid: NDArray[np.bool_]
+
+    @property
+    def count(self) -> int:
+        """Bodies of the scene."""
+        return len(self.groups)
+
+    @property
+    def group_count(self) -> int:
+        """Groups of the scene."""
+        return int(self.groups.max()) + 1
+
+    def by_group(self, values: Array) -> Array:
+        """The largest of values (bodies,) in each group, (groups,)."""
+        result = np.zeros(self.group_count)
+        np.maximum.at(result, self.groups, values)
+        return result
+
+    def sum_by_group(self, values: Array) -> Array:
+        """Sums of values (bodies,) in each group, (groups,)."""
+        return np.bincount(self.groups, values, self.group_count).astype(np.float64)
+
+    def of_rows(self, values: Array) -> Array:
+        """The larger of the values (bodies,) of the bodies of each row, (dual,).
+
+        That of the other body where one is rigid.
+        """
+        if self.count == 1:
+            return np.full(len(self.rows), values[0])
+        if not self.rigid.any():
+            return np.asarray(values[self.rows].max(axis=1))
+        elastic = np.where(self.rigid, 0.0, values)[self.rows].max(axis=1)
+        return np.where(self.rigid[self.rows].all(axis=1), values[self.rows[:, 0]], elastic)
+
+    def sum_members(self, values: Sequence[Array]) -> Array:
+        """Sums by body, (bodies,), of one value a subdomain, an array a class; this rank's."""
+        result = np.zeros(self.count)
+        for body, each in zip(self.members, values, strict=True):
+            result += np.bincount(body, each, self.count)
+        return result
+
+    def sum_rows(self, values: Array, rows: NDArray[np.bool_]) -> Array:
+        """Sums by body, (bodies,), of values (dual,) of some rows; a pair's count for both."""
+        first, second = self.rows[rows].T
+        result = np.bincount(first, values[rows], self.count)
+        other = first != second
+        result = result + np.bincount(second[other], values[rows][other], self.count)
+        return result.astype(np.float64)
+
+    def largest_on_interface(self, comm: MPI.Intracomm, values: Array) -> Array:
+        """Largest magnitude of values (interface,) by body, (bodies,) (collective)."""
+        local = np.zeros(self.count)
+        begins = run_begins(self.columns)
+        if len(begins):
+            most = np.maximum.reduceat(np.abs(values), begins)
+            np.maximum.at(local, self.columns[begins], most)
+        return largest(comm, local)
+
+
+def run_begins(columns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where runs of unknowns of one body begin, from the body of each, (interface,)."""
+    new = np.ones(len(columns), bool)
+    new[1:] = columns[1:] != columns[:-1]
+    return np.flatnonzero(new)
+
+
+def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
+    """What lengths are relative to in each body, (bodies,); never zero.
+
+    The largest displacement of the body; where it does not move, the displacement it would have
+    without constraint forces; and at least a small share of the largest in its group. Of a rigid
+    body it is the largest in its group.
+
+    Parameters
+    ----------
+    displacement : (bodies,)
+        Largest displacement of each body.
+    free : (bodies,)
+        The same without constraint forces.
+    """
+    values = np.where(displacement > MOTIONLESS * free, displacement, free)
+    if bodies.rigid.any():
+        elastic = np.where(bodies.rigid, 0.0, values)
+        values = np.where(bodies.rigid, bodies.by_group(elastic)[bodies.groups], values)
+    return sizes(bodies, values)
+
+
+def sizes(bodies: Bodies, values: Array) -> Array:
+    """Values (bodies,), at least a small share of the largest in the group; one for zero."""
+    values = np.maximum(values, FAINT * bodies.by_group(values)[bodies.groups])
+    return np.where(values > 0.0, values, 1.0)
+
+
+def largest(comm: MPI.Intracomm, values: Array) -> Array:
+    """Largest of each entry over all ranks (collective); NaN wins."""
+    return np.asarray(np.max(comm.allgather(values), axis=0))

@@ -1,0 +1,137 @@
+"""How large an answer is in each body: displacements, forces, energies, and what rounding makes.
+
+The certificate (`solver.contact.certificate`) is relative to these, which subdomains sum up. All
+functions are collective and return one value a body.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.contact.bodies import largest
+from solver.contact.row_kinds import RowKind
+from solver.contact.sizes import Equilibrium
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
+
+ROUNDED = 4.0
+"""Rounding errors of displacements, in units of ε max|u|, that forces may show."""
+
+
+def equilibrium_of(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    displacements: list[NDArray[np.float64]],
+) -> Equilibrium:
+    """Residual and energies of each body (collective)."""
+    bodies, forces = problem.bodies, problem.constraint_forces(multiplier)
+    sums, work = np.zeros((4, bodies.count)), 0.0
+    for cls, part, u, load, body in zip(
+        problem.classes,
+        interface_slices(problem.classes),
+        displacements,
+        problem.forces,
+        bodies.members,
+        strict=True,
+    ):
+        force = forces[part].reshape(cls.members, -1)
+        stiff = cls.resistance[:, None]
+        held = np.ones(cls.unknowns, bool)
+        held[cls.free] = False
+        for members in cls.batches():
+            some = u[:, members]
+            strained = some - cls.motions @ (cls.motions.T @ some)
+            Ku = cls.stiffness @ strained
+            work += float(np.vdot(some, load[:, members]))
+            strains = np.einsum("im,im->m", strained, Ku)
+            Ku -= load[:, members]
+            Ku[cls.interface] += force[members].T
+            reactions = np.abs(Ku[held]).sum(axis=0)
+            Ku[held] = 0.0
+            squares = np.einsum("im,im->m", Ku, Ku)
+            each = squares, reactions, np.einsum("im,im->m", Ku, Ku / stiff), strains
+            for row, values in zip(sums, each, strict=True):
+                row += np.bincount(body[members], values, bodies.count)
+    sums, work = problem.comm.allreduce(sums), problem.comm.allreduce(work)
+    energy = 0.5 * float(sums[3].sum()) - work
+    return Equilibrium(np.sqrt(sums[0]), sums[1], sums[2], np.maximum(sums[3], 0.0), energy)
+
+
+def round_off(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What rounding errors of the displacements do, (bodies,): ‖K δu‖ and δuᵀ K δu (collective).
+
+    The first is by the sums of the magnitudes of K's rows: loads of held unknowns are products with
+    K, too (N. J. Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., sec. 3.5). The
+    second counts those of the displacements without constraint forces, too, of which the
+    answer is a difference.
+    """
+    unit = float(np.finfo(np.float64).eps)
+    parts = []
+    for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
+        stiff = cls.stiffness.diagonal()[cls.free]
+        size = np.maximum(u.max(axis=0), -u.min(axis=0))
+        squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * (ROUNDED * unit * size) ** 2
+        size = np.maximum(size, problem.free_lengths[body])
+        parts.append(np.stack([squares, float(stiff.sum()) * (unit * size) ** 2]))
+    sums = np.array([problem.bodies.sum_members([part[k] for part in parts]) for k in range(2)])
+    squares, energies = problem.comm.allreduce(sums)
+    return np.sqrt(squares), energies
+
+
+def largest_displacements(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Largest |u| over the nodes of each body, (bodies,) (collective); zero for rigid bodies."""
+    result = np.zeros(problem.bodies.count)
+    for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
+        for members in () if cls.rigid else cls.batches():
+            some = u[:, members]
+            squares = (some.reshape(-1, problem.dimension, some.shape[1]) ** 2).sum(axis=1)
+            np.maximum.at(result, body[members], squares.max(axis=0))
+    return np.sqrt(largest(problem.comm, result))
+
+
+def largest_deformations(
+    problem: DualProblem, displacements: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Largest |u| of each body without the motions that nothing resists, (bodies,) (collective)."""
+    free = problem.system.free
+    if free is None:
+        return largest_displacements(problem, displacements)
+    motions, left = free.of(displacements), []
+    for number, (u, body) in enumerate(zip(displacements, problem.bodies.members, strict=True)):
+        own = u.copy(order="F")
+        for member, b in enumerate(body):
+            if motions[b].any():
+                own[:, member] -= free.field(number, member, motions[b])
+        left.append(own)
+    return largest_displacements(problem, left)
+
+
+def forces_on_bodies(
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    force: NDArray[np.float64],
+    reactions: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Sums of the magnitudes of loads, of reactions and ties, and of contact forces of each body.
+
+    (3, bodies) (collective).
+
+    Parameters
+    ----------
+    force : (dual,)
+        Contact and friction forces, zero on other rows.
+    reactions : (bodies,)
+        At eliminated unknowns.
+    """
+    bodies = problem.bodies
+    given = bodies.sum_members([np.abs(f).sum(axis=0) for f in problem.forces])
+    holding = (problem.kinds == RowKind.DIRICHLET) | problem.tied
+    held = bodies.sum_rows(np.abs(multiplier * problem.spread), holding)
+    touching = bodies.sum_rows(np.abs(force), problem.conditional)
+    sums = np.asarray(problem.comm.allreduce(np.array([given, held, touching])))
+    return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
