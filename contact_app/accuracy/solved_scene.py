@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +42,11 @@ class SolvedScene:
     def estimator(self) -> ErrorEstimator:
         """What tells where the error of the answer is."""
         return ErrorEstimator(self.model)
+
+    def without_factors(self) -> SolvedScene:
+        """The same, with nothing left to solve with: what writes results needs no factor."""
+        model = replace(self.model, problem=self.model.problem.without_factors())
+        return replace(self, model=model)
 
     def displacement_at_nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Points (n, 3) and displacements (n, dimension) of all nodes, on rank 0 (collective).

@@ -115,6 +115,11 @@ class DualProblem:
         known = Known(operator=self.F) if self.factored else Known()
         return DualProblem(self.system.with_loads(forces, lifting, c), known)
 
+    def without_factors(self) -> DualProblem:
+        """The problem with all that tells of an answer, but nothing left to solve with."""
+        classes = tuple(replace(cls, inverse=None, block=None) for cls in self.classes)
+        return DualProblem(replace(self.system, classes=classes))
+
     def with_constraint_forces(self, multiplier: NDArray[np.float64]) -> DualProblem:
         """The problem in which -Bᵀ λ of a given multiplier (dual,) acts as a load.
 

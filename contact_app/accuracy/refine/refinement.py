@@ -225,8 +225,11 @@ def solve_to_accuracy(
     limits = limits or Limits()
     levels = _Levels(scene, scene.accuracy, solve, tell, limits.levels)
     current, start = scene, None
+    finished: SolvedScene | None = None
     while True:
         solved = solve(current, start=start)
+        if finished is not None and _interrupted(solved):
+            return levels.refined(finished, levels.interrupted())
         heard = levels.hear(current, solved)
         missed = levels.ended(heard)
         if missed is not None:
@@ -236,7 +239,14 @@ def solve_to_accuracy(
         if missed:
             return levels.refined(heard.solved, missed)
         current, start = following, LastLevel.of(heard.solved)
+        finished = heard.solved.without_factors()
         del solved, heard  # its factors make room for the next
+
+
+def _interrupted(solved: SolvedScene) -> bool:
+    """Whether an answer is what a stopped solve had reached."""
+    solution = solved.solution
+    return solution.reason is Reason.STOPPED and not solution.converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,6 +300,14 @@ class _Levels:
     def refined(self, solved: SolvedScene, missed: str) -> Refined:
         """The product of the run, as it ends."""
         return Refined(solved, (*self.checks, *self.levels), missed)
+
+    def interrupted(self) -> str:
+        """That a level after the last finished one was given up."""
+        done = len(self.levels)
+        return (
+            f"the run was interrupted in level {done + 1}; what is written is level {done}, the "
+            "last that was finished"
+        )
 
     # ------------------------------------------------------------------ what a level is worth
 

@@ -22,6 +22,8 @@ from contact_app.accuracy.refine.refinement import (
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.memory import needed_bytes
+from contact_app.run.files import write_run
+from contact_app.run.progress import Progress
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
@@ -285,3 +287,39 @@ def test_a_polygon_is_not_refined_for_ever() -> None:
     found = solve_to_accuracy(shipped("interference_fit", *straight), solve_scene)
     assert len(found.levels) == 2
     assert "contacts[0]: finer cells stay on the flat facets" in found.missed
+
+
+def test_an_interrupted_run_keeps_the_last_finished_level(tmp_path: Path) -> None:
+    """Stopped at the first step of the second level, it writes the first."""
+    solved: list[SolvedScene] = []
+
+    def solve(scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
+        stops = len(solved) == 1
+        solved.append(solve_scene(scene, start=start, monitor=lambda event: stops))
+        return solved[-1]
+
+    scene = shipped("hertz_disc", "accuracy=1e-3", "output.xdmf=true")
+    found = solve_to_accuracy(scene, solve)
+    assert len(solved) == 2
+    assert not solved[1].solution.converged
+    summary, files = write_run(found.solved, found, tmp_path, Progress(False))
+    for record in (summary, json.loads((tmp_path / "summary.json").read_text())):
+        assert len(record["levels"]) == 1
+        assert record["mesh"]["dofs"] == solved[0].summary["mesh"]["dofs"]
+        assert record["certificate"]["passed"]
+        assert not record["accuracy"]["met"]
+        assert (
+            "interrupted in level 2; what is written is level 1"
+            in (record["certificate"]["warnings"][-1])
+        )
+    assert all(path.is_file() for path in files if path.suffix in (".xdmf", ".json"))
+    assert found.solved.model.problem.classes[0].inverse is None
+
+
+def test_a_run_interrupted_in_its_first_level_writes_what_it_has() -> None:
+    def solve(scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
+        return solve_scene(scene, start=start, monitor=lambda event: True)
+
+    found = solve_to_accuracy(shipped("sphere", "accuracy=1e-3"), solve)
+    assert found.missed == "the run was interrupted"
+    assert not found.solved.solution.converged
