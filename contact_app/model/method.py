@@ -65,7 +65,7 @@ def may_peel(scene: Scene) -> bool:
 def _can_be_undecomposed(scene: Scene) -> bool:
     """Whether nothing in the scene asks for Total FETI."""
     free = scene.decomposition.subdomains is None
-    return free and not scene.has_friction and not scene.moving
+    return free and not scene.has_friction
 
 
 def is_undecomposed(scene: Scene) -> bool:

@@ -40,6 +40,7 @@ from solver.tfeti.constraints.rows import (
 )
 from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.tfeti.subdomain.rigid import zero_stiffness
+from solver.tfeti.system import NodePlaces
 
 Array = NDArray[np.float64]
 
@@ -276,16 +277,19 @@ def rigid_subdomains(
         force, lifting = np.zeros((2, size, 1))
         force[unknowns.slots, 0], lifting[unknowns.slots, 0] = unknowns.loads(nth), values
         start = len(surface.nodes) + NODES * nth
+        numbers = unknowns.first + NODES * nth + np.arange(NODES)
+        points = np.tile(unknowns.center(nth), (NODES, 1))
         found.append(
             CongruentSubdomains(
                 stiffness=zero_stiffness(size),
-                points=np.tile(unknowns.center(nth), (NODES, 1)),
+                points=points,
                 nodes=np.arange(NODES),
                 copies=start + np.arange(NODES)[None],
                 forces=np.asfortranarray(force),
                 lifting=np.asfortranarray(lifting),
                 eliminated=np.flatnonzero(~free),
                 bodies=np.array([len(unknowns.scene.bodies) + nth]),
+                places=NodePlaces(numbers[None], np.zeros((1, 3)), points),
             )
         )
     return found

@@ -184,14 +184,7 @@ def refuse_with_rigid(keys: Keys, scene: Scene) -> None:
     """Refuse what is not available in a scene with a rigid body."""
     if not scene.rigid_bodies:
         return
-    name, configuration = scene.rigid_bodies[0].name, keys.configuration
-    if scene.moving and str(configuration.solver.method) == "primal":
-        free = scene.rigid_bodies[scene.moving[0]].name
-        keys.fail(
-            ("solver", "method"),
-            f"is primal, which does not take rigid bodies that are free to move, and {free} is; "
-            "auto, active-set and smalbe are allowed",
-        )
+    name = scene.rigid_bodies[0].name
     if scene.guaranteed:
         keys.fail(
             ("certificate", "guaranteed"),

@@ -257,6 +257,8 @@ class PrimalSet:
             self._left = system.load - system.multiply(system.K, self._start)
         self._preconditioner = self._made()
         rhs = projector.apply_transpose(self._left)
+        if system.has_rigid_bodies and rigid.leaves(rhs, system.load):
+            raise ArithmeticError("the active rows leave a rigid body that the load drives")
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()
         it.begin()

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
@@ -134,10 +135,14 @@ unknown."""
 def row_stiffness(system: MergedSystem) -> Array:
     """What K holds against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective).
 
-    Zero for rows that hold rigid motions in the mean: over many nodes they would fill a matrix.
+    Rigid bodies count as held. Zero for rows that hold rigid motions in the mean: over many nodes
+    they would fill a matrix.
     """
-    flexible = system.multiply(_squared(system), 1.0 / system.diagonal)
-    stiff = 1.0 / np.maximum(flexible, np.finfo(float).tiny)
+    flexible = system.multiply(squared_rows(system), system.flexibility)
+    stiff = np.divide(1.0, flexible, out=np.zeros_like(flexible), where=flexible > 0.0)
+    if system.has_rigid_bodies:  # rows between these and held unknowns meet no stiffness
+        top = system.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
+        stiff[flexible == 0.0] = top
     return np.asarray(np.where(system.wide_supports, 0.0, stiff))
 
 
@@ -147,13 +152,13 @@ def spread_supports(system: MergedSystem) -> Array:
     Each row has a share of the stiffness of an unknown in all, divided among its unknowns as its
     squared entries are: the motion is held, and hardly anything else is stiffened (collective).
     """
-    squares = _squared(system)
+    squares = squared_rows(system)
     sums = system.multiply(squares, np.ones(system.size))
     shares = np.divide(1.0, sums, out=np.zeros_like(sums), where=system.wide_supports)
     return SPREAD * system.multiply_transposed(squares, shares)
 
 
-def _squared(system: MergedSystem) -> PETSc.Mat:
+def squared_rows(system: MergedSystem) -> PETSc.Mat:
     """C with squared entries."""
     squares = system.C.copy()
     begins, places, values = squares.getValuesCSR()

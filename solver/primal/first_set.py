@@ -24,9 +24,16 @@ from petsc4py import PETSc
 
 from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle
-from solver.primal.factor import change_springs, row_stiffness, spread_supports, with_springs
+from solver.primal.factor import (
+    change_springs,
+    row_stiffness,
+    spread_supports,
+    squared_rows,
+    with_springs,
+)
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
+from solver.primal.rigid_bodies import with_motions
 from solver.tfeti.constraints.matrix import lent
 
 SMALL = 1e-2
@@ -85,7 +92,9 @@ def find_first_set(
 ) -> FirstSet:
     """The rows that press on coarse levels (collective)."""
     options = options or FirstSetOptions()
-    P, A = hierarchy.prolongations, _with_supports(system, hierarchy)
+    springs = system.multiply_transposed(squared_rows(system), row_stiffness(system))
+    hierarchy, A = with_motions(system, hierarchy, _with_supports(system, hierarchy), springs)
+    P = hierarchy.prolongations
     start = system.at_rest
     if not P:  # the problem is coarse itself
         level = _Level(system, A[0], system.C, system.load, options)

@@ -1,7 +1,8 @@
 """Smoothed aggregation of the problem without contact: prolongations and coarse operators.
 
 PETSc's GAMG makes them once; every active set uses the same ones (`solver.primal.cycle`). The
-near-kernel is the rigid motions of each body, from the coordinates of its nodes.
+near-kernel is the rigid motions of each body, from the coordinates of its nodes. Rigid bodies are
+held where they are: what moves them is no part of the levels.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from solver.primal.merged import MergedSystem
+from solver.primal.merged import MergedSystem, with_diagonal
 from solver.tfeti.constraints.matrix import lent
 
 
@@ -67,7 +68,7 @@ def no_hierarchy(system: MergedSystem) -> Hierarchy:
 def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = None) -> Hierarchy:
     """Let GAMG aggregate (collective)."""
     options = options or MultigridOptions()
-    K = system.K
+    K = with_diagonal(system.K, system.stiffless, float(system.diagonal.max(initial=1.0)))
     K.setNearNullSpace(_near_kernel(system))
     pc = PETSc.PC().create(system.comm)
     pc.setOperators(K)
@@ -123,7 +124,7 @@ class lent_options:
 
 def _near_kernel(system: MergedSystem) -> PETSc.NullSpace:
     """The rigid motions, orthonormal over all bodies together."""
-    rigid = np.where(system.held[:, None], 0.0, system.rigid)
+    rigid = np.where((system.held | system.stiffless)[:, None], 0.0, system.rigid)
     gram = system.comm.allreduce(rigid.T @ rigid, op=MPI.SUM)
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))

@@ -4,7 +4,8 @@
 
 Rows that hold a rigid motion hold with equality, too. Gluing rows are gone, and held unknowns have
 their displacement: their rows and columns of K are those of a scaled identity. C is what is left of
-B, with its scaling, so that the multipliers of both are the same numbers.
+B, with its scaling, so that the multipliers of both are the same numbers. Unknowns of rigid bodies
+have no stiffness (`solver.primal.rigid_bodies`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scipy import sparse
 
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.matrix import lent, petsc_rows
+from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions
@@ -102,6 +103,8 @@ class MergedSystem:
         f - K u_held, and K u_held on held unknowns.
     held : (unknowns,)
         Which unknowns are held.
+    stiffless : (unknowns,)
+        Which unknowns are those of rigid bodies, held ones left out. They come last.
     rigid : (unknowns, motions)
         The rigid motions of all bodies, each about its middle.
     body : (unknowns,)
@@ -114,6 +117,7 @@ class MergedSystem:
     rows: NDArray[np.int64]
     load: Array
     held: NDArray[np.bool_]
+    stiffless: NDArray[np.bool_]
     rigid: Array
     body: NDArray[np.int64]
     transfer: PETSc.Mat
@@ -131,8 +135,36 @@ class MergedSystem:
 
     @cached_property
     def diagonal(self) -> Array:
-        """Of K."""
-        return np.asarray(self.K.getDiagonal().getArray()).copy()
+        """Of K; its largest entry on unknowns of rigid bodies."""
+        own = np.asarray(self.K.getDiagonal().getArray())
+        top = self.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX)
+        return np.where(self.stiffless, top, own)
+
+    @cached_property
+    def flexibility(self) -> Array:
+        """One over the diagonal of K; zero on unknowns of rigid bodies, (unknowns,)."""
+        return np.where(self.stiffless, 0.0, 1.0 / self.diagonal)
+
+    @cached_property
+    def deforming(self) -> PETSc.Mat:
+        """C without the columns of rigid bodies; C where none are (collective when first asked)."""
+        if not self.has_rigid_bodies:
+            return self.C
+        first = self.C.getOwnershipRangeColumn()[0]
+        mine = first + np.flatnonzero(self.stiffless)
+        local = local_rows(self.C)
+        of_rigid = np.isin(local.indices, np.concatenate(self.comm.allgather(mine)))
+        local.data[of_rigid] = 0.0
+        row = np.repeat(np.arange(local.shape[0]), np.diff(local.indptr))
+        others = np.bincount(row[~of_rigid], minlength=local.shape[0])
+        keep = ~of_rigid | (others[row] == 0)  # no row is left without a place for its diagonal
+        local = sparse.csr_matrix((local.data[keep], (row[keep], local.indices[keep])), local.shape)
+        return petsc_rows(self.comm, local, self.size)
+
+    @cached_property
+    def has_rigid_bodies(self) -> bool:
+        """Whether any rank has unknowns of rigid bodies (collective when first asked)."""
+        return bool(self.comm.allreduce(int(self.stiffless.any())))
 
     @property
     def at_rest(self) -> Array:
@@ -214,14 +246,18 @@ def merge(problem: DualProblem) -> MergedSystem:
     load = _to_owners(comm, scatter, np.sum([np.zeros(len(numbers)), *forces], axis=0), size)
     body = np.repeat(nodes.body[nodes.owned], d)
     rigid = _rigid(problem, nodes)
-    load = _impose(comm, K, held, values, load)
+    stiffless = problem.bodies.rigid[body] & ~held
+    load = np.where(stiffless, load, _impose(comm, K, held | stiffless, values, load))
+    _set_diagonal(K, stiffless, 0.0)
     K.setOption(PETSc.Mat.Option.SPD, True)
     kinds = problem.kinds
     one_of = RowKind.CONTACT, RowKind.TIED, RowKind.SUPPORT
     rows = np.flatnonzero(np.isin(kinds, one_of))
     B = petsc_rows(comm, problem.B.local[rows], problem.B.columns)
     C = B.matMult(transfer)
-    return MergedSystem(problem, nodes, K, C, rows, load, held, rigid, body, transfer, scatter)
+    return MergedSystem(
+        problem, nodes, K, C, rows, load, held, stiffless, rigid, body, transfer, scatter
+    )
 
 
 def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:
@@ -297,7 +333,8 @@ def _local_stiffness(problem: DualProblem, nodes: MergedNodes, total: int) -> sp
     d, blocks, places = problem.dimension, [], []
     for cls, at in zip(problem.classes, nodes.copies, strict=True):
         for member in at:
-            blocks.append(cls.stiffness)
+            own = cls.stiffness  # that of a rigid body is zero: its diagonal is set later
+            blocks.append(sparse.identity(cls.unknowns, format="csr") if cls.rigid else own)
             places.append(nodes.unknowns(member, d))
     joined = sparse.block_diag(blocks, format="csr") if len(blocks) != 1 else blocks[0]
     where = np.concatenate([np.zeros(0, np.int64), *places])
@@ -361,7 +398,29 @@ def _rigid(problem: DualProblem, nodes: MergedNodes) -> Array:
     centres = sums[:, :3] / np.maximum(sums[:, 3:], 1.0)
     about = points - centres[of]
     length = comm.allreduce(float(np.abs(about).max(initial=0.0)), op=MPI.MAX) or 1.0
-    return rigid_motions(about, d, np.zeros(3), length).reshape(len(points) * d, -1)
+    motions = rigid_motions(about, d, np.zeros(3), length).reshape(len(points) * d, -1)
+    for body in np.unique(of[problem.bodies.rigid[of]]):  # its unknowns are its motions
+        own = np.flatnonzero(np.repeat(of == body, d))
+        motions[own] = np.eye(len(own), motions.shape[1])
+    return motions
+
+
+def _set_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> None:
+    """Give entries of the diagonal a value (collective)."""
+    if not K.comm.tompi4py().allreduce(int(where.any())):
+        return
+    diagonal = K.getDiagonal()
+    diagonal.getArray()[where] = value
+    K.setDiagonal(diagonal)
+
+
+def with_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> PETSc.Mat:
+    """The matrix with another value in diagonal entries; itself where none is (collective)."""
+    if not K.comm.tompi4py().allreduce(int(where.any())):
+        return K
+    result = K.copy()
+    _set_diagonal(result, where, value)
+    return result
 
 
 def _impose(

@@ -7,7 +7,8 @@ With D the diagonal of K and C_A the active rows,
 maps any displacement to the nearest one, in the norm of D, with C_A u = 0. Rows at single nodes
 make S nearly diagonal, mortar rows make it a narrow band on the surface; its factor costs little
 beside a product with K. The multipliers in equilibrium with a residual r are λ = S⁻¹ C_A D⁻¹ r, and
-r - C_Aᵀ λ = Πᵀ r.
+r - C_Aᵀ λ = Πᵀ r. Unknowns of rigid bodies stay where they are, and rows of these alone are held by
+a projector of their own (`solver.primal.rigid_bodies`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from petsc4py import PETSc
 
 from solver.primal.cholesky import factored
 from solver.primal.merged import MergedSystem, chosen_rows
+from solver.primal.rigid_bodies import RowsOfMotions
 from solver.tfeti.constraints.matrix import lent
 
 Array = NDArray[np.float64]
@@ -47,17 +49,23 @@ class Projector:
         self.rows = np.flatnonzero(active)
         self.empty = comm.allreduce(len(self.rows)) == 0
         self.C = chosen_rows(system.C, self.rows)
-        self._inverse = 1.0 / system.diagonal
+        self._inverse = system.flexibility
         if self.empty:
             return
-        self.Ct = self.C.transpose(PETSc.Mat())
+        moved = self.C if system.deforming is system.C else chosen_rows(system.deforming, self.rows)
+        self.Ct = moved.transpose(PETSc.Mat())
         with lent(comm, self._inverse) as (inverse,):
             self.Ct.diagonalScale(L=inverse)
-        self.S = self.C.matMult(self.Ct)
+        self.S = moved.matMult(self.Ct)
         diagonal = self.S.getDiagonal()
         diagonal.scale(1.0 + REDUNDANT)
+        stiffless = diagonal.getArray() == 0.0
+        diagonal.getArray()[stiffless] = 1.0
         self.S.setDiagonal(diagonal)
         self._factor = self._factored()
+        self._of_motions: RowsOfMotions | None = None
+        if system.has_rigid_bodies:
+            self._of_motions = RowsOfMotions(system, self.C, stiffless)
 
     def _factored(self) -> PETSc.PC:
         if not self._is_diagonal():
@@ -76,7 +84,10 @@ class Projector:
         """λ of the active rows in equilibrium with a residual (unknowns,), (active,)."""
         if self.empty:
             return np.zeros(0)
-        return self._solve(self.system.multiply(self.C, self._inverse * residual))
+        result = self._solve(self.system.multiply(self.C, self._inverse * residual))
+        if self._of_motions is not None:
+            self._of_motions.add_multipliers(result, residual - self.forces(result))
+        return result
 
     def forces(self, multipliers: Array) -> Array:
         """C_Aᵀ λ, (unknowns,)."""
@@ -100,7 +111,11 @@ class Projector:
         """The smallest displacement with C_A u = jumps (active,), in the norm of D."""
         if self.empty:
             return np.zeros(self.system.size)
-        return self.system.multiply(self.Ct, self._solve(jumps))
+        if self._of_motions is None:
+            return self.system.multiply(self.Ct, self._solve(jumps))
+        motions = self._of_motions.lifting(jumps)
+        left = jumps - self.system.multiply(self.C, motions)
+        return motions + self.system.multiply(self.Ct, self._solve(left))
 
     def truncating(self, P: PETSc.Mat) -> PETSc.Mat:
         """E in Π P ≈ P - E for a prolongation P: D⁻¹ C_Aᵀ X with X near S⁻¹ C_A P.

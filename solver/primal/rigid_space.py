@@ -9,7 +9,7 @@ them. With Q = W (Wᵀ K W)⁻¹ Wᵀ the correction M⁻¹ r becomes
 
 (J. M. Tang, R. Nabben, C. Vuik, Y. A. Erlangga, *Comparison of two-level preconditioners derived
 from deflation, domain decomposition and multigrid methods*, 2009: A-DEF2). K W vanishes away from
-the contact.
+the contact. Rigid bodies are such bodies, too: their motions have no other preconditioner.
 """
 
 from __future__ import annotations
@@ -30,8 +30,11 @@ do not stop it."""
 SINGULAR = 1e-13
 """Energy of a motion, over that of the largest, below which it is none but rounding errors."""
 
+UNBALANCED = 1e-8
+"""Work of a residual on a motion without energy, over that of the magnitudes of the load."""
+
 MOST = 50
-"""Bodies up to which the space is made: its matrix is dense."""
+"""Bodies up to which the space has elastic ones: its matrix is dense."""
 
 
 def floating_bodies(system: MergedSystem) -> list[int]:
@@ -57,7 +60,9 @@ class RigidSpace:
 
     def __init__(self, system: MergedSystem, projector: Projector, bodies: list[int]) -> None:
         self._comm = system.comm
-        self.empty = not 0 < len(bodies) <= MOST
+        if len(bodies) > MOST:
+            bodies = [body for body in bodies if system.problem.bodies.rigid[body]]
+        self.empty = not bodies
         if self.empty:
             return
         columns, images = [], []
@@ -77,6 +82,23 @@ class RigidSpace:
         values, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
         some = values > SINGULAR * max(values[-1], 0.0)
         self._inverse = vectors[:, some] / values[some] @ vectors[:, some].T
+        self._free = vectors[:, ~some]
+
+    def leaves(self, residual: Array, load: Array) -> bool:
+        """Whether a residual drives a motion that the active rows leave free (collective).
+
+        Parameters
+        ----------
+        residual : (unknowns,)
+            Of the start, projected.
+        load : (unknowns,)
+            What it is small beside.
+        """
+        if self.empty or not self._free.shape[1]:
+            return False
+        work = self._comm.allreduce(self._Wt @ residual)
+        scale = self._comm.allreduce(abs(self._Wt) @ np.abs(load))
+        return bool(np.abs(self._free.T @ work).max() > UNBALANCED * scale.max(initial=0.0))
 
     def balance(self, residual: Array) -> Array:
         """Q r, where the space is not empty."""

@@ -64,13 +64,17 @@ QUIET = ("agrees", "escapes", "contradicts")
 
 @dataclass(frozen=True)
 class Verdict:
-    """How one scene ended: one of :data:`GOOD`, or a fault; with details and seconds."""
+    """How one scene ended: one of :data:`GOOD`, or a fault; with details and seconds.
+
+    Applications of the operator, and the method that answered, where one did.
+    """
 
     seed: int
     kind: str
     detail: str
     seconds: float
     products: int = 0
+    method: str = ""
 
     @property
     def fault(self) -> bool:

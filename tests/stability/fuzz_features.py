@@ -48,7 +48,9 @@ ESCAPES = 1e-7
 """Work on a motion that nothing stops, over the loads, which is none."""
 
 
-def judge(seed: int, *, solve: Any = solve_scene, patience: float = 120.0) -> Verdict:
+def judge(
+    seed: int, *, solve: Any = solve_scene, patience: float = 120.0, method: str = "auto"
+) -> Verdict:
     """Solve a random scene and hold it against the reference.
 
     Parameters
@@ -57,8 +59,12 @@ def judge(seed: int, *, solve: Any = solve_scene, patience: float = 120.0) -> Ve
         In place of `solve_scene`.
     patience
         Seconds of processor time after which it is said to hang.
+    method
+        `solver.method`; another than `auto` takes its own decomposition.
     """
     made, subdomains = feature_scene(seed)
+    if method != "auto":
+        made["solver"]["method"], subdomains = method, None
     solved, message, began = None, "", time.process_time()
     try:
         with time_limit(patience):
@@ -82,8 +88,8 @@ def judge(seed: int, *, solve: Any = solve_scene, patience: float = 120.0) -> Ve
         kind = "escapes" if work > ESCAPES else "denies an equilibrium"
         return Verdict(seed, kind, message, seconds)
     kind, detail = _judged(solved)
-    products = solved.summary["solver"]["hessian_multiplications"]
-    return Verdict(seed, kind, detail, seconds, products)
+    told = solved.summary["solver"]
+    return Verdict(seed, kind, detail, seconds, told["hessian_multiplications"], told["method"])
 
 
 def _contradicts(scene: Any) -> bool:
@@ -177,7 +183,9 @@ def _rigid_error(solved: Any, found: np.ndarray, known: np.ndarray) -> float:
 def summary(verdicts: list[Verdict]) -> str:
     """Counts of verdicts."""
     counts = Counter(v.kind for v in verdicts)
-    lines = [f"{len(verdicts)} scenes from seed {verdicts[0].seed} on"]
+    methods = Counter(v.method for v in verdicts if v.method).most_common()
+    by = ", ".join(f"{count} by {method}" for method, count in methods)
+    lines = [f"{len(verdicts)} scenes from seed {verdicts[0].seed} on; solved: {by}"]
     return "\n".join([*lines, *(f"{kind}: {count}" for kind, count in counts.most_common())])
 
 
@@ -186,10 +194,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("scenes", type=int, nargs="?", default=300)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--method", default="auto", help="solver.method of all scenes")
     arguments = parser.parse_args()
     verdicts = []
     for seed in range(arguments.first, arguments.first + arguments.scenes):
-        verdict = judge(seed)
+        verdict = judge(seed, method=arguments.method)
         verdicts.append(verdict)
         if verdict.kind not in QUIET:
             print(f"{seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True)

@@ -174,10 +174,13 @@ def unfactored_class(
     ValueError
         The stiffness resists a rigid motion.
     """
-    rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
-    check_kernel(stiffness, rigid)
     every = np.arange(stiffness.shape[0])
     free = every if eliminated is None else np.setdiff1d(every, eliminated)
+    if stiffness.nnz == 0:
+        unit = np.eye(len(every))
+        return SubdomainClass(stiffness, unit[:, :0], unit, free, every, members, None, None, False)
+    rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
+    check_kernel(stiffness, rigid)
     return SubdomainClass(
         stiffness, rigid[:, :0], rigid, free, np.unique(touched), members, None, None, False
     )

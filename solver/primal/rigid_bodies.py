@@ -1,0 +1,129 @@
+"""Rigid bodies in the undecomposed problem: six unknowns more each, three in the plane.
+
+Their rows and columns of K are zero, and only contact rows, tied rows and rows that hold rigid
+motions reach them. With q their unknowns and u all others, a row reads C_u u + C_q q.
+
+The projector moves u alone, D⁻¹ = 0 on q: S keeps its narrow band, and Π e_j of a unit motion of a
+rigid body drags the nodes of active rows along. These motions are part of the coarse space of
+`solver.primal.rigid_space`, which meets the balance of each rigid body exactly. What is left to the
+V-cycle is the problem in which rigid bodies are held. Rows of q alone, as those of a rigid body on
+held nodes, are held by a projector of their own (`RowsOfMotions`).
+
+On the coarse levels that find the first set q is carried along as it is (`with_motions`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from solver.primal.hierarchy import Hierarchy
+from solver.primal.merged import MergedSystem
+from solver.tfeti.constraints.matrix import local_rows, petsc_rows
+
+Array = NDArray[np.float64]
+
+DEPENDENT = 1e-10
+"""Singular values of rows of rigid motions below that share of the largest are repetitions."""
+
+
+class RowsOfMotions:
+    """Active rows of unknowns of rigid bodies alone: C_q q = c (collective).
+
+    Every rank has all of them, since they are few and so are these unknowns.
+
+    Parameters
+    ----------
+    C : (active, unknowns)
+        The active rows.
+    chosen : (active,)
+        Which of this rank's they are.
+    """
+
+    def __init__(self, system: MergedSystem, C: PETSc.Mat, chosen: NDArray[np.bool_]) -> None:
+        comm = system.comm
+        self._comm, self._size = comm, system.size
+        self._chosen = np.flatnonzero(chosen)
+        counts = comm.allgather(len(self._chosen))
+        self.empty = sum(counts) == 0
+        if self.empty:
+            return
+        first = sum(counts[: comm.rank])
+        self._mine = slice(first, first + len(self._chosen))
+        self._q = np.flatnonzero(system.stiffless)
+        columns = np.concatenate(comm.allgather(C.getOwnershipRangeColumn()[0] + self._q))
+        starts = np.cumsum([0, *comm.allgather(len(self._q))])
+        self._own = slice(starts[comm.rank], starts[comm.rank + 1])
+        own = local_rows(C)[self._chosen][:, columns].toarray()
+        self._rows = np.concatenate(comm.allgather(own))
+        self._inverse = np.linalg.pinv(self._rows, rcond=DEPENDENT)
+
+    def add_multipliers(self, multipliers: Array, residual: Array) -> None:
+        """Put λ of these rows, in balance with a residual (unknowns,), into all (active,)."""
+        if self.empty:
+            return
+        forces = np.concatenate(self._comm.allgather(residual[self._q]))
+        multipliers[self._chosen] = (self._inverse.T @ forces)[self._mine]
+
+    def lifting(self, jumps: Array) -> Array:
+        """The smallest motions with these jumps (active,); zero elsewhere, (unknowns,)."""
+        result = np.zeros(self._size)
+        if self.empty:
+            return result
+        every = np.concatenate(self._comm.allgather(jumps[self._chosen]))
+        result[self._q] = (self._inverse @ every)[self._own]
+        return result
+
+
+def with_motions(
+    system: MergedSystem, hierarchy: Hierarchy, operators: Sequence[PETSc.Mat], springs: Array
+) -> tuple[Hierarchy, Sequence[PETSc.Mat]]:
+    """Levels that carry the unknowns of rigid bodies along, for the first set (collective).
+
+    Parameters
+    ----------
+    operators
+        Stiffness of each level.
+    springs : (unknowns,)
+        What holds rigid bodies on coarser levels of a cycle, which need an inverse: the springs of
+        all contact rows together.
+
+    Returns
+    -------
+    The levels for cycles, and the stiffness of each level, zero on rigid bodies.
+    """
+    if not system.has_rigid_bodies or not hierarchy.prolongations:
+        return hierarchy, operators
+    q = np.flatnonzero(system.stiffless)
+    total = system.comm.allreduce(len(q))
+    unit = sparse.eye(len(q), total, k=total - len(q), format="csr")  # the last rank has them
+    own = springs[q]
+    own = np.where(own > 0.0, own, 1.0)
+    first = local_rows(hierarchy.prolongations[0])
+    first = sparse.diags(np.where(system.stiffless, 0.0, 1.0)) @ first
+    places = sparse.csr_matrix((np.ones(len(q)), (q, np.arange(len(q)))), (system.size, len(q)))
+    first = sparse.hstack([first, places @ unit])
+    prolongations = [_matrix(hierarchy.prolongations[0], first, len(q))]
+    prolongations += [_with_block(P, unit) for P in hierarchy.prolongations[1:]]
+    coarser = operators[1:]
+    free = [operators[0], *(_with_block(A, 0.0 * unit) for A in coarser)]
+    held = [operators[0], *(_with_block(A, sparse.diags(own) @ unit) for A in coarser)]
+    return replace(hierarchy, prolongations=tuple(prolongations), operators=tuple(held)), free
+
+
+def _with_block(matrix: PETSc.Mat, block: sparse.csr_matrix) -> PETSc.Mat:
+    """A matrix with a block of unknowns of rigid bodies after its last rows and columns."""
+    joined = sparse.block_diag([local_rows(matrix), block])
+    return _matrix(matrix, joined, block.shape[0])
+
+
+def _matrix(like: PETSc.Mat, local: sparse.spmatrix, more: int) -> PETSc.Mat:
+    """This rank's rows as a matrix with more columns than another."""
+    rows = sparse.csr_matrix(local)
+    rows.sort_indices()
+    return petsc_rows(like.comm.tompi4py(), rows, like.getLocalSize()[1] + more)
