@@ -64,11 +64,13 @@ class Statuses:
     active : (rows,)
         Contact rows that hold with equality.
     tractions : (rows,)
-        Multipliers of the contact rows that are not active; None where all are zero.
+        Multipliers of the contact rows that are not active, and of active ones with a compliance
+        what their multiplier is added to; None where all are zero.
     turn
         Frames in which all of this is said; None on all ranks where none is turned.
     compliance : (rows,)
-        C of the active rows, zero for most; None on all ranks where it is for all.
+        C of the active rows, zero for most, B u - c = C (λ - traction); None on all ranks where it
+        is for all.
     """
 
     active: Mask
@@ -88,7 +90,7 @@ class Statuses:
         differs = self.active != other.active
         if self.tractions is not None or other.tractions is not None:
             own, others = (0.0 if s.tractions is None else s.tractions for s in (self, other))
-            differs = differs | (~self.active & np.not_equal(own, others))
+            differs = differs | np.not_equal(own, others)
         if self.turn is not None or other.turn is not None:
             differs = differs | (self._angles() != other._angles())
         return differs

@@ -130,7 +130,7 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
     found, answer = solve_from_first_set(task, restart, Saver(checkpoint), start)
     if answer is not None:
         return answer
-    if method == "auto" and problem.friction is None:
+    if method == "auto":
         return solve_by_smalbe(task, found, None)
     if found.state is None:  # nothing better than the loads shared out among the constraints
         answer = answer_of_iterate(problem, task.rule, np.zeros(problem.size), None)

@@ -41,6 +41,8 @@ class FrictionReference:
     limit : ndarray, shape (points,)
     energy : float
         ½ a(u, u) - l(u).
+    force : ndarray, shape (dim·points,)
+        λ in the rows of `Condensed`.
     """
 
     system: System
@@ -50,6 +52,7 @@ class FrictionReference:
     slip: np.ndarray
     limit: np.ndarray
     energy: float
+    force: np.ndarray
 
     @property
     def points(self) -> np.ndarray:
@@ -57,14 +60,97 @@ class FrictionReference:
         return self.system.points
 
 
-def solve(scene: Any, backwards: bool = False) -> FrictionReference:
-    """Sweep until nothing changes.
+@dataclass(frozen=True)
+class Condensed:
+    """A scene condensed to its contact points: penetrations and slips are q - W λ.
 
-    Parameters
+    Attributes
     ----------
-    backwards
-        Whether points are taken in the opposite order, from large forces on.
+    system : System
+    own : ndarray, shape (n·dim,)
+        Displacements without contact forces.
+    soft : ndarray, shape (free, dim·points)
+        Displacements of the free components by unit forces.
+    free : ndarray of int, shape (free,)
+    W, q : ndarray, shapes (dim·points, dim·points), (dim·points,)
+    rows : ndarray of int, shape (points, dim)
+        Rows of each point, that along its normal first.
+    coefficient, given : ndarray, shape (points,)
+    C : csr_matrix, shape (dim·points, n·dim)
+    frames : ndarray, shape (points, dim - 1, dim)
+        Tangents.
     """
+
+    system: System
+    own: np.ndarray
+    soft: np.ndarray
+    free: np.ndarray
+    W: np.ndarray
+    q: np.ndarray
+    rows: np.ndarray
+    coefficient: np.ndarray
+    given: np.ndarray
+    C: sp.csr_matrix
+    frames: np.ndarray
+
+    @property
+    def scale(self) -> float:
+        """A force that moves the points as far as the loads do."""
+        return float(np.abs(self.q).max() / np.abs(np.diag(self.W)).max())
+
+    def answer(self, force: np.ndarray) -> FrictionReference:
+        """What contact forces (dim·points,) stand for."""
+        system, u = self.system, self.own.copy()
+        u[self.free] -= self.soft @ force
+        along, residual = force[self.rows], (self.q - self.W @ force)[self.rows]
+        flat = u @ (system.stiffness @ u) / 2 - system.load @ u
+        tangential, slip = (
+            np.einsum("pk,pki->pi", x[:, 1:], self.frames) for x in (along, residual)
+        )
+        limit = self.coefficient * along[:, 0] + self.given
+        return FrictionReference(
+            system, u.reshape(-1, system.dimension), along[:, 0], tangential, slip, limit,
+            float(flat), force,
+        )  # fmt: skip
+
+    def rows_of(
+        self, nodes: np.ndarray, sources: np.ndarray, normal: np.ndarray, tangential: np.ndarray
+    ) -> np.ndarray:
+        """Forces (points,), (points, dim) at nodes (points, 3) of contacts as λ (dim·points,)."""
+        result, system = np.zeros(len(self.q)), self.system
+        size = np.ptp(system.points, axis=0).max()
+        for at, source, along, force in zip(nodes, sources, normal, tangential, strict=True):
+            away = np.linalg.norm(system.points[system.contact_node] - at, axis=1)
+            mine = np.flatnonzero((away < 1e-9 * size) & (system.contact_source == source))
+            if len(mine) != 1:
+                raise ReferenceError("a contact point of the answer is not one of the reference")
+            p = mine[0]
+            result[self.rows[p]] = along, *(self.frames[p] @ force)
+        return result
+
+    def residual(self, force: np.ndarray) -> float:
+        """Of the conditions of contact and friction, as forces over the largest one.
+
+        λ_n - max(0, λ_n + r w_n) and λ_t minus the projection of λ_t + r w_t on the disc of μ λ_n
+        or s, with r the inverse of the largest compliance of the point.
+        """
+        moved = (self.q - self.W @ force)[self.rows]
+        own, worst = force[self.rows], 0.0
+        for p, at in enumerate(self.rows):
+            stiff = np.diag(self.W)[at].max()
+            if stiff <= 0.0:
+                continue
+            normal = own[p, 0] - max(own[p, 0] + moved[p, 0] / stiff, 0.0)
+            wanted = own[p, 1:] + moved[p, 1:] / stiff
+            limit = self.coefficient[p] * max(own[p, 0], 0.0) + self.given[p]
+            size = float(np.linalg.norm(wanted))
+            wanted = wanted * min(1.0, limit / size) if size > 0.0 else wanted
+            worst = max(worst, abs(normal), float(np.abs(own[p, 1:] - wanted).max()))
+        return worst / max(float(np.abs(force).max()), 1e-3 * self.scale)
+
+
+def condense(scene: Any) -> Condensed:
+    """Assemble a scene and eliminate all but its contact points."""
     system = assemble(scene)
     normals, tangents, coefficient, given = _rows(scene, system)
     C = sp.vstack([system.contact, *tangents], format="csr")
@@ -79,35 +165,37 @@ def solve(scene: Any, backwards: bool = False) -> FrictionReference:
     count, d = len(normals), system.dimension
     q[:count] -= system.gap
     rows = np.arange(d)[None] * count + np.arange(count)[:, None]  # normal first
-    force = _sweep(W, q, rows, coefficient, given, backwards)
-    u = own.copy()
-    u[free] -= soft @ force
-    residual = (q - W @ force)[rows]
-    along = force[rows]
     frames = np.stack([_blocks(t, normals) for t in tangents], axis=1)
-    flat = u @ (system.stiffness @ u) / 2 - system.load @ u
-    tangential, slip = (np.einsum("pk,pki->pi", x[:, 1:], frames) for x in (along, residual))
-    limit = coefficient * along[:, 0] + given
-    return FrictionReference(
-        system, u.reshape(-1, d), along[:, 0], tangential, slip, limit, float(flat)
-    )
+    return Condensed(system, own, soft, free, W, q, rows, coefficient, given, C, frames)
 
 
-def _sweep(
-    W: np.ndarray,
-    q: np.ndarray,
-    rows: np.ndarray,
-    coefficient: np.ndarray,
-    given: np.ndarray,
-    backwards: bool,
-) -> np.ndarray:
-    force = np.zeros(len(q))
+def solve(scene: Any, backwards: bool = False) -> FrictionReference:
+    """Sweep until nothing changes.
+
+    Parameters
+    ----------
+    backwards
+        Whether points are taken in the opposite order, from large forces on.
+    """
+    condensed = condense(scene)
+    start = np.full(len(condensed.q), condensed.scale if backwards else 0.0)
+    return condensed.answer(sweep(condensed, start, backwards))
+
+
+def sweep(condensed: Condensed, start: np.ndarray, backwards: bool = False) -> np.ndarray:
+    """Contact forces from first ones on, (dim·points,).
+
+    Raises
+    ------
+    ReferenceError
+        The sweeps do not settle.
+    """
+    W, q, rows, scale = condensed.W, condensed.q, condensed.rows, condensed.scale
+    coefficient, given = condensed.coefficient, condensed.given
+    force = start.copy()
     order = np.arange(len(rows))
-    scale = np.abs(q).max() / np.abs(np.diag(W)).max()
     if backwards:
         order = order[::-1]
-        force[rows[:, 0]] = scale
-        force[rows[:, 1:]] = scale
     for _ in range(SWEEPS):
         change = 0.0
         for p in order:

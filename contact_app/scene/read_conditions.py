@@ -275,10 +275,10 @@ class ConditionReader:
                 f"does not go together with {other[1]} ({configuration.where(other[0])}): its "
                 "estimate of the error knows nothing of friction tractions; leave one of them out",
             )
-        if configuration.solver.method not in ("auto", "active-set"):
+        if configuration.solver.method == "primal":
             self.keys.fail(
                 path,
-                f"needs solver.method auto or active-set; it is {configuration.solver.method} "
+                f"needs solver.method auto, active-set or smalbe; it is {configuration.solver.method} "
                 f"({configuration.where(('solver', 'method'))})",
             )
 

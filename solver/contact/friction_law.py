@@ -10,6 +10,12 @@ every set is a symmetric problem. After a set is solved,
   slip w. In space λ_t = s w / |w| is not linear in w; a set has its derivative, λ_t = s d along d
   and λ_t = (s / |w|) w across d, a compliance |w| / s of the row across.
 
+A node may be in several contacts. What sticks at one of them would have to stay where another one
+closes a gap, and where there is no gap the force would be undetermined. So of a point that sticks
+while its node is closed in another contact, the slip is  w = C (λ_t - λ_t'), λ_t' its force before
+and C a small compliance: the proximal point method (R. T. Rockafellar, Math. Oper. Res. 1, 1976).
+It comes to rest where w = 0, or its force grows until it slides.
+
 Contact and its release are those of Signorini's law. The rules are the semismooth Newton method for
 Tresca friction (G. Stadler, *Path-following and augmented Lagrangian methods for contact problems
 in linear elasticity*, 2007, in the plane), with a fixed point over slip limits. Tractions that
@@ -70,12 +76,16 @@ class Friction(Frictionless):
         Of all ranks.
     tolerance
         Relative accuracy asked for.
+    give : (k,)
+        Compliance of each tangential row where its node is closed in another contact; None on all
+        ranks where no node is in several.
     """
 
     name: str = "friction"
     points: FrictionPoints
     comm: MPI.Intracomm
     tolerance: float = 1e-6
+    give: Array | None = None
     options: FrictionOptions = FrictionOptions()
 
     def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
@@ -123,7 +133,8 @@ class Friction(Frictionless):
         wanted = self._cut(wanted + turning[points.point] * slips, limit)
         given = self._prescribed(before)
         least = self.options.round_off * found.strongest * spread
-        kept = ~stuck & ~sticks & (points.sizes(wanted - given) <= np.maximum(slack, least))
+        wanted = np.where(sticks[points.point], forces, wanted)
+        kept = (stuck == sticks) & (points.sizes(wanted - given) <= np.maximum(slack, least))
         give = np.divide(length, limit, out=np.zeros(len(limit)), where=(limit > 0.0) & ~stuck)
         after = self._statuses(normals, sticks, wanted, give)
         return self._keeping(after, before, kept)
@@ -177,25 +188,38 @@ class Friction(Frictionless):
         points = self.points
         active, tractions = self._without_tangents(normals), np.zeros(len(normals))
         active[points.rows] = sticks[points.point]
-        tractions[points.rows] = np.where(sticks[points.point], 0.0, forces / points.spread)
+        soft = self._least_give(active)
+        held = sticks[points.point] & (soft == 0.0)
+        tractions[points.rows] = np.where(held, 0.0, forces / points.spread)
+        compliance = np.zeros(len(normals))
+        compliance[points.rows] = np.where(sticks[points.point], soft, 0.0)
         planar = points.planar
         first = points.rows[points.first[planar]]
         second = points.rows[points.first[planar] + 1]
         size = np.hypot(tractions[first], tractions[second])
-        turns = size > 0.0
+        turns = (size > 0.0) & ~sticks[planar]
         if not self.comm.allreduce(int(turns.sum())):
-            return Statuses(active, tractions)
+            some = self.give is not None
+            return Statuses(active, tractions, None, compliance if some else None)
         cosine, sine = (
             np.divide(tractions[rows], size, out=np.full(len(size), otherwise), where=turns)
             for rows, otherwise in ((first, 1.0), (second, 0.0))
         )
-        tractions[first] = size
-        tractions[second] = 0.0
+        tractions[first[turns]] = size[turns]
+        tractions[second[turns]] = 0.0
         active[second[turns]] = True
-        compliance = np.zeros(len(normals))
         spread = points.spread[points.first[planar]]
-        compliance[second[turns]] = np.maximum((give[planar] * spread**2)[turns], FAINT)
+        least = np.maximum(soft[points.first[planar] + 1], FAINT)
+        compliance[second[turns]] = np.maximum(give[planar] * spread**2, least)[turns]
         return Statuses(active, tractions, Turn(first, second, cosine, sine), compliance)
+
+    def _least_give(self, active: Mask) -> Array:
+        """Least compliance of rows that are active: more than zero where nodes are closed twice."""
+        points = self.points
+        if self.give is None:
+            return np.zeros(len(points.rows))
+        elsewhere = np.bincount(points.shared, active[points.beside], len(points.first)) > 0.0
+        return np.where(elsewhere[points.point], self.give, 0.0)
 
     def _keeping(self, after: Statuses, before: Statuses, kept: Mask) -> Statuses:
         """Statuses after, with the tractions before at some points (points,) that slide."""

@@ -35,6 +35,8 @@ class FrictionPoints:
         μ, and the slip limit that is given; one of them is 0.
     spread, normal_spread : (k,), (k,)
         Force over multiplier, and slip over residual by its inverse.
+    shared, beside : (pairs,), (pairs,)
+        Points whose node has other contact rows, and the rows of B of these.
     """
 
     rows: NDArray[np.int64]
@@ -45,6 +47,8 @@ class FrictionPoints:
     limits: Array
     spread: Array
     normal_spread: Array
+    shared: NDArray[np.int64]
+    beside: NDArray[np.int64]
 
     @property
     def planar(self) -> NDArray[np.int64]:

@@ -8,13 +8,14 @@ at an upper one, 0 where both bounds coincide.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from solver.qp.convex_set import Scratch
-from solver.vectors import Mask, Vector
+from solver.vectors import Mask, Vector, blocks
 
 #: Rounding errors of the bound's scale within which a component counts as active.
 ACTIVITY = 10.0 * np.finfo(np.float64).eps
@@ -31,6 +32,15 @@ class Box:
     def is_everything(self) -> bool:
         """Whether there are no bounds."""
         return self.lower is None and self.upper is None
+
+    @property
+    def curved(self) -> bool:
+        """Never: a step along a bound stays on it."""
+        return False
+
+    def blocks(self, size: int) -> Iterator[slice]:
+        """Components that are passed over together."""
+        return blocks(size)
 
     def not_finite(self, offset: int) -> list[str]:
         """Bounds that are no numbers, or exclude everything."""

@@ -1,11 +1,11 @@
 """Separable convex sets: products of small closed convex sets, each of few components.
 
-A solver moves in such a set by the kernels below, block by block, and knows nothing else of it; a
-box (`solver.qp.box`) is the first, discs of friction are another file. What all methods need is the
-splitting of the gradient g at a feasible point x (paper, section 2; Z. Dostál, T. Kozubek, *An
-optimal algorithm and superrelaxation for minimization of a quadratic function subject to separable
-convex constraints with applications*, Math. Program. 135, 2012). With the factors at whose boundary
-x lies (active) and the others (free),
+A solver moves in such a set by the kernels below, block by block, and knows nothing else of it. A
+set is a box (`solver.qp.box`), or a box with discs of friction (`solver.qp.discs`). What all
+methods need is the splitting of the gradient g at a feasible point x (paper, section 2; Z. Dostál,
+T. Kozubek, *An optimal algorithm and superrelaxation for minimization of a quadratic function
+subject to separable convex constraints with applications*, Math. Program. 135, 2012). With the
+factors at whose boundary x lies (active) and the others (free),
 
 * free gradient g^f: g on free components, 0 on active ones;
 * chopped gradient g^c: on active components the part of g along which the cost falls inside the
@@ -16,6 +16,7 @@ x lies (active) and the others (free),
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
@@ -43,7 +44,7 @@ class Scratch:
 
 
 class SetOnBlock(Protocol):
-    """The factors of one block of components. No method allocates; x, g, p, … are of the block."""
+    """The factors of one block of components; x, g, p, … are of the block."""
 
     def split(self, x: Vector, g: Vector, is_free: Mask, free: Vector, chopped: Vector) -> None:
         """Put the mask of free components, g^f and g^c at x into the last three."""
@@ -73,6 +74,13 @@ class SeparableSet(Protocol):
     @property
     def is_everything(self) -> bool:
         """Whether no component has a boundary: nothing is ever split or projected."""
+
+    @property
+    def curved(self) -> bool:
+        """Whether a straight step along the boundary may leave the set."""
+
+    def blocks(self, size: int) -> Iterator[slice]:
+        """Slices of components that are passed over together; none cuts a factor."""
 
     def not_finite(self, offset: int) -> list[str]:
         """What in its data is no number, naming components, the first of this rank at `offset`."""

@@ -21,7 +21,7 @@ from solver.qp.operators import Operator, estimate_norm
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Step
 from solver.qp.separable_qp import SeparableQP
-from solver.vectors import BLOCK, Mask, Vector, blocks
+from solver.vectors import Mask, Vector, blocks
 
 #: Curvature pᵀAp/(‖A‖ pᵀp) at or below which a direction is taken to be in the kernel of A.
 ZERO_CURVATURE = 1e-14
@@ -49,6 +49,8 @@ class Iterate:
     image : ndarray or None
         What an operator that has an ``image`` makes of x beside the product, carried along by
         recurrence as g is.
+    curved : bool
+        Whether a straight step along the boundary of the feasible set may leave it.
     watch : callable of Iterate or None
         Sees the iterate after each step.
     """
@@ -79,8 +81,10 @@ class Iterate:
             "x": self.x, "g": self.g, "p": self.p, "Ap": self.Ap, "b": qp.b,
             "free": self.free, "chopped": self.chopped, "is_free": self.is_free, "z": self.z,
         }  # fmt: skip
-        scratch = Scratch(min(n, BLOCK))
-        self.blocks = [Block(rows, vectors, feasible, scratch) for rows in blocks(n)]
+        self._rows = list(blocks(n) if feasible is None else feasible.blocks(n))
+        scratch = Scratch(max(rows.stop - rows.start for rows in self._rows))
+        self.blocks = [Block(rows, vectors, feasible, scratch) for rows in self._rows]
+        self.curved = feasible is not None and feasible.curved
         self.counts = Counts()
         self.iterations = 0
         self.history: list[Step] = []
@@ -238,16 +242,23 @@ class Iterate:
         """p = g^c."""
         np.copyto(self.p, self.chopped)
 
+    def aim_projected(self, alpha: float) -> None:
+        """p = x - P(x - αg): the way to the projection of a gradient step, feasible to its end."""
+        for block in self.blocks:
+            np.copyto(block.p, block.g)
+            block.project_into(alpha, out=block.trial)
+            np.subtract(block.x, block.trial, out=block.p)
+
     def project_step(self, alpha: float, direction: Vector) -> None:
         """x = P(x - α direction): on the bounds exactly; g is not updated."""
-        for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
+        for block, rows in zip(self.blocks, self._rows, strict=True):
             np.multiply(direction[rows], alpha, out=block.t)
             np.subtract(block.x, block.t, out=block.x)
             block.project()
 
     def reduced_gradient(self, out: Vector) -> None:
         """g^r for the last step length, into out."""
-        for block, rows in zip(self.blocks, blocks(self.x.size), strict=True):
+        for block, rows in zip(self.blocks, self._rows, strict=True):
             block.reduced(self.alpha, out[rows])
 
     def half_step_and_aim(self, alpha_f: float, target: float) -> tuple[float, float]:

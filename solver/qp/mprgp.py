@@ -1,9 +1,9 @@
 """MPRGP: modified proportioning with reduced gradient projections (paper, Algorithm 1).
 
-Minimises f(x) = ½ xᵀAx - bᵀx over l ≤ x ≤ u. While the free gradient dominates, the iteration
-minimises over the free components by conjugate gradients; a CG step that would leave the
-box is replaced by an expansion of the active set; when the chopped gradient dominates, a
-proportioning step releases active components.
+Minimises f(x) = ½ xᵀAx - bᵀx over l ≤ x ≤ u, or over another separable convex set. While the free
+gradient dominates, the iteration minimises over the free components by conjugate gradients; a CG
+step that would leave the box is replaced by an expansion of the active set; when the chopped
+gradient dominates, a proportioning step releases active components.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ Stop = Callable[[Iterate], "Reason | None"]
 
 #: The caller's own test of an iterate (local part); must answer the same on all ranks.
 AcceptIterate = Callable[[Vector], bool]
+
+GRADIENT_STEP = 1.9
+"""Length of a projected gradient step over 1/‖A‖; below two the cost falls."""
 
 TIGHTEN = 0.3
 """Factor on the tolerance where the caller's own test fails."""
@@ -181,8 +184,16 @@ def proportioning_step(it: Iterate) -> str:
     """Algorithm 4: the minimum along the chopped gradient, which releases active components.
 
     The paper leaves the step uncut; a component with two bounds could cross the box, so it ends
-    at the first bound it meets. The cost falls all the same.
+    at the first bound it meets. The cost falls all the same. Where the boundary is curved, the
+    chopped gradient may be tangent to it: the step is then along the way to the projected gradient
+    step, at most to its end (Dostál and Kozubek 2012, with the minimum along the way).
     """
+    if it.curved:
+        it.aim_projected(GRADIENT_STEP / it.norm)
+        alpha, _ = it.probe()
+        it.advance(min(alpha, 1.0), restart=True, snap=True)
+        it.counts.proportioning += 1
+        return "proportioning"
     it.aim_chopped()
     alpha, alpha_f = it.probe()
     if math.isinf(alpha) and math.isinf(alpha_f):

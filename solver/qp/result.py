@@ -30,7 +30,7 @@ class Reason(Enum):
         "it seems to be unbounded below."
     )
     UNSETTLED = (
-        "The active sets did not settle; solver.method auto goes on with SMALBE-M, which converges."
+        "The active sets did not settle; with solver.method auto the run goes on with SMALBE-M."
     )
     STOPPED = "The monitor asked to stop; the result holds the last iterate."
 

@@ -430,6 +430,10 @@ class OuterIterations:
         if moved and not rules.recompute_gradient:
             it.restart()
 
+    def with_another_set(self) -> Restart:
+        """Where a solve with another feasible set goes on from, after `update`."""
+        return replace(self._restart(self.outer), lagrangian=-math.inf, sizes=())
+
     def result(self, reason: Reason) -> Result:
         """The last step's answer."""
         it, qp = self._it, self._problem.qp

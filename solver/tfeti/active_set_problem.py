@@ -129,10 +129,14 @@ class ActiveSetProblem:
     ) -> None:
         self.statuses = statuses
         turn, self._compliance = statuses.turn, statuses.compliance
-        if turn is not None:  # what is recycled knows the original frames alone
-            problem, directions = problem.turned(turn), None
+        if turn is not None or self._compliance is not None:
+            directions = None  # what is recycled knows the original frames and F alone
+        if turn is not None:
+            problem = problem.turned(turn)
             multiplier = None if multiplier is None else turn.turned(multiplier)
         self._tractions = _outside(statuses, problem)
+        if self._tractions is not None and multiplier is not None:
+            multiplier = multiplier - self._tractions
         if self._tractions is not None:
             problem = problem.with_constraint_forces(self._tractions)
         self.problem, active = problem, self.active
@@ -278,4 +282,4 @@ def _outside(statuses: Statuses, problem: DualProblem) -> NDArray[np.float64] | 
     """The prescribed multipliers, zero on the rows that hold with equality."""
     if statuses.tractions is None:
         return None
-    return np.where(problem.conditional & ~statuses.active, statuses.tractions, 0.0)
+    return np.where(problem.conditional & ~statuses.holding, statuses.tractions, 0.0)

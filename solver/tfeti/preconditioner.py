@@ -62,6 +62,16 @@ class DualPreconditioner:
         if penalised:
             self.coarse.apply_transpose(r, self._q)
             r = np.subtract(r, self._q, out=self._p)
+        self.stiffness(r, free_mask, out)
+        self.coarse.project(out, out)
+        if penalised:
+            self._q /= self.rho
+            out += self._q
+
+    def stiffness(
+        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
+    ) -> None:
+        """Put B S Bᵀ r into out."""
         if self._coupled:
             np.copyto(self._p, r)
             self._coupled.divide(self._p, free_mask)
@@ -76,24 +86,21 @@ class DualPreconditioner:
         self.B.apply(self._forces, out)
         if self._coupled:
             self._coupled.divide(out, free_mask)
-        self.coarse.project(out, out)
-        if penalised:
-            self._q /= self.rho
-            out += self._q
 
 
 class CompliantPreconditioner:
     """Approximate inverse of P (F + C) P with a diagonal C, from that of P F P.
 
     Where a row has a compliance C beside the stiffness k that K holds against it, both in series
-    are k / (1 + C k): the rows are scaled by the root of that share before and after.
+    are k / (1 + C k): the rows are scaled by the root of that share before and after. No projection
+    stands between the scalings: the preconditioner would not be symmetric.
 
     Parameters
     ----------
-    base
-        That of P F P of the problem.
-    compliance : (dual,)
-        C.
+        base
+            That of P F P of the problem.
+        compliance : (dual,)
+            C.
     """
 
     def __init__(
@@ -112,6 +119,6 @@ class CompliantPreconditioner:
     ) -> None:
         """Put z into out."""
         np.multiply(self._root, r, out=self._room)
-        self._base.apply(self._room, free_mask, out)
+        self._base.stiffness(self._room, free_mask, out)
         out *= self._root
         self._coarse.project(out, out)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from solver.contact.friction_points import FrictionPoints
 from solver.tfeti.constraints.rows import ContactRows, points_of
+from solver.vectors import runs
 
 Array = NDArray[np.float64]
 
@@ -76,9 +77,14 @@ def friction_points(
     normal = friction.places(contact)
     point = points_of(friction.rows)
     _, first = np.unique(point, return_index=True)
+    normals, nodes = np.flatnonzero(inequality), friction.rows.nodes[first]
+    begins, ends = (np.searchsorted(contact.nodes, nodes, side) for side in ("left", "right"))
+    shared, beside = np.repeat(np.arange(len(first)), ends - begins), runs(begins, ends - begins)
+    other = beside != normal[first][shared]
     return FrictionPoints(
-        rows=np.flatnonzero(tangential), normals=np.flatnonzero(inequality)[normal],
+        rows=np.flatnonzero(tangential), normals=normals[normal],
         point=point, first=first, coefficients=friction.coefficients[first],
         limits=friction.limits[first], spread=friction.rows.spread,
         normal_spread=contact.spread[normal],
+        shared=shared[other], beside=normals[beside[other]],
     )  # fmt: skip

@@ -29,12 +29,16 @@ METHOD = "active-set"
 ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
 """Why active sets end a solve; for other reasons SMALBE-M may go on."""
 
-FRICTION = 5
+FRICTION = 1
 """Active sets that are tried with friction, over those without: slip limits take their own."""
 
 PATIENCE = 6
 """Sets with friction after which each is solved further before it decides: 300 sets of a cube of
 20³ cells on a rough wall wandered, decided at a tenth of their error."""
+
+GIVE = 0.03
+"""Compliance of a point that sticks while its node is closed in another contact, over that of the
+node: slips of others fall to about that share in each set."""
 
 LOOSE = 1e-2
 """Share of an iterate's jumps that is left where its duality gap only tells how far it is."""
@@ -132,9 +136,13 @@ def contact_law(problem: DualProblem, tolerance: float) -> ContactLaw:
     tolerance
         Relative accuracy that is asked for.
     """
-    if problem.friction is None:
+    points = problem.friction
+    if points is None:
         return Frictionless()
-    return Friction(points=problem.friction, comm=problem.comm, tolerance=tolerance)
+    give = None
+    if problem.comm.allreduce(len(points.shared)):
+        give = GIVE / problem.row_stiffness(problem.tangential)
+    return Friction(points=points, comm=problem.comm, tolerance=tolerance, give=give)
 
 
 class _CertificateTest:

@@ -4,6 +4,12 @@ Two ways. `solve_as_in_the_paper` is the algorithm of Kružík et al. (2020): th
 5.1, MPRGP with the named expansion, from zero, no preconditioner. `solve_by_smalbe` goes on where
 active sets do not settle, from where they stand, with this solver's own rules and with the
 preconditioner of the active sets; its active sets are tried once more on the way.
+
+With friction the friction forces lie in discs whose radii are the slip limits. Given limits are a
+convex problem like that without friction. The limits of Coulomb's law are those of the contact
+forces: an outer iteration begins with new ones as soon as the contact forces under the present
+ones are known well enough (`solver.contact.slip_limits`). The certificate of the answer is judged
+by the limits of the answer itself.
 """
 
 from __future__ import annotations
@@ -18,12 +24,14 @@ from numpy.typing import NDArray
 from solver.contact.active_set import Outcome, Start, StateSaver
 from solver.contact.bodies import body_lengths
 from solver.contact.checkpoint import Saver
+from solver.contact.slip_limits import SlipLimits
 from solver.contact.solution import Solution
-from solver.qp.box_qp import BoxQP
 from solver.qp.operators import estimate_norm
 from solver.qp.result import Counts, Reason
+from solver.qp.separable_qp import SeparableQP
 from solver.qp.smalbe import SMALBE, Hooks, OuterIterations, OuterState, Restart
 from solver.tfeti.active_set_problem import State
+from solver.tfeti.admissible import admissible_set
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.answers import answer_of_iterate
 from solver.tfeti.methods.by_active_sets import solve_from
@@ -37,6 +45,9 @@ METHOD = "smalbe"
 NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
 
+KNOWN = 0.2
+"""Change of μ λ_n in an outer iteration, over what the slip limits lack, at which they follow."""
+
 PATIENCE = 16
 """Outer iterations after which a slow SMALBE hands its active set over once more."""
 
@@ -48,13 +59,14 @@ def solve_as_in_the_paper(task: Task) -> Solution:
     norm, products = estimate_norm(problem.projected)
     saver = Saver(task.checkpoint, Counts(norm_estimation=products))
     rules = SMALBE.paper(replace(task.inner, norm=norm, atol=problem.round_off))
-    iterations = rules.begin(
-        BoxQP(problem.projected, problem.rhs, lower=problem.lower),
+    frozen = _Frozen(
+        problem,
+        rules,
         ProjectorEquality(problem.coarse),
-        restart=task.checkpoint.load(problem) if task.checkpoint else None,
-        hooks=Hooks(task.monitor, saver, lambda: saver.due),
+        Hooks(task.monitor, saver, lambda: saver.due),
     )
-    found = _to_a_certificate(task, iterations, rules.max_outer, None)
+    restart = task.checkpoint.load(problem) if task.checkpoint else None
+    found = _to_a_certificate(task, frozen, frozen.begin(None, None, restart), None)
     return replace(found, counts=Counts(norm_estimation=products) + found.counts)
 
 
@@ -84,35 +96,78 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
     saver = Saver(task.checkpoint, counts)
     sets = _ActiveSetsBetween(replace(task, inner=inner), saver)
     rules = replace(task.smalbe, inner=inner)
-    iterations = rules.begin(
-        BoxQP(problem.projected, problem.rhs, lower=problem.lower),
+    frozen = _Frozen(
+        problem,
+        rules,
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
-        x0=x0,
-        multiplier0=multiplier0,
-        restart=restart,
-        hooks=Hooks(
-            task.monitor, lambda state: saver.after(sets.spent)(state), lambda: saver.due
-        ),
-    )  # fmt: skip
-    found = _to_a_certificate(task, iterations, rules.max_outer, sets)
+        Hooks(task.monitor, lambda state: saver.after(sets.spent)(state), lambda: saver.due),
+    )
+    found = _to_a_certificate(task, frozen, frozen.begin(x0, multiplier0, restart), sets)
     return replace(found, counts=counts + found.counts)
 
 
+class _Frozen:
+    """The quadratic programs of a problem: one without friction, else one for each slip limits."""
+
+    def __init__(
+        self, problem: DualProblem, rules: SMALBE, equality: ProjectorEquality, hooks: Hooks
+    ) -> None:
+        self.rules = rules
+        self._problem, self._equality, self._hooks = problem, equality, hooks
+        self._limits: SlipLimits | None = None
+
+    def begin(
+        self,
+        x0: NDArray[np.float64] | None,
+        multiplier0: NDArray[np.float64] | None,
+        restart: Restart | None,
+    ) -> OuterIterations:
+        """Outer iterations from a first iterate, whose contact forces set the limits."""
+        problem = self._problem
+        if problem.friction is not None:
+            first = x0 if restart is None else restart.x
+            force = problem.offset if first is None else problem.offset + first
+            self._limits = SlipLimits(problem.friction, problem.comm, force)
+        return self._program(x0, multiplier0, restart)
+
+    def following(self, iterations: OuterIterations, state: OuterState) -> OuterIterations | None:
+        """Outer iterations with the next slip limits, where it is time for them (collective)."""
+        limits, problem = self._limits, self._problem
+        if limits is None or not limits.follow:
+            return None
+        force = problem.offset + state.x
+        if not limits.settles(force, KNOWN):
+            return None
+        limits.advance(force)
+        return self._program(None, None, iterations.with_another_set())
+
+    def _program(
+        self,
+        x0: NDArray[np.float64] | None,
+        multiplier0: NDArray[np.float64] | None,
+        restart: Restart | None,
+    ) -> OuterIterations:
+        problem, limits = self._problem, self._limits
+        feasible = admissible_set(problem, None if limits is None else limits.values)
+        return self.rules.begin(
+            SeparableQP(problem.projected, problem.rhs, feasible), self._equality,
+            x0=x0, multiplier0=multiplier0, restart=restart, hooks=self._hooks,
+        )  # fmt: skip
+
+
 def _to_a_certificate(
-    task: Task, iterations: OuterIterations, most: int, sets: _ActiveSetsBetween | None
+    task: Task, frozen: _Frozen, iterations: OuterIterations, sets: _ActiveSetsBetween | None
 ) -> Solution:
     """Outer iterations until an answer is certified, or active sets between them find one.
 
     Parameters
     ----------
-    most
-        Limit of outer iterations.
     sets
         Active sets that are tried between outer iterations; None where none are.
     """
     judge, reason = _Judge(task), Reason.MAX_OUTER_ITERATIONS
     spent = Counts()
-    while iterations.outer < most:
+    while iterations.outer < frozen.rules.max_outer:
         state = iterations.step(own_test=True)
         ended = iterations.interrupted
         if ended is None and judge.accepts(state):
@@ -128,6 +183,7 @@ def _to_a_certificate(
             reason = ended
             break
         iterations.update()
+        iterations = frozen.following(iterations, state) or iterations
     result = iterations.result(reason)
     answer = judge.answer
     if answer is None or reason is not Reason.ACCEPTED:
@@ -179,6 +235,8 @@ class _Judge:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
         problem = self._problem
         gap = np.where(problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient))
+        if problem.friction is not None:
+            gap[problem.friction.sliding(problem.offset + state.x)] = 0.0
         if self._lengths is None:
             self._lengths = _lengths(problem, state)
         share = gap / (problem.spread * problem.bodies.of_rows(self._lengths))

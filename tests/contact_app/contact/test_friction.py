@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.model.model import build_model
+from solver.tfeti.preconditioner import CompliantPreconditioner, DualPreconditioner
 from tests import friction_reference, scenes
 from tests.comparison import in_order_of, solve
 from tests.rows import covering
@@ -103,6 +106,15 @@ def test_obstacles_of_degree_two(cell: str) -> None:
 def test_any_split(subdomains: Any) -> None:
     """One subdomain included, whose held unknowns are rows of B here."""
     check(rough(scenes.pushed("quadrilateral", 6), {"coulomb": 0.3}), subdomains)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_mprgp_for_convex_sets_inside_smalbe(cell: str, law: dict[str, float]) -> None:
+    """Bounds in the plane, discs in space; limits of Coulomb's law by a fixed point."""
+    made = rough(scenes.pushed(cell, 3), law)
+    made["solver"]["method"] = "smalbe"
+    assert check(made, 2).summary["solver"]["method"] == "smalbe"
 
 
 def test_no_coefficient_is_no_friction() -> None:
@@ -218,6 +230,24 @@ def test_load_cases() -> None:
             assert summary["solution"][key] == pytest.approx(known["solution"][key], rel=1e-7)
 
 
+def test_the_preconditioner_of_sliding_points_is_symmetric() -> None:
+    """xᵀ M y = yᵀ M x for residuals x, y, in the range of Pᵀ, with compliances that differ."""
+    problem = build_model(
+        scenes.build(rough(scenes.wall("hexahedron", 2), LAWS[0]), 8), MPI.COMM_WORLD
+    ).problem
+    random = np.random.default_rng(1)
+    compliance = np.where(problem.tangential, random.uniform(0.0, 1e2, problem.size), 0.0)
+    base = DualPreconditioner(problem, np.inf)
+    preconditioner = CompliantPreconditioner(base, problem, compliance)
+    x, y = random.normal(size=(2, problem.size))
+    Mx, My = np.empty((2, problem.size))
+    for vector, result in ((x, Mx), (y, My)):
+        problem.coarse.project_transpose(vector, vector)
+        preconditioner.apply(vector, np.ones(problem.size, bool), result)
+    assert x @ My == pytest.approx(y @ Mx, rel=1e-5)  # of numbers in single precision
+    assert x @ Mx > 0.0
+
+
 @pytest.mark.mpi
 def test_ranks(tmp_path: Path) -> None:
     """A pair, and a floor that some ranks do not touch: one answer on one, two and three ranks."""
@@ -273,7 +303,7 @@ def test_a_law_that_is_none(change: dict[str, Any], words: str) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [{"accuracy": 0.1}, {"solver": {"tolerance": "auto"}}, {"solver": {"method": "smalbe"}}],
+    [{"accuracy": 0.1}, {"solver": {"tolerance": "auto"}}, {"solver": {"method": "primal"}}],
     ids=str,
 )
 def test_what_does_not_know_of_friction_is_refused(change: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solver.errors import QPError
+from solver.qp.box import Box
 from solver.qp.box_qp import BoxQP
 from solver.qp.convex_set import Scratch
+from solver.qp.discs import BoxAndDiscs
 from solver.qp.mprgp import MPRGP
 from solver.qp.separable_qp import SeparableQP
-from solver.vectors import Mask, Vector
+from solver.vectors import Mask, Vector, blocks
 
 NEAR = 1e-14
 
@@ -26,7 +29,10 @@ class Balls:
     centre: Vector
     radius: Vector
 
-    is_everything = False
+    is_everything = curved = False
+
+    def blocks(self, size: int) -> Iterator[slice]:
+        return blocks(size)
 
     def not_finite(self, offset: int) -> list[str]:
         return []
@@ -85,3 +91,39 @@ def test_a_set_of_ones_own_gives_the_answer_of_the_box(seed: int, expansion: str
 def test_an_empty_set_is_refused() -> None:
     with pytest.raises(QPError, match="a radius is negative"):
         SeparableQP(np.eye(2), np.zeros(2), Balls(np.zeros(2), np.array([1.0, -1.0])))
+
+
+def discs_and_bounds(rng: np.random.Generator, discs: int, others: int) -> BoxAndDiscs:
+    """Pairs in discs, some of them points, between components with a lower bound or none."""
+    order = rng.permutation(2 * discs + others)
+    first, second = order[:discs], order[discs : 2 * discs]
+    lower = np.full(len(order), -np.inf)
+    lower[order[2 * discs :: 2]] = rng.normal(size=len(order[2 * discs :: 2]))
+    radius = np.where(rng.random(discs) < 0.2, 0.0, rng.uniform(0.05, 1.0, discs))
+    return BoxAndDiscs(Box(lower), first, second, rng.normal(size=(2, discs)), radius)
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["fixed", "projcg-safe", "gfgr-opt"]), st.booleans())
+def test_discs(seed: int, expansion: str, singular: bool) -> None:
+    """The answer is the projection of a gradient step from it: the condition of a convex set."""
+    rng = np.random.default_rng(seed)
+    feasible = discs_and_bounds(rng, 4, 5)
+    n = 13
+    half = rng.normal(size=(n, n - 4 if singular else n))
+    A = half @ half.T + (0.0 if singular else 1.0) * np.eye(n)
+    b = A @ (3.0 * rng.normal(size=n))
+    found = MPRGP(rtol=1e-9, expansion=expansion).solve(SeparableQP(A, b, feasible))
+    assert found.converged, found.reason
+    step = found.x - (A @ found.x - b) / np.linalg.norm(A, 2)
+    feasible.project(step)
+    np.testing.assert_allclose(step, found.x, atol=1e-7 * np.abs(b).max() / np.linalg.norm(A, 2))
+    away, size = feasible.from_centers(found.x)
+    assert (size <= feasible.radius * (1.0 + 1e-12)).all()
+
+
+def test_a_disc_without_a_radius_is_refused() -> None:
+    one = np.array([0])
+    for radius, words in ((-1.0, "radius of its disc"), (np.nan, "not finite")):
+        discs = BoxAndDiscs(Box(), one, one + 1, np.zeros((2, 1)), np.array([radius]))
+        with pytest.raises(QPError, match=f"component 0.*{words}"):
+            SeparableQP(np.eye(2), np.zeros(2), discs)

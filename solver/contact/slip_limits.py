@@ -1,0 +1,93 @@
+"""Coulomb's slip limits as the fixed point s = μ λ_n(s) of problems with given limits.
+
+λ_n(s) are the contact forces of the problem whose friction has the limits s. The plain iteration
+multiplies its error by about -μ over the slope of the load path and can oscillate. It is
+accelerated (D. G. Anderson, *Iterative procedures for nonlinear integral equations*, J. ACM 12,
+1965; H. F. Walker, P. Ni, *Anderson acceleration for fixed-point iterations*, SIAM J. Numer. Anal.
+49, 2011): the next limits are the combination of the last ones whose residuals s - μ λ_n(s) are
+least. Where the residual grows, what was known is dropped and the next step is half of the plain
+one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.contact.friction_points import FrictionPoints
+
+Array = NDArray[np.float64]
+
+MEMORY = 5
+"""Earlier limits that the next ones are a combination of."""
+
+GROWN = 1.5
+"""Residual over the last one above which the step is halved."""
+
+SMALLEST = 1e-10
+"""Share of the largest squared difference of residuals below which another one tells nothing."""
+
+
+class SlipLimits:
+    """The limits of the problem that is solved, and how they go on.
+
+    Attributes
+    ----------
+    values : (points,)
+        Slip limits s, forces.
+    """
+
+    def __init__(self, points: FrictionPoints, comm: MPI.Intracomm, multiplier: Array) -> None:
+        self._points, self._comm = points, comm
+        self.values = points.slip_limits(multiplier)
+        self._known: list[tuple[Array, Array]] = []
+        self._last: Array | None = None
+        self._size = np.inf
+
+    @property
+    def follow(self) -> bool:
+        """Whether any limit depends on contact forces: Coulomb's law (collective)."""
+        return bool(self._comm.allreduce(int((self._points.coefficients > 0.0).any())))
+
+    def residual(self, multiplier: Array) -> float:
+        """Norm of s - μ λ_n of a multiplier (dual,), over that of s (collective)."""
+        wanted = self._points.slip_limits(multiplier)
+        change, size = self._norm(wanted - self.values), self._norm(wanted)
+        return change / size if size > 0.0 else change
+
+    def settles(self, multiplier: Array, share: float) -> bool:
+        """Whether μ λ_n moved by a small share of what s lacks since it was last asked for."""
+        wanted = self._points.slip_limits(multiplier)
+        moved = np.inf if self._last is None else self._norm(wanted - self._last)
+        self._last = wanted
+        return moved <= share * self._norm(wanted - self.values)
+
+    def advance(self, multiplier: Array) -> None:
+        """Go on to the next limits, from the contact forces under the present ones (collective)."""
+        wanted = self._points.slip_limits(multiplier)
+        residual = wanted - self.values
+        size = self._norm(residual)
+        grown, self._size, self._last = size > GROWN * self._size, size, None
+        if grown:
+            self._known.clear()
+        self._known = [*self._known, (self.values, residual)][-MEMORY - 1 :]
+        mixed = self.values + (0.5 if grown else 1.0) * residual
+        if len(self._known) > 1:
+            mixed = self._mixed(residual)
+        self.values = np.maximum(mixed, self._points.limits)
+
+    def _mixed(self, residual: Array) -> Array:
+        """s + r minus the combination of differences that takes most off the residual r."""
+        before = self._known[:-1]
+        differences = np.array([residual - r for _, r in before])
+        steps = np.array([self.values - s for s, _ in before])
+        gram = self._comm.allreduce(differences @ differences.T)
+        right = self._comm.allreduce(differences @ residual)
+        size, vectors = np.linalg.eigh(gram)
+        kept = size > SMALLEST * max(size.max(), np.finfo(float).tiny)
+        weights = vectors[:, kept] @ ((vectors[:, kept].T @ right) / size[kept])
+        return np.asarray(self.values + residual - weights @ (steps + differences))
+
+    def _norm(self, values: Array) -> float:
+        return float(np.sqrt(self._comm.allreduce(float(values @ values))))

@@ -1,0 +1,35 @@
+"""The admissible multipliers of a dual problem as a separable convex set of x = λ - λ̃.
+
+λ_n ≥ 0 on contact rows. With friction and given slip limits s also |λ_t| ≤ s: bounds on a point
+with one tangential row, a disc about -λ̃_t of one with two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.qp.box import Box
+from solver.qp.convex_set import SeparableSet
+from solver.qp.discs import BoxAndDiscs
+from solver.tfeti.dual import DualProblem
+
+
+def admissible_set(problem: DualProblem, limits: NDArray[np.float64] | None) -> SeparableSet:
+    """The set for some slip limits (points,), forces; None without friction."""
+    lower = problem.lower
+    points = problem.friction
+    if points is None or limits is None:
+        return Box(lower)
+    radius = limits / points.spread[points.first]
+    lower = np.full(problem.size, -np.inf) if lower is None else lower.copy()
+    upper = np.full(problem.size, np.inf)
+    alone = np.bincount(points.point, minlength=len(points.first)) == 1
+    rows = points.rows[points.first[alone]]
+    lower[rows], upper[rows] = (sign * radius[alone] - problem.offset[rows] for sign in (-1, 1))
+    planar = points.planar
+    if not problem.comm.allreduce(len(planar)):
+        return Box(lower, upper)
+    first, second = (points.rows[points.first[planar] + k] for k in (0, 1))
+    center = -np.stack([problem.offset[first], problem.offset[second]])
+    return BoxAndDiscs(Box(lower, upper), first, second, center, radius[planar])

@@ -1,0 +1,169 @@
+"""Random scenes with friction: ``python -m tests.stability.fuzz_friction 200``.
+
+Every scene of `friction_scenes` must end in one of these ways:
+
+agrees       certified, with the displacements of the Gauss-Seidel reference (`friction_reference`):
+             to 1e-6 in energy where all limits are given, to 1e-5 in displacements with Coulomb's
+             law, in the one answer that the reference finds from two starts
+second       certified, with another solution of Coulomb's problem: the contact forces of the
+             answer leave next to nothing of the conditions of the undecomposed system, and sweeps
+             that start there stay there
+undecided    certified, where the reference does not settle; the answer meets the conditions
+degraded     not certified, where the reference does not settle, either
+contradicts  held nodes are pushed into an obstacle
+
+Anything else is a fault.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import traceback
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from contact_app.errors import NoEquilibriumError
+from contact_app.machine.time_limit import OutOfTime, time_limit
+from contact_app.run.solve import solve_scene
+from tests import scenes
+from tests.friction_reference import Condensed, FrictionReference, condense, sweep
+from tests.reference import ReferenceError
+from tests.stability.friction_scenes import friction_scene
+from tests.stability.fuzz import Verdict
+from tests.stability.groups import in_order
+
+ENERGY = 1e-6
+"""Difference of energies with Tresca's law, over the energy of the strains."""
+
+MOVED = 1e-5
+"""Difference of displacements with Coulomb's law, over the largest."""
+
+OPTIMAL = 1e-6
+"""Residual of the conditions of contact and friction that shows an answer to be right."""
+
+GOOD = ("agrees", "second", "undecided", "degraded", "contradicts")
+
+
+class FrictionVerdict(Verdict):
+    """How one scene ended: one of :data:`GOOD`, or a fault."""
+
+    @property
+    def fault(self) -> bool:
+        return self.kind not in GOOD
+
+
+def judge(seed: int, *, solve: Any = solve_scene, patience: float = 120.0) -> FrictionVerdict:
+    """Solve a random scene and hold it against the reference.
+
+    Parameters
+    ----------
+    solve
+        In place of `solve_scene`.
+    patience
+        Seconds of processor time after which it is said to hang.
+    """
+    made, subdomains = friction_scene(seed)
+    began = time.process_time()
+
+    def ended(kind: str, detail: str, products: int = 0) -> FrictionVerdict:
+        return FrictionVerdict(seed, kind, detail, time.process_time() - began, products)
+
+    try:
+        with time_limit(patience):
+            scene = scenes.build(made, subdomains)
+            solved = solve(scene)
+    except NoEquilibriumError as error:
+        kind = "contradicts" if "push held nodes" in str(error) else "denies an equilibrium"
+        return ended(kind, str(error))
+    except OutOfTime:
+        return ended("hangs", f"{subdomains}")
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return ended("crashes", f"{error!r} at {where}")
+    products = solved.summary["solver"]["hessian_multiplications"]
+    return ended(*_judged(scene, solved), products)
+
+
+def _judged(scene: Any, solved: Any) -> tuple[str, str]:
+    """The verdict on an answer, and what it stands on."""
+    condensed = condense(scene)
+    certificate = solved.summary["certificate"]
+    passed = certificate["passed"]
+    known = _settled(condensed, np.zeros(len(condensed.q)))
+    if known is None:
+        known = _settled(condensed, np.full(len(condensed.q), condensed.scale), backwards=True)
+    if not passed:
+        return ("degraded" if known is None else "given up"), str(certificate)
+    found = in_order(condensed.system, *solved.displacement_at_nodes())
+    assert found is not None, "the nodes of the reference are others"
+    u = found.reshape(-1, scene.dimension)
+    ours = _forces(condensed, solved)
+    left = condensed.residual(ours)
+    if known is None:
+        told = f"ours leaves {left:.1e} of the conditions"
+        return ("undecided" if left < OPTIMAL else "certified wrongly"), told
+    size = float(np.abs(known.u).max())
+    apart = float(np.abs(u - known.u).max()) / size
+    stiffness = condensed.system.stiffness
+    strained = float(known.u.ravel() @ (stiffness @ known.u.ravel())) or 1.0
+    energy = abs(solved.summary["solution"]["energy"] - known.energy) / strained
+    told = f"displacements {apart:.1e}, energy {energy:.1e} apart; ours leaves {left:.1e}"
+    same = apart <= MOVED if condensed.coefficient.any() else energy <= ENERGY
+    if same:
+        return "agrees", told
+    stays = _settled(condensed, ours)
+    if stays is None:
+        return "certified wrongly", f"{told}; sweeps from ours do not settle"
+    moved = float(np.abs(u - stays.u).max()) / size
+    told += f", sweeps from ours move by {moved:.1e}"
+    second = moved <= MOVED and condensed.coefficient.any()
+    return ("second" if second else "certified wrongly"), told
+
+
+def _forces(condensed: Condensed, solved: Any) -> np.ndarray:
+    """The contact forces of an answer in the rows of the reference."""
+    problem, multiplier = solved.model.problem, solved.solution.multiplier
+    contact, points = problem.contact, problem.friction
+    normal = multiplier[problem.inequality] * contact.spread
+    tangential = np.zeros((len(normal), problem.dimension))
+    if points is not None:
+        place = np.searchsorted(np.flatnonzero(problem.inequality), points.normals)
+        directions = -problem.system.friction.rows.normals
+        np.add.at(tangential, place, points.forces(multiplier)[:, None] * directions)
+    return condensed.rows_of(contact.points, contact.sources, normal, tangential)
+
+
+def _settled(
+    condensed: Condensed, start: np.ndarray, backwards: bool = False
+) -> FrictionReference | None:
+    """The reference from some contact forces on; None where it does not settle."""
+    try:
+        return condensed.answer(sweep(condensed, start, backwards))
+    except ReferenceError:
+        return None
+
+
+def main() -> int:
+    """Judge scenes, tell what does not agree, count at the end; exit code 1 if one is a fault."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("scenes", type=int, nargs="?", default=200)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    arguments = parser.parse_args()
+    verdicts = []
+    for seed in range(arguments.first, arguments.first + arguments.scenes):
+        verdict = judge(seed)
+        verdicts.append(verdict)
+        if verdict.kind not in ("agrees", "contradicts"):
+            print(f"{seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True)
+    print(f"{len(verdicts)} scenes from seed {arguments.first} on")
+    for kind, count in Counter(v.kind for v in verdicts).most_common():
+        print(f"{kind}: {count}")
+    return int(any(v.fault for v in verdicts))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
