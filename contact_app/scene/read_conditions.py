@@ -278,7 +278,7 @@ class ConditionReader:
         if configuration.solver.method == "primal":
             self.keys.fail(
                 path,
-                f"needs solver.method auto, active-set or smalbe; it is {configuration.solver.method} "
+                "needs solver.method auto, active-set or smalbe; it is primal "
                 f"({configuration.where(('solver', 'method'))})",
             )
 
