@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.scene.scene import Scene
+from solver.primal.thin import THIN
 from solver.tfeti.options import TotalFetiOptions
 
 LEAST_ALONE, LEAST_OF_SEVERAL = 20_000, 40_000
@@ -22,9 +23,6 @@ LEAST_ALONE, LEAST_OF_SEVERAL = 20_000, 40_000
 
 COMPRESSIBLE = 0.45
 """Poisson's ratio up to which smoothed aggregation works well."""
-
-THIN = 12.0
-"""Longest over shortest extent of a body from which on contact may peel off row by row."""
 
 LARGEST_THIN = {2: 500_000, 3: 60_000}
 """Unknowns up to which factors of thin scenes are cheap, by dimension."""

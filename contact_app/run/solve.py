@@ -13,11 +13,11 @@ from petsc4py import PETSc
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.nodal_stress import nodal_stresses
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.errors import ConfigurationError, CouldNotRunError, NoEquilibriumError
+from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed, more_needed
-from contact_app.model.method import PATIENCE, chosen, is_undecomposed, may_peel
+from contact_app.model.method import chosen, is_undecomposed
 from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Tell
 from contact_app.results.fields import cell_fields, node_fields
@@ -30,7 +30,6 @@ from contact_app.run.fallback import (
     NoAnswerError,
     cause,
     failure_text,
-    fewest_subdomains,
     is_final,
     solve_directly,
 )
@@ -45,8 +44,9 @@ from contact_app.run.placing import (
     rotation_warnings,
 )
 from contact_app.run.summary import summary_of
+from contact_app.run.ways import first_certified
 from contact_app.scene.scene import Scene
-from solver import Counts, Reason
+from solver import Counts
 from solver.contact.checkpoint import Checkpoint, CheckpointError
 from solver.contact.solution import Solution
 from solver.driver import reason_text, solve
@@ -159,7 +159,7 @@ def _at_rest(asked: _Request) -> SolvedScene:
     relaxation = Relaxation()
     for count in range(PLACINGS):
         try:
-            solved = _certified_if_possible(asked)
+            solved = _certified(asked)
         except NoEquilibriumError as error:
             raise (leaves_where_placed(error) if count else error) from None
         places = placed_anew(solved)
@@ -176,113 +176,14 @@ def _at_rest(asked: _Request) -> SolvedScene:
     return replace(solved, summary=summary_of(solved))
 
 
-def _certified_if_possible(asked: _Request) -> SolvedScene:
-    """Solve a scene, anew in the fewest subdomains where the first way ends uncertified.
+def _certified(asked: _Request) -> SolvedScene:
+    """Solve a scene in the first way that ends certified (collective)."""
 
-    Raises
-    ------
-    CouldNotRunError
-        No way left an answer.
-    """
-    if is_undecomposed(asked.scene):
-        return _undecomposed_if_possible(asked)
-    if may_peel(asked.scene):
-        found = _peeled_if_slow(asked)
-        if isinstance(found, SolvedScene):
-            return found
-        asked = found
-    scene, comm = asked.scene, asked.comm
-    first, count, spent = None, None, asked.spent
-    try:
-        first = _solved(asked)
-        if is_final(first.model, first.solution, scene.solver.max_iterations):
-            return first
-        count, spent = first.model.partition.count, first.solution.counts
-        why = reason_text(first.solution)
-    except NoAnswerError as error:
-        count, why = error.subdomains, str(error)
-    fewer = fewest_subdomains(scene, count, comm)
-    if fewer is None:
-        if first is None:
-            raise _no_answer(scene, why)
-        return first
-    subdomains = "in its subdomains" if count is None else f"in {count} subdomains"
-    text = (
-        f"{subdomains} the answer could not be certified ({why}){cause(scene)}: solved in "
-        f"{fewer.decomposition.subdomains} instead"
-    )
-    if comm.rank == 0:
-        log.info("%s", text)
-    del first  # its factors make room for the next
-    try:
-        again = _solved(replace(asked, scene=fewer, checkpoint=None, spent=spent))
-    except NoAnswerError as error:
-        raise _no_answer(scene, str(error)) from None
-    return _warned(again, text)
+    def solve_one_way(scene: Scene, spent: Counts, first: bool) -> SolvedScene:
+        checkpoint = asked.checkpoint if first else None
+        return _solved(replace(asked, scene=scene, checkpoint=checkpoint, spent=spent))
 
-
-def _peeled_if_slow(asked: _Request) -> SolvedScene | _Request:
-    """Solve a thin scene by a few iterations of Total FETI, else without cutting bodies.
-
-    Returns
-    -------
-    The answer, or the request as far as it was tried in vain.
-    """
-    scene, spent = asked.scene, asked.spent
-    most = min(scene.solver.max_iterations, PATIENCE)
-    short = replace(scene, solver=replace(scene.solver, max_iterations=most, method="active-set"))
-    try:
-        first = _solved(replace(asked, scene=short))
-        if first.solution.converged or first.solution.reason is Reason.STOPPED:
-            return first
-        if most == scene.solver.max_iterations:
-            return first
-        spent = first.solution.counts
-        del first
-        if asked.comm.rank == 0:
-            log.info("contact peels off row by row: solving for the displacements instead")
-        whole = replace(scene, solver=replace(scene.solver, method="primal"))
-        second = _solved(replace(asked, scene=whole, checkpoint=None, spent=spent))
-        if second.solution.converged or second.solution.reason is Reason.STOPPED:
-            return second
-        spent = second.solution.counts
-    except NoAnswerError:
-        pass
-    return replace(asked, checkpoint=None, spent=spent)
-
-
-def _undecomposed_if_possible(asked: _Request) -> SolvedScene:
-    """Solve without cutting bodies, by Total FETI where that ends uncertified."""
-    scene, spent = asked.scene, asked.spent
-    try:
-        first = _solved(asked)
-        if is_final(first.model, first.solution, scene.solver.max_iterations):
-            return first
-        why, spent = reason_text(first.solution), first.solution.counts
-        del first
-    except NoAnswerError as error:
-        why = str(error)
-    text = f"multigrid left no certified answer ({why}){cause(scene)}: solved by Total FETI instead"
-    if asked.comm.rank == 0:
-        log.info("%s", text)
-    dual = replace(scene, solver=replace(scene.solver, method="auto"))
-    again = _certified_if_possible(replace(asked, scene=dual, checkpoint=None, spent=spent))
-    return _warned(again, text)
-
-
-def _no_answer(scene: Scene, why: str) -> CouldNotRunError:
-    return CouldNotRunError(
-        f"{scene.source}: the solver found no answer: {why} Try other cells (less slender ones, of "
-        "degree 2) or a looser solver.tolerance, and report the scene"
-    )
-
-
-def _warned(solved: SolvedScene, text: str) -> SolvedScene:
-    """The same with one more warning."""
-    certificate = solved.solution.certificate
-    certificate = replace(certificate, warnings=(*certificate.warnings, text))
-    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
-    return replace(solved, summary=summary_of(solved))
+    return first_certified(asked.scene, asked.comm, solve_one_way, asked.spent)
 
 
 def _solved(asked: _Request) -> SolvedScene:

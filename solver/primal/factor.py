@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from solver.primal.cholesky import factored
 from solver.primal.merged import MergedSystem, chosen_rows
 from solver.primal.projector import Projector
+from solver.primal.thin import THIN
 from solver.tfeti.constraints.matrix import lent
 from solver.tfeti.subdomain.costs import factor_seconds
 
@@ -50,7 +51,7 @@ class FactorOptions:
     """
 
     small: float = 0.02
-    thin: float = 12.0
+    thin: float = THIN
     thin_seconds: float = 3.0
     slow: int = 40
     slow_seconds: float = 10.0
