@@ -16,6 +16,7 @@ import numpy as np
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from numpy.typing import NDArray
+from scipy import sparse
 
 from meshes import dolfinx_compat as versions
 from meshes.quadratic import VERTICES, node_vertices
@@ -120,6 +121,24 @@ class Reference:
     def curved(self) -> bool:
         """Whether cells have curved edges."""
         return versions.cell_nodes(self.mesh).shape[1] > VERTICES[self.cell]
+
+    @property
+    def vertex_weights(self) -> sparse.csr_matrix | None:
+        """Degree 2: the functions of degree 1 of all vertices at all nodes; None for degree 1."""
+        if self.degree == 1:
+            return None
+        amid, count = node_vertices(self.cell), len(self.points)
+        cell, place = np.empty((2, count), np.int64)
+        for i in range(len(amid)):
+            cell[self.cells[:, i]], place[self.cells[:, i]] = np.arange(len(self.cells)), i
+        rows, columns, values = [], [], []
+        for i, on in enumerate(amid):
+            nodes = np.flatnonzero(place == i)
+            rows.append(np.repeat(nodes, len(on)))
+            columns.append(self.cells[cell[nodes]][:, list(on)].ravel())
+            values.append(np.full(len(rows[-1]), 1.0 / len(on)))
+        entries = np.concatenate(rows), np.concatenate(columns)
+        return sparse.csr_matrix((np.concatenate(values), entries), shape=(count, count))
 
     @cached_property
     def facet_cells(self) -> NDArray[np.int32]:

@@ -329,17 +329,18 @@ def _assembled(
         lifting=lift,
         eliminated=None if lifted is None else lifted[0],
         bodies=np.array([partition.subdomains[local].body for local in members], np.int64),
-        places=_places(partition, members),
+        places=_places(partition, members, is_undecomposed(scene)),
     )
 
 
-def _places(partition: Partition, members: list[int]) -> NodePlaces:
-    """Nodes of the subdomains of a class."""
+def _places(partition: Partition, members: list[int], levels: bool) -> NodePlaces:
+    """Nodes of the subdomains of a class, with what levels of a multigrid ask for."""
     own = [partition.subdomains[local] for local in members]
     return NodePlaces(
         numbers=np.stack([s.nodes for s in own]).astype(np.int64),
         translations=np.stack([s.translation for s in own]),
         points=own[0].reference.points,
+        vertex_weights=own[0].reference.vertex_weights if levels else None,
     )
 
 

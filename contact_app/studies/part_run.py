@@ -112,7 +112,7 @@ def peer(path: Path, overrides: Sequence[str], method: str, tolerance: float) ->
     scene = scene_of(path, [*overrides, "solver.method=primal"])
     if len(scene.bodies) > 1:
         return _glued(scene, method, tolerance, reading, cpu_reading)
-    assemble(scene, comm)
+    assemble(scene, comm, nodal=not METHODS[method].contact)
     clock = _Clock()
     change = None if METHODS[method].contact else hold_bounds
     row, _, _ = solve(scene, method, tolerance, comm, change)

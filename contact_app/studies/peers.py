@@ -202,7 +202,7 @@ def solve(
     set_options(method)
     comm.barrier()
     begin = time.perf_counter()
-    system = assemble(scene, comm)
+    system = assemble(scene, comm, nodal=not chosen.contact)
     if change is not None:
         change(system)
     assembled = time.perf_counter()

@@ -97,8 +97,15 @@ class WholeSystem:
         return result
 
 
-def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
+def assemble(
+    scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD, nodal: bool = False
+) -> WholeSystem:
     """Mesh a scene of one body and assemble it whole (collective).
+
+    Parameters
+    ----------
+    nodal
+        Bound nodes also where contact is kept in the mean about vertices.
 
     Raises
     ------
@@ -114,7 +121,7 @@ def assemble(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> WholeSystem:
         raise UnsuitableError("it has a temperature")
     if body.mean_dilatation:
         raise UnsuitableError("its change of volume is taken as a mean over cells")
-    if scene.contacts and has_averaged_rows(body):
+    if scene.contacts and has_averaged_rows(body) and not nodal:
         raise UnsuitableError("its contact is kept in the mean about vertices, which is no bound")
     mesh = _mesh(body, comm)
     space = versions.vector_space(mesh, body.degree, d)

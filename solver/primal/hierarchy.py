@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.merged import MergedSystem, with_diagonal
+from solver.primal.vertices import vertex_level
 from solver.tfeti.constraints.matrix import lent
 
 
@@ -69,9 +71,14 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     """Let GAMG aggregate (collective)."""
     options = options or MultigridOptions()
     K = with_diagonal(system.K, system.stiffless, float(system.diagonal.max(initial=1.0)))
-    K.setNearNullSpace(_near_kernel(system))
+    vertices = vertex_level(system)
+    if vertices is None:
+        top, rigid = K, np.where((system.held | system.stiffless)[:, None], 0.0, system.rigid)
+    else:
+        top, rigid = _on_vertices(system, vertices.P), vertices.rigid
+    top.setNearNullSpace(_near_kernel(system.comm, rigid))
     pc = PETSc.PC().create(system.comm)
-    pc.setOperators(K)
+    pc.setOperators(top)
     prefix = "contact_gamg_"
     pc.setOptionsPrefix(prefix)
     pc.setType("gamg")
@@ -92,7 +99,9 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     levels = pc.getMGLevels()
     prolongations = [pc.getMGInterpolation(k) for k in range(levels - 1, 0, -1)]
     solvers = [pc.getMGSmoother(k) for k in range(levels - 1, -1, -1)]
-    operators = [K, *(ksp.getOperators()[0] for ksp in solvers[1:])]
+    operators = [top, *(ksp.getOperators()[0] for ksp in solvers[1:])]
+    if vertices is not None:
+        prolongations, operators = [vertices.P, *prolongations], [K, *operators]
     return Hierarchy(tuple(prolongations), tuple(operators), options)
 
 
@@ -122,15 +131,26 @@ class lent_options:
             self._options.delValue(name)
 
 
-def _near_kernel(system: MergedSystem) -> PETSc.NullSpace:
-    """The rigid motions, orthonormal over all bodies together."""
-    rigid = np.where((system.held | system.stiffless)[:, None], 0.0, system.rigid)
-    gram = system.comm.allreduce(rigid.T @ rigid, op=MPI.SUM)
+def _on_vertices(system: MergedSystem, P: PETSc.Mat) -> PETSc.Mat:
+    """Pᵀ K P of degree 1, with a diagonal for held vertices (collective)."""
+    matrix = galerkin(system.K, P)
+    diagonal = matrix.getDiagonal()
+    values = diagonal.getArray()
+    values[values == 0.0] = system.comm.allreduce(values.max(initial=0.0), op=MPI.MAX)
+    matrix.setDiagonal(diagonal)
+    matrix.setBlockSize(system.problem.dimension)
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    return matrix
+
+
+def _near_kernel(comm: MPI.Intracomm, rigid: NDArray[np.float64]) -> PETSc.NullSpace:
+    """Rigid motions (unknowns, motions), orthonormal over all bodies together."""
+    gram = comm.allreduce(rigid.T @ rigid, op=MPI.SUM)
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     kept = values > 1e-12 * values.max()
     basis = rigid @ (vectors[:, kept] / scale[:, None] / np.sqrt(values[kept]))
     columns = [np.ascontiguousarray(column) for column in basis.T]
-    with lent(system.comm, *columns) as lent_columns:
+    with lent(comm, *columns) as lent_columns:
         own = [column.copy() for column in lent_columns]
-    return PETSc.NullSpace().create(vectors=own, comm=system.comm)
+    return PETSc.NullSpace().create(vectors=own, comm=comm)

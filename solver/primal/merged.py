@@ -216,10 +216,15 @@ class MergedSystem:
             here += _summed(values, at, self.nodes, d)
         return _to_owners(self.comm, self.scatter, here, self.size)
 
+    def at_copies(self, values: Array) -> Array:
+        """Values of owned unknowns at this rank's distinct nodes (collective)."""
+        total = len(self.nodes.numbers) * self.problem.dimension
+        return _to_copies(self.comm, self.scatter, values, total)
+
     def on_subdomains(self, u: Array) -> list[Array]:
         """Displacements of all copies, (n, members) of each class (collective)."""
         d = self.problem.dimension
-        here = _to_copies(self.comm, self.scatter, u, len(self.nodes.numbers) * d)
+        here = self.at_copies(u)
         return [np.asfortranarray(here[self.nodes.unknowns(at, d)].T) for at in self.nodes.copies]
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from scipy import sparse
 
 from solver.contact.bodies import Bodies
 from solver.contact.row_kinds import RowKind
@@ -66,11 +67,14 @@ class NodePlaces:
         Where each member lies from the points of the class.
     points : (nodes, 3)
         Coordinates of the class.
+    vertex_weights : (nodes, nodes) or None
+        Degree 2: the functions of degree 1 of the vertices at each node; None for degree 1.
     """
 
     numbers: NDArray[np.int64]
     translations: NDArray[np.float64]
     points: NDArray[np.float64]
+    vertex_weights: sparse.csr_matrix | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,9 @@ from solver.primal.factor import FactorOptions
 from solver.primal.hierarchy import build_hierarchy
 from solver.primal.merged import merge
 from solver.primal.projector import Projector
+from solver.primal.vertices import vertex_level
 from solver.qp.mprgp import MPRGP
+from solver.tfeti.constraints.matrix import local_rows
 from solver.tfeti.methods.task import Task
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
@@ -190,3 +192,75 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_fill_the_coarse_spaces() -> 
     )
     prolongation = hierarchy.prolongations[0]
     assert truncated.getInfo()["nz_used"] < 0.5 * prolongation.getInfo()["nz_used"]
+
+
+def of_degree_2(name: str, cell: str, n: int) -> scenes.Config:
+    """A scene with bodies of degree 2."""
+    made = scenes.ALL[name](cell, n)
+    for body in made["bodies"]:
+        body["degree"] = 2
+    return made
+
+
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    [("wall", "hexahedron"), ("pushed", "tetrahedron"), ("two_bodies", "tetrahedron")],
+)
+def test_degree_2_has_a_level_of_degree_1(name: str, cell: str) -> None:
+    made = of_degree_2(name, cell, 3)
+    scene = scenes.build({**made, "solver": {"method": "primal"}})
+    problem = build_model(scene, MPI.COMM_SELF).problem
+    system = merge(problem)
+    level = vertex_level(system)
+    assert level is not None
+    vertices = len(level.rigid)
+    assert vertices < 0.25 * system.size
+    again = local_rows(level.P) @ level.rigid  # a rigid motion of degree 1 is one of degree 2
+    inner = np.abs(local_rows(level.P)).sum(axis=1).A1 > 1.0 - 1e-12  # no held vertex beside it
+    assert inner.sum() > 0.5 * system.size
+    np.testing.assert_allclose(again[inner], system.rigid[inner], rtol=0, atol=1e-12)
+    assert not np.abs(again[system.held]).any()
+    task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
+    found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
+    assert found.converged, found.certificate
+    known = solve(made, method="auto").solution.measures.energy
+    assert found.measures.energy == pytest.approx(known, rel=1e-7)
+
+
+@pytest.mark.ratchet
+def test_a_part_of_degree_2_takes_few_products() -> None:
+    path = CONFIGS / "pillow_block.yaml"
+    scene = build_scene(load(path, ["solver.method=primal", "solver.tolerance=1e-8"]))
+    problem = build_model(scene.under(scene.cases[-1]), MPI.COMM_SELF, needed="estimated").problem
+    task = Task(problem, StoppingRule(1e-8), MPRGP(rtol=1e-10, max_iterations=2000))
+    found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
+    assert found.converged
+    assert found.counts.hessian < 45  # 36; 62 where GAMG aggregates the nodes of degree 2
+
+
+DEGREE_2_ON_RANKS = """
+from mpi4py import MPI
+from tests import scenes
+from tests.contact_app.contact.test_primal import MULTIGRID_ALWAYS, of_degree_2
+from contact_app.model.model import build_model
+from solver.primal.by_active_sets import solve_by_multigrid
+from solver.contact.stopping import StoppingRule
+from solver.tfeti.methods.task import Task
+from solver.qp.mprgp import MPRGP
+made = {**of_degree_2("pushed", "tetrahedron", 3), "solver": {"method": "primal"}}
+problem = build_model(scenes.build(made), MPI.COMM_WORLD).problem
+task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
+found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
+assert found.converged
+if MPI.COMM_WORLD.rank == 0:
+    print(found.counts.hessian, repr(found.measures.energy))
+"""
+
+
+@pytest.mark.mpi
+def test_ranks_agree_on_degree_2() -> None:
+    (count, energy), (other, known) = (
+        execute(DEGREE_2_ON_RANKS, ranks=ranks).split()[-2:] for ranks in (2, 1)
+    )
+    assert float(energy) == pytest.approx(float(known), rel=1e-8)
+    assert int(count) < int(other) + 10

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from contact_app.model.method import LEAST_ALONE, PATIENCE, chosen, may_peel
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
 from tests import scenes
 from tests.comparison import solve
+
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def strip(**solver: Any) -> scenes.Config:
@@ -87,3 +93,26 @@ def test_motions_that_are_held_on_request_meet_their_resistance(degree: int) -> 
     for mine, other in zip(ours, others, strict=True):
         np.testing.assert_allclose(mine["force"], other["force"], atol=1e-6)
         np.testing.assert_allclose(mine["moment"], other["moment"], atol=1e-6)
+
+
+class Larger:
+    """A mesh that says that it has ten times as many nodes."""
+
+    def __init__(self, mesh: Any) -> None:
+        self._mesh = mesh
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._mesh, name)
+
+    def nodes_of(self, degree: int) -> int:
+        return int(10 * self._mesh.nodes_of(degree))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_one_body_of_a_mesh_file_takes_multigrid_in_both_degrees(degree: int) -> None:
+    scene = build_scene(load(CONFIGS / "pillow_block.yaml", [f"bodies.0.degree={degree}"]))
+    assert chosen(scene).solver.method == "auto"  # too few unknowns
+    larger = replace(scene.bodies[0], mesh=Larger(scene.bodies[0].mesh))
+    assert chosen(replace(scene, bodies=(larger,))).solver.method == "primal"
+    pair = chosen(replace(scene, bodies=(larger, larger)))
+    assert pair.solver.method == ("primal" if degree == 1 else "auto")

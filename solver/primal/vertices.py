@@ -1,0 +1,87 @@
+"""From degree 2 to degree 1: displacements at the vertices of cells, taken linear between them.
+
+Smoothed aggregation is slow on cells of degree 2: their matrices have positive couplings and twice
+the entries a row. The displacements of degree 1 on the same cells are a subspace of those of degree
+2 (where edges are straight), and GAMG works well on their stiffness Pᵀ K P. P takes nodes amid
+edges, faces and cells as means of the vertices about them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from solver.primal.merged import MergedNodes, MergedSystem
+from solver.tfeti.constraints.matrix import petsc_rows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class VertexLevel:
+    """The displacements of degree 1; local parts.
+
+    Attributes
+    ----------
+    P
+        To the unknowns of the problem; zero on held unknowns, those of rigid bodies, and from held
+        vertices.
+    rigid : (vertex unknowns, motions)
+        The rigid motions, zero where held.
+    """
+
+    P: PETSc.Mat
+    rigid: Array
+
+
+def vertex_level(system: MergedSystem) -> VertexLevel | None:
+    """The level of degree 1; None where all bodies are of degree 1 (collective)."""
+    places, d = system.problem.system.places, system.problem.dimension
+    if not system.comm.allreduce(int(any(p.vertex_weights is not None for p in places))):
+        return None
+    nodes = system.nodes
+    weights = _weights(system, nodes)
+    vertex = weights.diagonal() > 0.5
+    own = vertex[nodes.owned]
+    first = (system.comm.exscan(int(own.sum())) or 0) * d
+    unknowns = np.flatnonzero(np.repeat(own, d))
+    numbers = np.zeros(system.size)
+    numbers[unknowns] = first + np.arange(len(unknowns))
+    column = system.at_copies(numbers).astype(np.int64)
+    fixed = system.held | system.stiffless
+    free = system.at_copies(np.where(fixed, 0.0, 1.0))
+    spread = sparse.kron(weights[nodes.owned], sparse.eye(d), format="csr")
+    entries = spread.data * free[spread.indices]
+    entries *= np.repeat(np.where(fixed, 0.0, 1.0), np.diff(spread.indptr))
+    total = system.comm.allreduce(len(unknowns))
+    local = sparse.csr_matrix(
+        (entries, column[spread.indices], spread.indptr), shape=(system.size, total)
+    )
+    local.sort_indices()
+    P = petsc_rows(system.comm, local, len(unknowns))
+    P.setBlockSizes(d, d)
+    rigid = np.where(fixed[:, None], 0.0, system.rigid)[unknowns]
+    return VertexLevel(P, rigid)
+
+
+def _weights(system: MergedSystem, nodes: MergedNodes) -> sparse.csr_matrix:
+    """Weights of the vertices at each distinct node of this rank, from one of its copies."""
+    count = len(nodes.numbers)
+    rows, columns, values = [], [], []
+    known = np.zeros(count, bool)
+    for place, at in zip(system.problem.system.places, nodes.copies, strict=True):
+        own = place.vertex_weights
+        own = sparse.identity(at.shape[1], format="csr") if own is None else own
+        for member in at:
+            new = own[np.flatnonzero(~known[member])].tocoo()
+            rows.append(member[~known[member]][new.row])
+            columns.append(member[new.col])
+            values.append(new.data)
+            known[member] = True
+    none = np.zeros(0, np.int64)
+    places = np.concatenate([none, *rows]), np.concatenate([none, *columns])
+    return sparse.csr_matrix((np.concatenate([np.zeros(0), *values]), places), (count, count))
