@@ -116,8 +116,6 @@ def solve_directly(
         Where the dual methods ended, if they left anything.
     """
     problem, options = model.problem, model.scene.solver
-    if model.scene.moving:  # of which it has no unknowns
-        return None
     if not problem.comm.allreduce(problem.size) or not _has_room(model):
         return None
     from solver.primal.newton import solve_by_newton

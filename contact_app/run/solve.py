@@ -274,16 +274,6 @@ def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tu
         raise ConfigurationError(str(error)) from error
     except FAILURES as error:
         why = failure_text(error)
-    if scene.moving and options.method == "smalbe":
-        sets = replace(options, method="active-set")  # Newton's method has no rigid bodies
-        try:
-            other = solve(model.problem, sets, asked.monitor, None, estimator.accuracy)
-            if other.converged:
-                return other, (
-                    f"the method asked for did not come to a certificate ({why}): active sets did"
-                )
-        except FAILURES as error:
-            why = failure_text(error)
     fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
     if fewest and not is_undecomposed(scene) and not scene.has_friction:
         direct = solve_directly(model, solution, asked.monitor)

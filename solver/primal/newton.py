@@ -187,7 +187,11 @@ class _Clock:
 
 
 class _System:
-    """K, B and what Newton's method does with them, on the free unknowns of all subdomains."""
+    """K, B and what Newton's method does with them, on the free unknowns of all subdomains.
+
+    Those of rigid bodies, without stiffness, count as stiff as the stiffest in norms and in D; the
+    penalties are those of the other side of their rows.
+    """
 
     def __init__(self, problem: DualProblem, options: NewtonOptions) -> None:
         self.problem, comm = problem, problem.comm
@@ -195,10 +199,11 @@ class _System:
         self.size = self.K.getLocalSize()[0]
         transfer = _interface_to_free(problem)
         self.B = problem.B.matrix.matMult(petsc_rows(comm, transfer, self.size))
-        self.diagonal = np.concatenate(
+        own = np.concatenate(
             [np.empty(0), *(np.tile(c.stiffness.diagonal()[c.free], c.members)
                             for c in problem.classes)]
         )  # fmt: skip
+        self.diagonal = np.where(own > 0.0, own, _largest(comm, own))
         self.loads = np.concatenate(
             [np.empty(0), *(load[cls.free].T.ravel()
                             for cls, load in zip(problem.classes, problem.loads, strict=True))]
@@ -207,11 +212,11 @@ class _System:
         squares.setValuesCSR(*_squared(squares))
         squares.assemble()
         self.W = np.empty(problem.size)
-        with lent(comm, self.diagonal, self.W) as (x, y):
+        with lent(comm, own, self.W) as (x, y):
             squares.mult(x, y)
         self.W *= options.penalty
-        floor = options.penalty * _largest(comm, self.diagonal) * 1e-12
-        self.W = np.maximum(self.W, floor)
+        top = options.penalty * _largest(comm, own)
+        self.W = np.where(self.W > 0.0, np.maximum(self.W, 1e-12 * top), top)
         near = 0.0 if problem.held_without_contact else options.proximity
         self.D = near * self.diagonal
         self._active: NDArray[np.bool_] | None = None

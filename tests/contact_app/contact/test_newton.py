@@ -10,10 +10,13 @@ from mpi4py import MPI
 
 from contact_app.model.model import build_model
 from solver import Reason
+from solver.contact.options import SolverOptions
+from solver.driver import solve as solve_problem
 from solver.primal.newton import NewtonOptions, solve_by_newton
 from solver.tfeti.certify import certify
 from tests import scenes
 from tests.comparison import reference_of
+from tests.contact_app.model.test_rigid import ball_on_block, mixed, plate_on_held
 from tests.ranks import execute
 from tests.rows import covering
 
@@ -38,6 +41,18 @@ def test_certified_to_rounding_errors(name: str, subdomains: int | list[int] | N
     assert certificate.passed, certificate
     known = reference_of(name, cell, n)
     assert measures.energy == pytest.approx(known.energy, rel=1e-9, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", ["mixed", "ball", "plate"])
+def test_rigid_bodies_have_unknowns_of_their_own(name: str) -> None:
+    """A ball on tied blocks beside a roller; a ball; a plate on a held node and elastic ones."""
+    made = {"mixed": mixed, "ball": lambda: ball_on_block("hexahedron", 4), "plate": plate_on_held}
+    problem = build_model(scenes.build(made[name]()), MPI.COMM_SELF).problem
+    found, known = solve_by_newton(problem), solve_problem(problem, SolverOptions(tolerance=1e-10))
+    assert found.reason is Reason.CONVERGED
+    certificate, measures = certify(problem, found.multiplier, found.displacements, 1e-9)
+    assert certificate.passed, certificate
+    assert measures.energy == pytest.approx(known.measures.energy, rel=1e-9)
 
 
 def test_it_begins_with_given_contact_forces() -> None:

@@ -302,11 +302,10 @@ def test_shapes_of_one_body_move_together() -> None:
     np.testing.assert_allclose(forces[1], known[2] + known[3], atol=2e-6 * 20)
 
 
-@pytest.mark.parametrize("method", ["auto", "primal"])
-def test_a_plate_rests_on_what_is_held(method: str) -> None:
-    """Nodes that conditions hold carry a rigid body, too: there a row has no elastic part."""
+def plate_on_held() -> scenes.Config:
+    """A plate in the plane on a block of which a top node is held."""
     cell = "quadrilateral"
-    made = scenes.config(
+    return scenes.config(
         cell,
         [
             scenes.block(cell, 4, boundaries={"left": "x < 1e-9 and y > 1 - 1e-9"}),
@@ -320,7 +319,12 @@ def test_a_plate_rests_on_what_is_held(method: str) -> None:
         ],
         [{"on": "block.y+", "against": "plate"}],
     )
-    summary = solve(made, method=method).summary
+
+
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_a_plate_rests_on_what_is_held(method: str) -> None:
+    """Nodes that conditions hold carry a rigid body, too: there a row has no elastic part."""
+    summary = solve(plate_on_held(), method=method).summary
     assert method in ("auto", summary["solver"]["method"])
     plate = summary["rigid_bodies"]["plate"]
     assert plate["displacement"][1] == pytest.approx(0.0, abs=1e-9)  # it turns about the held node
