@@ -42,6 +42,7 @@ def shipped(name: str, *overrides: str) -> Scene:
     return build_scene(load(CONFIGS / f"{name}.yaml", overrides))
 
 
+@pytest.mark.ratchet
 @pytest.mark.parametrize(
     ("name", "share"),
     [("cube", 2 / 3), ("sphere", 2 / 3), ("bushing", 2 / 3), ("flat_punch", 2 / 3), ("stack", 0.8)],

@@ -44,6 +44,7 @@ def products(solved: SolvedScene) -> int:
     return int(solved.summary["solver"]["hessian_multiplications"])
 
 
+@pytest.mark.ratchet
 @pytest.mark.parametrize(
     ("cell", "subdomains"), covering(["hexahedron", "tetrahedron"], [1, (2, 2, 2), 7])
 )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contact_app.machine.time_limit import time_limit
 from contact_app.scene.expressions import (
     FUNCTIONS,
     Expression,
@@ -98,18 +98,15 @@ HOSTILE = [
 
 @pytest.mark.parametrize("text", HOSTILE, ids=lambda text: text[:30])
 def test_refused_at_once(text: str) -> None:
-    begin = time.perf_counter()
-    with pytest.raises(ExpressionError):
+    with time_limit(10.0), pytest.raises(ExpressionError):
         Expression.parse(text)
-    assert time.perf_counter() - begin < 1.0
 
 
 @pytest.mark.filterwarnings("ignore::contact_app.scene.expressions.UndecidedWarning")
 @pytest.mark.parametrize("text", ["9**9**9**9 > x", "x < 9**-9**9**9", "z < 10**10**10**10"])
 def test_towers_of_powers_end_at_once(text: str) -> None:
-    begin = time.perf_counter()
-    Expression.parse(text)(POINTS)
-    assert time.perf_counter() - begin < 1.0
+    with time_limit(10.0):
+        Expression.parse(text)(POINTS)
 
 
 @pytest.mark.filterwarnings("error")

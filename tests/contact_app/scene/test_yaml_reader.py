@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_app.errors import ConfigurationError
+from contact_app.machine.time_limit import time_limit
 from contact_app.scene.yaml_reader import LARGEST_FILE, MOST_VALUES, key_text, parse, read, scalar
 
 
@@ -104,10 +104,8 @@ def test_key_text() -> None:
     ids=lambda text: text[:20],
 )
 def test_refused_at_once_with_the_line(text: str, told: str) -> None:
-    begin = time.perf_counter()
-    with pytest.raises(ConfigurationError, match=told):
+    with time_limit(30.0), pytest.raises(ConfigurationError, match=told):
         parse(text, "t")
-    assert time.perf_counter() - begin < 10.0
 
 
 def test_a_billion_laughs_are_not_expanded() -> None:

@@ -57,6 +57,7 @@ class Uncarried(Counted):
         return Silent(operator, rho)
 
 
+@pytest.mark.ratchet
 @pytest.mark.parametrize("expansion", ["projcg", "projcg-safe", "gfgr-opt"])
 def test_carrying_the_residual_along_saves_projections_and_changes_no_count(
     problem: DualProblem, expansion: str
