@@ -192,13 +192,13 @@ def _cut(scene: Scene, axis: int) -> Scene:
             parts[body, boundary] = found
         return parts[body, boundary]
 
-    for loaded in [scene.under(case) for case in scene.cases] or [scene]:
+    for loaded in [scene.under(case) for case in scene.loadings] or [scene]:
         _refuse_uneven_heat(loaded, mirror, [half.kept for half in halves])
 
     def factors(item: Item) -> tuple[float, ...]:
         if isinstance(item, Contact | BodyContact):
             return ()
-        return tuple(case.of(item.name) for case in scene.cases)
+        return tuple(case.of(item.name) for case in scene.loadings)
 
     described = _Described(_size(scene), [half.kept for half in halves], part, factors)
     _refuse_unpaired(scene, mirror, described)

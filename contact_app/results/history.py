@@ -2,7 +2,8 @@
 
 `active` counts the components of the problem at a bound, `active_rows` the contact rows that are
 closed: those of the active set, or in SMALBE-M and MPRGP those whose multiplier is positive.
-`seconds` begin with each solve of the method, `total_seconds` with the run.
+`seconds` begin with each solve of the method, `total_seconds` with the run. Of a load history
+`increment` is the number of the increment.
 """
 
 from __future__ import annotations
@@ -43,11 +44,23 @@ class History:
         The file; None on ranks that write none, where the monitor does nothing.
     go_on
         Keep the rows of the run this one goes on from.
+    increments
+        Of a load history: a last column has the number of the increment.
+
+    Attributes
+    ----------
+    increment
+        The number of the increment that is being solved.
     """
 
     def __init__(
-        self, path: Path | None, go_on: bool = False, flush_seconds: float = FLUSH_SECONDS
+        self,
+        path: Path | None,
+        go_on: bool = False,
+        flush_seconds: float = FLUSH_SECONDS,
+        increments: bool = False,
     ) -> None:
+        self._increments, self.increment = increments, 0
         self._flush_seconds = flush_seconds
         self._file: TextIO | None = None
         self._began = self._flushed = time.monotonic()
@@ -57,7 +70,8 @@ class History:
             self._file = path.open("a" if go_on else "w", encoding="utf-8")
             try:
                 if not go_on:
-                    self._file.write(",".join(COLUMNS) + "\n")
+                    more = ("increment",) if increments else ()
+                    self._file.write(",".join((*COLUMNS, *more)) + "\n")
                 self._file.flush()
             except OSError:  # else Python's collector would meet the full disk once more
                 self.close()
@@ -90,7 +104,8 @@ class History:
         self._file.write(
             f"{event.outer},{event.iteration},{event.type},{event.projected_gradient_norm:.9e},"
             f"{event.equality_residual:.9e},{event.active},{event.seconds:.6f},{event.active_set},"
-            f"{rows},{now - self._began:.6f}\n"
+            f"{rows},{now - self._began:.6f}"
+            + (f",{self.increment}\n" if self._increments else "\n")
         )
         if now - self._flushed >= self._flush_seconds:
             self._file.flush()

@@ -25,6 +25,7 @@ from contact_app.results.fields import (
 )
 from contact_app.results.mirror import Image, Whole, whole
 from contact_app.results.result_size import components, file_names, result_bytes, wanted_fields
+from contact_app.results.series import Series
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
 
 if TYPE_CHECKING:
@@ -48,8 +49,16 @@ class Fields:
     nodal: Mapping[str, Array]
 
 
-def write_fields(model: Model, fields: Fields, directory: Path) -> list[Path]:
-    """Write the fields and files the scene asks for; the files (collective)."""
+def write_fields(
+    model: Model, fields: Fields, directory: Path, series: Series | None = None
+) -> list[Path]:
+    """Write the fields and files the scene asks for; the files (collective).
+
+    Parameters
+    ----------
+    series
+        Frames that the files hold already, and the time of this one.
+    """
     files = [directory / name for name in file_names(model.scene)]
     if not files:
         return files
@@ -67,8 +76,12 @@ def write_fields(model: Model, fields: Fields, directory: Path) -> list[Path]:
         return own | {f"contact_pressure_{k + 1}": contacts.pressure(image, k) for k in alone}
 
     size = result_bytes(model.scene, found.nodes, found.cells, len(alone))
-    write_grid(model, nodes, files, at_nodes, cell_fields, size)
-    return files
+    write_grid(model, nodes, files, at_nodes, cell_fields, size, series)
+    collections = [path.with_suffix(".pvd") for path in files if path.suffix == ".vtu" and series]
+    for path in collections if model.comm.rank == 0 else ():
+        assert series is not None
+        series.write_collection(path)
+    return [path for path in files if path.suffix != ".vtu" or not series] + collections
 
 
 def write_grid(
@@ -78,6 +91,7 @@ def write_grid(
     at_nodes: Callable[[Image], Mapping[str, Array]],
     cell_fields: Mapping[str, Array],
     size: int = 0,
+    series: Series | None = None,
 ) -> None:
     """Write the mesh of the whole with fields (collective).
 
@@ -91,6 +105,8 @@ def write_grid(
         In this rank's cells of what was solved.
     size
         Bytes of the numbers of an XDMF file, where they are known.
+    series
+        As of `write_fields`.
     """
     partition, comm, found = model.partition, model.comm, whole(model, nodes)
     starts = partition.cell_starts
@@ -101,7 +117,7 @@ def write_grid(
             own = {name: values[image.new] for name, values in at_nodes(image).items()}
             if comm.rank == 0 and writer is None:
                 names = tuple(own), tuple(cell_fields)
-                writer = stack.enter_context(_files(model, files, found, names, size))
+                writer = stack.enter_context(_files(model, files, found, names, size, series))
             points = image.points(nodes.points)[image.new]
             for start, (located, fields) in slabs(comm, image.first, points, own):
                 assert writer is not None
@@ -149,6 +165,7 @@ def _files(
     found: Whole,
     names: tuple[tuple[str, ...], tuple[str, ...]],
     size: int,
+    series: Series | None,
 ) -> Iterator[_Files]:
     """Open files; `names` are those of the fields at nodes and in cells."""
     counts = np.diff(model.partition.first_cell)
@@ -161,11 +178,12 @@ def _files(
     with ExitStack() as stack:
         for path in files:
             if path.suffix == ".xdmf":
-                xdmf = XDMFWriter(path, runs, found.nodes, found.cells, size)
+                xdmf = XDMFWriter(path, runs, found.nodes, found.cells, size, series)
                 writers.append(stack.enter_context(xdmf))
             else:
                 from contact_app.results.vtu import VTUWriter
 
+                path = series.grid_of(path) if series else path
                 vtu = VTUWriter(path, runs, found.nodes, at_nodes, at_cells)
                 writers.append(stack.enter_context(vtu))
         yield _Files(writers)

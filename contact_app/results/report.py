@@ -21,7 +21,7 @@ from rich.text import Text
 
 from contact_app.machine.exits import is_own_failure, mark_logged, message_of, tell
 from contact_app.machine.whole_file import whole
-from contact_app.results.report_rows import named_rows, number
+from contact_app.results.report_rows import named_rows, number, vector
 
 log = logging.getLogger("contact_app")
 
@@ -125,19 +125,19 @@ def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
     JSON knows neither NaN nor infinity: they become null.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(summary), indent=2, ensure_ascii=False, allow_nan=False)
     with whole(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
 
 
-def _plain(value: Any) -> Any:
-    """The same in types that JSON has."""
+def plain(value: Any) -> Any:
+    """A value in types that JSON has; what is not finite is null."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Path):
@@ -289,6 +289,41 @@ def print_cases(
         console.print(Text.assemble(("warning: ", "bold yellow"), warning), soft_wrap=True)
     for path in files:
         console.print(Text(f"wrote {path}"), soft_wrap=True)
+
+
+def print_steps(
+    summary: Mapping[str, Any],
+    files: Iterable[Path | str] = (),
+    console: Console | None = None,
+) -> None:
+    """Print the increments of a load history as a table, and the last one as of a single scene."""
+    console = console or Console(highlight=False)
+    console.print(steps_table(summary["steps"]))
+    tolerance = summary["solver"]["tolerance"]
+    print_summary(summary, tolerance, files, console)
+
+
+def steps_table(records: Sequence[Mapping[str, Any]]) -> Table:
+    """Make the table of `print_steps`."""
+    table = Table(box=None, pad_edge=False)
+    for head in ("step", "factor", "largest |u|", "contact force", "stick", "slip", "dissipated"):
+        table.add_column(head, no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for record in records:
+        solution, contacts = record["solution"], record["contacts"]
+        nodes = [contact.get("nodes", {}) for contact in contacts]
+        work = solution.get("dissipated_work")
+        table.add_row(
+            str(record["step"]),
+            f"{record['factor']:.4g}",
+            number(solution["max_displacement"]),
+            vector(force_of_case(record)),
+            str(sum(count.get("stick", 0) for count in nodes)),
+            str(sum(count.get("slip", 0) for count in nodes)),
+            "" if work is None else number(work),
+            _verdict(bool(record["certificate"]["passed"])),
+        )
+    return table
 
 
 def force_of_case(case: Mapping[str, Any]) -> Sequence[float]:

@@ -27,21 +27,19 @@ def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
     if summary["decomposition"]["contact"]:
         force = contacts[0]["force"] if len(contacts) == 1 else solution["contact_force"]
         if len(contacts) < 2 or any(contact["with"] in SHAPES for contact in contacts):
-            yield "contact force", _vector(force)
+            yield "contact force", vector(force)
         yield "largest contact pressure", number(solution["max_contact_pressure"])
         yield from _contacts(contacts)
     reactions = summary.get("reactions", [])
-    yield from _several(
-        "reactions", [(found["on"], _vector(found["force"])) for found in reactions]
-    )
+    yield from _several("reactions", [(found["on"], vector(found["force"])) for found in reactions])
     sections = summary.get("sections", {}).items()
     yield from _several(
         "sections: force, moment",
-        [(name, f"{_vector(s['force'])}, {_vector(s['moment'])}") for name, s in sections],
+        [(name, f"{vector(s['force'])}, {vector(s['moment'])}") for name, s in sections],
     )
     probes = summary.get("probes", {}).items()
     yield from _several(
-        "displacements at probes", [(name, _vector(p["displacement"])) for name, p in probes]
+        "displacements at probes", [(name, vector(p["displacement"])) for name, p in probes]
     )
 
 
@@ -53,7 +51,7 @@ def _contacts(contacts: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
             [
                 (
                     f"{contact['on']} on {contact['with']}",
-                    f"{_vector(contact['force'])}, {number(contact['max_pressure'])}",
+                    f"{vector(contact['force'])}, {number(contact['max_pressure'])}",
                 )
                 for contact in contacts
             ],
@@ -71,7 +69,7 @@ def _several(head: str, rows: Sequence[Row]) -> Iterator[Row]:
         yield f"  and {more} more", "in summary.json"
 
 
-def _vector(values: Sequence[float] | float) -> str:
+def vector(values: Sequence[float] | float) -> str:
     """Components in brackets, round-off beside the largest as 0; a single number as it is."""
     if not isinstance(values, Sequence):
         return number(values)

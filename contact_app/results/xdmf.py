@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact_app.errors import ContactError
 from contact_app.machine.disk import is_full, no_room, reserve
 from contact_app.machine.whole_file import part_of, whole
+from contact_app.results.series import Series, xdmf_text
 from meshes.quadratic import node_vertices
 
 DIRECTORY_BYTES = 1 << 16
@@ -95,6 +96,9 @@ class XDMFWriter:
         that a field is never written for reads as NaN.
     expected
         Size of the file (`grid_bytes`), where it is known beforehand: as much room is made at once.
+    series
+        The frames before this one, which joins them: the mesh is that of the first, and points and
+        cells of later ones are not written.
 
     Raises
     ------
@@ -109,8 +113,9 @@ class XDMFWriter:
         n_nodes: int,
         n_cells: int,
         expected: int = 0,
+        series: Series | None = None,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._series = Path(path), series
         if self.path.suffix != ".xdmf":
             raise XDMFError(f"{self.path.name} must end in .xdmf")
         runs = [(cell_type, n_cells)] if isinstance(cell_type, str) else list(cell_type)
@@ -123,14 +128,24 @@ class XDMFWriter:
         self._runs = _Runs([(CELL_TYPES[name], count) for name, count in runs])
         self._attributes: dict[tuple[str, str], int] = {}  # (centre, name) -> components
         self._missing = {"points": n_nodes, "cells": n_cells}
-        self._data = self.path.with_suffix(".h5")
+        self._mesh = self._data = self.path.with_suffix(".h5")
+        if series is not None:
+            self._data = series.numbers_of(self.path)
         self._part = part_of(self._data)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._needed, self._expected = DIRECTORY_BYTES, expected
         self._file: h5py.File | None = None
         self._begin()
+        if self._later:
+            self._missing.clear()
+            return
         self._make("points", (n_nodes, 3), "f8")
         self._make("cells", self._runs.shape, "i4" if n_nodes < 2**31 else "i8")
+
+    @property
+    def _later(self) -> bool:
+        """Whether the mesh is that of an earlier frame."""
+        return self._data != self._mesh
 
     def _begin(self) -> None:
         """Make the file, with room for what is expected."""
@@ -182,6 +197,8 @@ class XDMFWriter:
         array = three_columns(np.asarray(values, dtype=np.float64))
         if array.ndim != 2 or array.shape[1] != 3:
             raise XDMFError(f"points have shape {array.shape}, not (k, 2) or (k, 3)")
+        if self._later:
+            return
         self._write("points", start, array, self.n_nodes)
         self._missing["points"] -= len(array)
 
@@ -199,6 +216,8 @@ class XDMFWriter:
             )
         if array.size and not (0 <= array.min() and array.max() < self.n_nodes):
             raise XDMFError(f"a cell names a node outside 0 … {self.n_nodes - 1}")
+        if self._later:
+            return
         self._missing["cells"] -= len(array)
         if self._runs.mixed:
             array = np.insert(array, 0, kind.number, axis=1).ravel()
@@ -231,11 +250,15 @@ class XDMFWriter:
         try:
             self._arrays.close()
             self._room.close()
+            grids = [*(self._series.grids if self._series else []), self._grid()]
             with whole(self.path) as text:
-                text.write_text(self._xml(), encoding="utf-8")
-                # An older text must not stand beside newer numbers, even for a moment.
-                self.path.unlink(missing_ok=True)
+                text.write_text(xdmf_text(grids), encoding="utf-8")
+                if not self._later:
+                    # An older text must not stand beside newer numbers, even for a moment.
+                    self.path.unlink(missing_ok=True)
                 self._part.replace(self._data)
+            if self._series is not None:
+                self._series.grids.append(grids[-1])
         except BaseException:
             self.discard()
             raise
@@ -269,20 +292,18 @@ class XDMFWriter:
         self._arrays[key][start : start + len(array)] = array
 
     def _item(self, key: str, shape: tuple[int, ...], number: str, size: int) -> str:
+        file = self._mesh if key in ("points", "cells") else self._data
         return (
             f'<DataItem Dimensions="{" ".join(map(str, shape))}" NumberType="{number}" '
-            f'Precision="{size}" Format="HDF">{_escape(self._data.name)}:/{_escape(key)}</DataItem>'
+            f'Precision="{size}" Format="HDF">{_escape(file.name)}:/{_escape(key)}</DataItem>'
         )
 
-    def _xml(self) -> str:
+    def _grid(self) -> str:
         wide = 4 if self.n_nodes < 2**31 else 8
+        time = self._series.times[-1] if self._series else 0
         lines = [
-            '<?xml version="1.0" encoding="utf-8"?>',
-            '<Xdmf Version="3.0">',
-            "<Domain>",
-            '<Grid Name="results" GridType="Collection" CollectionType="Temporal">',
             '<Grid Name="solution" GridType="Uniform">',
-            '<Time Value="0"/>',
+            f'<Time Value="{time:.12g}"/>',
             f'<Topology {self._runs.attributes} NumberOfElements="{self.n_cells}">',
             self._item("cells", self._runs.shape, "Int", wide),
             "</Topology>",
@@ -298,7 +319,7 @@ class XDMFWriter:
                 self._item(f"{centre.lower()}/{name}", (size, components), "Float", 8),
                 "</Attribute>",
             ]
-        lines += ["</Grid>", "</Grid>", "</Domain>", "</Xdmf>", ""]
+        lines.append("</Grid>")
         return "\n".join(lines)
 
 

@@ -18,9 +18,12 @@ from contact_app.model.outline import Outline
 from contact_app.results.mirror import Image, whole
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import write_summary
+from contact_app.results.series import Series
 from contact_app.run.cases import Overview, solved_cases
 from contact_app.run.communication import on_first
+from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
+from contact_app.run.step_records import record_of, summary_of_steps, write_table
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping, load
 from contact_app.scene.scene import Scene
@@ -115,11 +118,50 @@ class CaseAnswers:
         self._overview.write(directory)
 
 
+@dataclass(frozen=True, eq=False)
+class StepAnswers:
+    """The answers to a scene with load steps.
+
+    Attributes
+    ----------
+    increments
+        The answer to each increment, in their order; the `summary` of each is that of its record.
+    summary
+        What `summary.json` holds: that of the last increment, and `steps`, a record of each.
+    """
+
+    increments: Sequence[Answer]
+    summary: dict[str, Any]
+
+    @property
+    def last(self) -> Answer:
+        """The answer to the last increment."""
+        return self.increments[-1]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the history was solved to its end and every increment is certified."""
+        return all(answer.converged for answer in self.increments)
+
+    def write(self, directory: Path | str) -> None:
+        """Write the files of fields, `increments.csv` and `summary.json` (collective)."""
+        directory, comm = Path(directory), self.last.solved.model.comm
+        on_first(comm, lambda: directory.mkdir(parents=True, exist_ok=True))
+        series = Series()
+        for answer, record in zip(self.increments, self.summary["steps"], strict=True):
+            solved = answer.solved
+            series.begin(record["time"])
+            fields = Fields(solved.nodes, solved.cells, solved.nodal)
+            write_fields(solved.model, fields, directory, series)
+        on_first(comm, lambda: write_table(directory / "increments.csv", self.summary["steps"]))
+        on_first(comm, lambda: write_summary(directory / "summary.json", self.summary))
+
+
 def solve(
     scene: str | Path | Mapping[str, Any],
     overrides: Sequence[str] = (),
     comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> Answer | CaseAnswers:
+) -> Answer | CaseAnswers | StepAnswers:
     """Solve a scene and certify the answer (collective); writes nothing.
 
     Parameters
@@ -132,7 +174,8 @@ def solve(
 
     Returns
     -------
-    The answer; for a scene with `cases` the answers to all of them.
+    The answer; for a scene with `cases` the answers to all of them, with `steps` those to all
+    increments.
 
     Raises
     ------
@@ -151,6 +194,8 @@ def solve(
         built = halved(built).scene
     if built.cases:
         return _answers(built, comm)
+    if built.steps:
+        return _step_answers(built, comm)
     if built.accuracy is None:
         solved = solve_scene(built, comm, tell=_refuse)
         return _answer(solved, solved.summary)
@@ -165,6 +210,15 @@ def _answers(scene: Scene, comm: MPI.Intracomm) -> CaseAnswers:
         overview.add(solved, solved.summary)
         answers[solved.model.scene.case] = _answer(solved, solved.summary)
     return CaseAnswers(answers, overview)
+
+
+def _step_answers(scene: Scene, comm: MPI.Intracomm) -> StepAnswers:
+    """The answers to all increments (collective)."""
+    records, answers = [], []
+    for increment in solved_increments(scene, comm, lambda place: None, _refuse):
+        records.append(record_of(increment))
+        answers.append(_answer(increment.solved, {**increment.solved.summary, **records[-1]}))
+    return StepAnswers(answers, summary_of_steps(answers[-1].solved.summary, records))
 
 
 def _refuse(scene: Scene, known: Outline) -> None:

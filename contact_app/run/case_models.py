@@ -1,11 +1,11 @@
-"""The models of load cases: one for all of them, and what each case adds to it.
+"""The models of load cases or of a load history: one for all, and what each loading adds to it.
 
-All cases have the meshes, the subdomains, the rows and the factors of one model. A node gets a
-contact row if any of the cases may need it. Later cases begin with the multipliers of the earlier
-case whose loads are nearest, scaled to theirs: with d = B K⁺ f - c, the gaps that the loads of a
-case open without forces of constraints, that is the case k and the factor a ≥ 0 of least
-‖d - a d_k‖. Where loads are combined of a few, d is a sum of those of earlier cases, and the
-multipliers begin with the same sum.
+All cases, and all increments of a history, have the meshes, the subdomains, the rows and the
+factors of one model. A node gets a contact row if any of the cases, or of the ends of steps, may
+need it. Later cases begin with the multipliers of the earlier case whose loads are nearest, scaled
+to theirs: with d = B K⁺ f - c, the gaps that the loads of a case open without forces of
+constraints, that is the case k and the factor a ≥ 0 of least ‖d - a d_k‖. Where loads are combined
+of a few, d is a sum of those of earlier cases, and the multipliers begin with the same sum.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
 from contact_app.model.model import Model, build_model, model_of_case, model_of_outline
 from contact_app.model.outline import Outline, Tell, outline, outline_of_case
+from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.constraints.matrix import ConstraintMatrix
 
 Array = NDArray[np.float64]
 
@@ -48,18 +49,20 @@ LARGEST = 3.0
 def outlines_of_cases(
     scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None
 ) -> dict[str, Outline | None]:
-    """The outline of each case, all with the contact rows that any of them needs (collective).
+    """The outline of each loading of a scene, all with the contact rows that any of them needs.
 
-    None where the displacements of a case change which rows are redundant; never of the first.
+    None where the displacements of a loading change which rows are redundant; never of the first.
+    Collective.
 
     Raises
     ------
     NoEquilibriumError
-        A case has no equilibrium; the message names the case.
+        A loading has no equilibrium; the message names the case, or the step and the factor within
+        it at which a body leaves.
     """
     found: dict[str, Outline | None] = {}
     first: Outline | None = None
-    for case in scene.cases:
+    for number, case in enumerate(scene.loadings):
         loaded = scene.under(case)
         try:
             if first is None:
@@ -67,6 +70,8 @@ def outlines_of_cases(
             else:
                 found[case.name] = outline_of_case(first, loaded, timings)
         except NoEquilibriumError as error:
+            if scene.steps:
+                raise leaving_in_step(scene, number, comm, first, error) from error
             raise NoEquilibriumError(f"case {case.name}: {error}") from error
     needed = np.any([known.needed for known in found.values() if known is not None], axis=0)
     return {name: known and known.with_needed(needed) for name, known in found.items()}
@@ -74,20 +79,32 @@ def outlines_of_cases(
 
 @dataclass(frozen=True, eq=False)
 class _Earlier:
-    """A case that was solved."""
+    """A loading that was solved.
 
-    problem: DualProblem
+    Attributes
+    ----------
+    B
+        Constraints of its model.
+    effect : (dual,)
+        d.
+    multiplier : (dual,)
+    """
+
+    B: ConstraintMatrix
+    effect: Array
     multiplier: Array
 
 
 class CaseModels:
-    """Makes the models of a scene's cases; making and using it are collective.
+    """Makes the models of a scene's loadings; making and using it are collective.
 
     Parameters
     ----------
     scene
-        With its cases.
+        With its cases or steps.
     """
+
+    keeps_subdomains = False
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
         self._scene, self._comm = scene, comm
@@ -97,7 +114,7 @@ class CaseModels:
         self._earlier: list[_Earlier] = []
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
-        """The model of the scene of a case; parameters as of `build_model`.
+        """The model of the scene of a loading; parameters as of `build_model`.
 
         In other subdomains than the scene's, with rigid bodies, which are in a place of their own,
         or where other rows are redundant, it is made alone.
@@ -105,11 +122,19 @@ class CaseModels:
         with timings.measure("setup"):
             if not self._outlines:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
-            known = self._outlines[scene.case]
+            known = self._outline(scene, timings)
         if known is None or scene.rigid_bodies or scene.decomposition != self._scene.decomposition:
             return build_model(scene, self._comm, timings, needed, tell)
         with timings.measure("setup"):
             return self._shared(scene, known, timings, needed, tell)
+
+    def _outline(self, scene: Scene, timings: Timings) -> Outline | None:
+        """The outline of a loading; of one within a step with the rows that the steps need."""
+        if scene.case in self._outlines:
+            return self._outlines[scene.case]
+        first = next(known for known in self._outlines.values() if known is not None)
+        known = outline_of_case(first, scene, timings)
+        return known and known.with_needed(first.needed)
 
     def _shared(
         self, scene: Scene, known: Outline, timings: Timings, needed: Needed, tell: Tell | None
@@ -142,16 +167,15 @@ class CaseModels:
 
     def add(self, model: Model, solution: Solution) -> None:
         """Let later cases begin with the answer of this one."""
-        self._earlier.append(_Earlier(model.problem, solution.multiplier))
+        problem = model.problem
+        self._earlier.append(_Earlier(problem.B, problem.effect_of_loads, solution.multiplier))
 
     def on(self, model: Model) -> Array | None:
         """Multipliers to begin with, (dual,); None where no earlier case is near (collective)."""
-        alike = [e for e in self._earlier if e.problem.B is model.problem.B]
+        alike = [e for e in self._earlier if e.B is model.problem.B]
         if not alike:
             return None
-        vectors = np.array(
-            [e.problem.effect_of_loads for e in alike] + [model.problem.effect_of_loads]
-        )
+        vectors = np.array([e.effect for e in alike] + [model.problem.effect_of_loads])
         shares = nearest_combination(self._comm.allreduce(vectors @ vectors.T))
         if shares is None:
             return None

@@ -62,7 +62,7 @@ LEFT_OUT = (
     "motion of the contact point: the gap is the signed distance of the undeformed node along the "
     "obstacle's normal there, between bodies along the normal of the undeformed surface",
     "contact of a body with itself, and between bodies that no contact names",
-    "time: the answer is the static equilibrium",
+    "inertia: the answer is the static equilibrium",
 )
 
 
@@ -90,7 +90,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
         scene = halving.scene
     scene = chosen(scene)
     outlines: dict[str, Outline] = {}
-    if scene.cases:
+    if scene.loadings:
         outlines = {k: v for k, v in outlines_of_cases(scene, comm).items() if v is not None}
         known = next(iter(outlines.values()))
     else:
@@ -98,7 +98,8 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     refuse_unguaranteed(scene, known.partition)
     lines = describe(scene, known)
     for name, own in outlines.items():
-        lines += [f"case {name}: {line}" for line in _loads_on_bodies(scene, own)]
+        what = f"case {name}" if scene.cases else name
+        lines += [f"{what}: {line}" for line in _loads_on_bodies(scene, own)]
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]
     elif halving.scene.mirrors:
@@ -180,7 +181,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         ends = (_vector(corner) for corner in (body.mesh.lower, body.mesh.upper))
         lines.append("  from {} to {}".format(*ends))
         lines += [f"  {note}" for note in body.mesh.notes]
-        if not scene.cases:
+        if not scene.loadings:
             lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
     lines += _held(scene, known)
     for traction in scene.tractions:
@@ -273,11 +274,14 @@ def _name(condition: Condition) -> str:
 
 
 def _cases(scene: Scene) -> list[str]:
-    """The factors of each case."""
+    """The factors of each case or step."""
     lines = []
     for case in scene.cases:
         factors = ", ".join(f"{factor:g} × {name}" for name, factor in case.factors if factor)
         lines.append(f"case {case.name}: {factors or 'what has no name'}")
+    for number, step in enumerate(scene.steps, start=1):
+        ends = ", ".join(f"{name} {factor:g}" for name, factor in step.factors)
+        lines.append(f"step {number}: to {ends}, in {step.increments} increments")
     return lines
 
 
@@ -336,14 +340,14 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
 
 def _left_out(scene: Scene, known: Outline) -> list[str]:
     notes = [*left_out_notes(scene, known), *_repeated(scene)]
-    notes += [] if scene.cases else _unloaded(scene, known)
+    notes += [] if scene.loadings else _unloaded(scene, known)
     notes = said_once(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
     smooth = [contact.source for contact in scene.touching if contact.friction is None]
     if smooth:
         of = f" of {', '.join(dict.fromkeys(smooth))}" if scene.has_friction else ""
         lines.append(f"  friction: contact forces{of} are normal to the surface")
-    if scene.has_friction:
+    if scene.has_friction and not scene.steps:
         lines.append("  the history of loads: slips are measured from the undeformed state")
     lines += [f"  {sentence}" for sentence in LEFT_OUT]
     if scene.plane:
@@ -392,6 +396,8 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
 def _cost_lines(scene: Scene, known: Outline) -> list[str]:
     cost = estimate(scene, known)
     each = "for the first case and less for each later one, " if scene.cases else ""
+    if scene.steps:
+        each = "for the first increment and less for each later one, "
     lines = [
         f"memory: about {cost.memory / 1e9:.2g} GB of {available_bytes() / 1e9:.3g} GB available",
         f"time: about {_duration(cost.seconds)} {each}on one process of two cores, within a factor "

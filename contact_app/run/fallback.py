@@ -21,6 +21,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.errors import CouldNotRunError
 from contact_app.machine.memory import available_bytes, factor_bytes, needed_bytes
 from contact_app.model.model import Model
 from contact_app.scene.scene import Decomposition, Scene
@@ -57,6 +58,10 @@ class NoAnswerError(Exception):
     def __init__(self, text: str, subdomains: int | None = None) -> None:
         super().__init__(text)
         self.subdomains = subdomains
+
+
+class NoWayLeftError(CouldNotRunError):
+    """No way left an answer; the text says what to do."""
 
 
 def failure_text(error: Exception) -> str:

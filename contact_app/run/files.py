@@ -73,7 +73,8 @@ def log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
     if names:
         images = 2 ** len(scene.mirrors)
         sizes = images * known.partition.nodes, images * known.partition.cells
-        needed = max(len(scene.cases), 1) * all_bytes(scene, *sizes)
+        count = len(scene.cases) or sum(step.increments for step in scene.steps) or 1
+        needed = count * all_bytes(scene, *sizes)
         on_first(
             known.partition.comm,
             lambda: refuse_without_room(directory, names[0].replace("xdmf", "h5"), needed),

@@ -9,6 +9,7 @@ leaves such a part, and the next one removes it. `run.log` and `history.csv` gro
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 from contact_app.machine.whole_file import part_of
@@ -26,8 +27,14 @@ RESULTS = (
     "run.log",
     "bodies.png",
     "contact_pressure.png",
+    "increments.csv",
+    "increments.png",
+    "solution.pvd",
 )
 """Files of a run and of ``contact-app plot``, in the order in which they are removed."""
+
+OF_INCREMENTS = re.compile(r"solution-\d+\.(h5|vtu)")
+"""Files of the increments of a load history."""
 
 HISTORY = "history.csv"
 
@@ -38,17 +45,32 @@ def clear(directory: Path, resume: bool) -> None:
     Parameters
     ----------
     resume
-        Keep the checkpoint, and the history that belongs to it.
+        Keep the checkpoint and what belongs to it: the history, and increments that are finished.
     """
     directory.mkdir(parents=True, exist_ok=True)
     _clear_cases(directory)
     going_on = resume and (directory / CHECKPOINT).is_file()
-    for name in RESULTS:
-        if not (going_on and name == HISTORY):
+    kept = _kept(directory) if going_on else ()
+    increments = [path.name for path in directory.iterdir() if OF_INCREMENTS.fullmatch(path.name)]
+    for name in (*RESULTS, *increments):
+        if name not in kept:
             (directory / name).unlink(missing_ok=True)
     if not going_on:
         remove_checkpoint(directory)
     remove_parts(directory)
+
+
+def _kept(directory: Path) -> set[str]:
+    """What a run that goes on from the checkpoint in a directory keeps."""
+    kept = {HISTORY}
+    try:
+        saved = json.loads((directory / CHECKPOINT).read_text(encoding="utf-8"))
+        finished = len(saved["records"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return kept
+    kept |= {"summary.json", "increments.csv", "solution.xdmf", "solution.h5", "solution.pvd"}
+    numbers = range(1, finished + 1)
+    return kept | {f"solution-{n}.{suffix}" for n in numbers for suffix in ("h5", "vtu")}
 
 
 def _clear_cases(directory: Path) -> None:
@@ -70,3 +92,5 @@ def remove_parts(directory: Path) -> None:
     """Remove files that are not whole."""
     for name in RESULTS:
         part_of(directory / name).unlink(missing_ok=True)
+    for path in directory.glob(".solution-*.part"):
+        path.unlink()

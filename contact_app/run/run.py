@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,10 +54,8 @@ def run(
     every
         Seconds of solving between two checkpoints.
     """
-    if scene.cases:
-        from contact_app.run.cases import run_cases
-
-        return run_cases(scene, directory, comm, resume, every)
+    if scene.loadings:
+        return _run_of_loadings(scene)(scene, directory, comm, resume, every)
     first = comm.rank == 0
     if resume and scene.accuracy is not None:
         raise ConfigurationError(
@@ -119,6 +118,17 @@ def _to_accuracy(scene: Scene, once: Solve, progress: Progress) -> Refined:
     from contact_app.accuracy.refine.refinement import solve_to_accuracy
 
     return solve_to_accuracy(scene, once, progress.stage)
+
+
+def _run_of_loadings(scene: Scene) -> Callable[[Scene, Path, MPI.Intracomm, bool, float], int]:
+    """What runs load cases, or a load history."""
+    if scene.cases:
+        from contact_app.run.cases import run_cases
+
+        return run_cases
+    from contact_app.run.steps import run_steps
+
+    return run_steps
 
 
 def _print(summary: dict[str, Any], tolerance: float, files: list[Path]) -> None:

@@ -23,7 +23,6 @@ from contact_app.model.outline import Tell
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import log
 from contact_app.results.rigid import placements_of
-from contact_app.run.case_models import CaseModels
 from contact_app.run.communication import Communication
 from contact_app.run.fallback import (
     FAILURES,
@@ -68,6 +67,20 @@ class Start(Protocol):
         """Multipliers of a model, (dual,); None where they are of no help (collective)."""
 
 
+class Shared(Protocol):
+    """Makes models that share what does not depend on loads (collective)."""
+
+    @property
+    def keeps_subdomains(self) -> bool:
+        """Whether a model has to have the subdomains of those before, which know what slipped."""
+
+    def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
+        """The model of a scene; parameters as of `build_model`."""
+
+    def estimator(self, model: Model) -> ErrorEstimator:
+        """What estimates the errors of answers to a model."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Request:
     """What is solved, who is told of it, and what was spent on it before.
@@ -79,7 +92,7 @@ class _Request:
     needed
         Candidate rows that become contact rows.
     cases
-        What it shares with other load cases.
+        What it shares with other load cases or increments.
     """
 
     scene: Scene
@@ -91,7 +104,7 @@ class _Request:
     timings: Timings
     spent: Counts = field(default_factory=Counts)
     needed: Needed = "estimated"
-    cases: CaseModels | None = None
+    cases: Shared | None = None
 
     def model(self) -> Model:
         """The scene made ready to solve (collective)."""
@@ -112,7 +125,7 @@ def solve_scene(
     tell: Tell | None = None,
     start: Start | None = None,
     needed: Needed = "estimated",
-    cases: CaseModels | None = None,
+    cases: Shared | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise it; writes nothing.
 
@@ -125,17 +138,18 @@ def solve_scene(
     needed
         Candidate contact rows to begin with; more join where the answer crosses others.
     cases
-        What the scene, that of a load case, shares with those of others.
+        What the scene, that of a load case or an increment, shares with those of others.
 
     Raises
     ------
     ConfigurationError, NoEquilibriumError
         The scene cannot be modelled, or has no equilibrium.
     """
-    if scene.cases:
+    if scene.loadings:
+        key, what = ("cases", "load cases") if scene.cases else ("steps", "load steps")
         raise ConfigurationError(
-            f"{scene.at('cases')}: load cases are solved by `run` and by `contact_app.solve`; give "
-            "a scene without them"
+            f"{scene.at(key)}: {what} are solved by `run` and by `contact_app.solve`; give a scene "
+            "without them"
         )
     scene = chosen(scene)
     asked = _Request(
@@ -183,7 +197,8 @@ def _certified(asked: _Request) -> SolvedScene:
         checkpoint = asked.checkpoint if first else None
         return _solved(replace(asked, scene=scene, checkpoint=checkpoint, spent=spent))
 
-    return first_certified(asked.scene, asked.comm, solve_one_way, asked.spent)
+    keeps = asked.cases is not None and asked.cases.keeps_subdomains
+    return first_certified(asked.scene, asked.comm, solve_one_way, asked.spent, keeps)
 
 
 def _solved(asked: _Request) -> SolvedScene:

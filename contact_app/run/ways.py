@@ -27,10 +27,15 @@ from typing import Protocol
 from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.errors import CouldNotRunError
 from contact_app.model.method import PATIENCE, is_undecomposed, may_peel
 from contact_app.results.report import log
-from contact_app.run.fallback import NoAnswerError, cause, fewest_subdomains, is_final
+from contact_app.run.fallback import (
+    NoAnswerError,
+    NoWayLeftError,
+    cause,
+    fewest_subdomains,
+    is_final,
+)
 from contact_app.run.summary import summary_of
 from contact_app.scene.scene import Scene
 from solver import Counts, Reason
@@ -94,18 +99,31 @@ def _by(scene: Scene, method: Method) -> Scene:
     return replace(scene, solver=replace(scene.solver, method=method))
 
 
-def first_certified(scene: Scene, comm: MPI.Intracomm, solve: Solve, spent: Counts) -> SolvedScene:
+def first_certified(
+    scene: Scene,
+    comm: MPI.Intracomm,
+    solve: Solve,
+    spent: Counts,
+    keeps_subdomains: bool = False,
+) -> SolvedScene:
     """The answer of the first way that ends certified, or of the last one (collective).
+
+    Parameters
+    ----------
+    keeps_subdomains
+        Whether fewer subdomains are no way.
 
     Raises
     ------
-    CouldNotRunError
+    NoWayLeftError
         No way left an answer.
     """
     answer: SolvedScene | None = None
     failed, warnings = _Failure(), list[str]()
     for number, way in enumerate(ways_to(scene)):
-        own = way.scene or fewest_subdomains(scene, failed.subdomains, comm)
+        own = way.scene
+        if own is None and not keeps_subdomains:
+            own = fewest_subdomains(scene, failed.subdomains, comm)
         if own is None:  # there are no fewer: what the way before left counts
             break
         if number and way.instead:
@@ -124,11 +142,11 @@ def first_certified(scene: Scene, comm: MPI.Intracomm, solve: Solve, spent: Coun
         spent = answer.solution.counts
         failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
     if answer is None:
-        raise CouldNotRunError(
+        raise NoWayLeftError(
             f"{scene.source}: the solver found no answer: {failed.why} Try other cells (less "
             "slender ones, of degree 2) or a looser solver.tolerance, and report the scene"
         )
-    return _warned(answer, warnings) if warnings else answer
+    return warned(answer, warnings) if warnings else answer
 
 
 @dataclass(frozen=True)
@@ -163,7 +181,7 @@ def _ends(way: Way, answer: SolvedScene, limit: int) -> bool:
     return is_final(answer.model, answer.solution, limit)
 
 
-def _warned(solved: SolvedScene, texts: list[str]) -> SolvedScene:
+def warned(solved: SolvedScene, texts: list[str]) -> SolvedScene:
     """The same with more warnings."""
     certificate = solved.solution.certificate
     certificate = replace(certificate, warnings=(*certificate.warnings, *texts))

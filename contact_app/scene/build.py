@@ -26,7 +26,7 @@ from contact_app.scene.conditions import (
     Traction,
 )
 from contact_app.scene.keys import Keys
-from contact_app.scene.load_factors import read_cases
+from contact_app.scene.load_factors import read_cases, read_steps
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
 from contact_app.scene.read_rigid import read_rigid_bodies, refuse_with_rigid
@@ -88,18 +88,33 @@ def build_scene(
         symmetry=configuration.symmetry == "allow",
         guaranteed=configuration.certificate.guaranteed,
         cases=read_cases(keys),
+        steps=read_steps(keys),
         rigid_bodies=rigid_bodies,
         rigid_motions=tuple(x for x in conditions if isinstance(x, RigidMotion)),
         rigid_loads=tuple(x for x in conditions if isinstance(x, RigidLoad)),
         places=_places(configuration),
     ).placed_as_held()
     refuse_with_rigid(keys, scene)
+    _refuse_with_loadings(keys, scene)
+    return scene
+
+
+def _refuse_with_loadings(keys: Keys, scene: Scene) -> None:
+    """Refuse loads that load nothing, and what cases or steps do not allow."""
     if scene.cases and scene.accuracy is not None:
         keys.fail(
             ("accuracy",),
             "is not available with cases: each case asks for a mesh of its own, and they share "
             "one; find the mesh by a scene without cases whose loads are those of the worst",
         )
+    if scene.steps and scene.accuracy is not None:
+        keys.fail(
+            ("accuracy",),
+            "is not available with steps: what has slipped is known at the nodes of one mesh; find "
+            "the mesh by a scene without steps whose loads are those of the worst increment",
+        )
+    if scene.steps and not any(_loaded(scene.under(end)) for end in scene.loadings):
+        keys.fail(("steps",), "load nothing: give a condition that does a factor")
     for case in scene.cases:
         if not _loaded(scene.under(case)):
             keys.fail(("cases", case.name), "loads nothing: give a condition that does a factor")
@@ -110,7 +125,6 @@ def build_scene(
             "temperature or non-zero displacement, an interference, or an "
             "obstacle or a body that overlaps another body",
         )
-    return scene
 
 
 def _solver_options(configuration: c.Configuration) -> SolverOptions:
@@ -160,7 +174,12 @@ def _places(configuration: c.Configuration) -> dict[str, str]:
         f"bodies[{i}].hold": configuration.where(("bodies", i, "hold"))
         for i in range(len(configuration.bodies))
     }
+    places |= {
+        f"steps[{i}]": configuration.where(("steps", i))
+        for i in range(len(configuration.steps or ()))
+    }
     places["cases"] = configuration.where(("cases",))
+    places["steps"] = configuration.where(("steps",))
     places["accuracy"] = configuration.where(("accuracy",))
     places["certificate.guaranteed"] = configuration.where(("certificate", "guaranteed"))
     places["decomposition"] = configuration.where(("decomposition",))

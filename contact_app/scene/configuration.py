@@ -59,6 +59,7 @@ SPACES = {
 LARGEST, SMALLEST = 1e50, 1e-50
 MOST_REFINEMENTS = 6
 MOST_ITERATIONS = 1_000_000_000
+MOST_INCREMENTS = 10_000
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
@@ -267,8 +268,8 @@ class Condition(Model):
 
     name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
         None,
-        description="Name by which `cases` give it a factor; without a name it always acts in "
-        "full.",
+        description="Name by which `cases` and `steps` give it a factor; without a name it always "
+        "acts in full.",
     )
     on: str | None = Field(None, description="Boundary, as body.boundary.")
     inside: str | None = Field(
@@ -506,6 +507,23 @@ class Output(Model):
     )
 
 
+class Step(Model):
+    """A step of a load history: factors of named conditions at its end."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Number]
+
+    increments: Annotated[int, Field(ge=1, le=MOST_INCREMENTS)] = Field(
+        1, description="Equal parts in which the step is solved; 1 to 10000."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        """Names of conditions are checked where these are known."""
+        return data
+
+
 class Configuration(Model):
     """A contact scene."""
 
@@ -529,6 +547,13 @@ class Configuration(Model):
         "named condition that a case leaves out has factor 0; conditions without a name act in "
         "full. A displacement condition always holds, its factor scales its value.",
     )
+    steps: Annotated[list[Step], Field(min_length=1)] | None = Field(
+        None,
+        description="Load history, [{condition name: factor, …, increments: 1}, …]: named "
+        "conditions reach the factors linearly at the end of each step. A named condition has "
+        "factor 0 before the first step that names it and keeps its last factor afterwards; "
+        "conditions without a name act in full throughout. Not with `cases`.",
+    )
     decomposition: Literal["auto"] | Split = Field(
         "auto", description="auto, or {subdomains: N | [nx, ny, nz]}."
     )
@@ -549,15 +574,6 @@ class Configuration(Model):
         Certificate.model_validate({}), description="What to certify beyond the usual."
     )
     output: Output = Field(Output.model_validate({}), description="Files and fields to write.")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_steps(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "steps" in data:
-            text = "is not available: a history of load steps is not modelled"
-            text += "; `cases` solves independent load cases" if "cases" not in data else ""
-            raise PydanticCustomError("unknown_key", text, {"key": "steps"})
-        return data
 
     _lines: dict[Key, int] = PrivateAttr(default_factory=dict)
     _overridden: dict[Key, str] = PrivateAttr(default_factory=dict)

@@ -1,12 +1,10 @@
-"""Names of conditions and the factors that load cases give them.
+"""Names of conditions and the factors that load cases and load steps give them.
 
-    conditions:
-      - {name: press, on: cube.z+, traction: [0, 0, -465]}
-    cases:
-      braking: {press: 1, push: 1}
-
-Whatever else multiplies named conditions by factors reads them by `names_of_conditions` and
-`read_factors`.
+conditions:
+  - {name: press, on: cube.z+, traction: [0, 0, -465]}
+cases:                                   steps:
+  braking: {press: 1, push: 1}             - {press: 1}
+                                           - {push: 1, increments: 8}
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from contact_app.scene.keys import Keys, Place
-from contact_app.scene.scene import LoadCase
+from contact_app.scene.scene import LoadCase, LoadStep
 
 LONGEST = 100
 """Characters of a case's name."""
@@ -42,12 +40,22 @@ def names_of_conditions(keys: Keys) -> list[str]:
 
 
 def read_factors(
-    keys: Keys, given: Mapping[str, float], path: Place, known: Sequence[str]
+    keys: Keys,
+    given: Mapping[str, float],
+    path: Place,
+    known: Sequence[str],
+    beside: Sequence[str] = (),
 ) -> tuple[tuple[str, float], ...]:
-    """Factors of conditions by name, each name one that is known."""
+    """Factors of conditions by name, each name one that is known.
+
+    Parameters
+    ----------
+    beside
+        Keys that may stand beside the names.
+    """
     for name in given:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
+            near = difflib.get_close_matches(name, [*known, *beside], 1)
             hint = f"; did you mean {near[0]}?" if near else ""
             keys.fail((*path, name), f"names no condition{hint} (known: {', '.join(known)})")
     return tuple(given.items())
@@ -58,17 +66,53 @@ def read_cases(keys: Keys) -> tuple[LoadCase, ...]:
     known, given = names_of_conditions(keys), keys.configuration.cases
     if given is None:
         return ()
-    if not known:
-        keys.fail(
-            ("cases",),
-            "give factors to conditions by their names, and no condition has a name: add one, e.g. "
-            "{name: press, on: …}",
-        )
+    _refuse_without_names(keys, "cases", known)
     _refuse_bad_names(keys, list(given))
     return tuple(
         LoadCase(name, read_factors(keys, factors, ("cases", name), known))
         for name, factors in given.items()
     )
+
+
+def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
+    """The load history of a scene file."""
+    known, given = names_of_conditions(keys), keys.configuration.steps
+    if given is None:
+        return ()
+    if keys.configuration.cases is not None:
+        keys.fail(
+            ("steps",),
+            "and cases exclude each other: cases begin at the unloaded state, each step where the "
+            "one before ends; leave one of them out",
+        )
+    _refuse_without_names(keys, "steps", known)
+    if "increments" in known:
+        keys.fail(
+            ("steps",),
+            "say by the key increments in how many parts a step is solved, and a condition has "
+            "that name: give it another one",
+        )
+    factors: dict[str, float] = {}
+    steps = []
+    for i, step in enumerate(given):
+        named = read_factors(keys, step.model_extra or {}, ("steps", i), known, ["increments"])
+        if not named:
+            keys.fail(
+                ("steps", i),
+                f"names no condition, so that nothing changes in it (known: {', '.join(known)})",
+            )
+        factors |= dict(named)
+        steps.append(LoadStep(tuple(factors.items()), step.increments))
+    return tuple(steps)
+
+
+def _refuse_without_names(keys: Keys, what: str, known: Sequence[str]) -> None:
+    if not known:
+        keys.fail(
+            (what,),
+            "give factors to conditions by their names, and no condition has a name: add one, e.g. "
+            "{name: press, on: …}",
+        )
 
 
 def _refuse_bad_names(keys: Keys, names: Sequence[str]) -> None:

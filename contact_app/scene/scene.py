@@ -119,6 +119,23 @@ class LoadCase:
 
 
 @dataclass(frozen=True)
+class LoadStep:
+    """A step of a load history: named conditions reach factors linearly at its end.
+
+    Attributes
+    ----------
+    factors
+        Pairs of a condition's name and its factor at the end, of all names given so far; a name
+        that is not among them has factor zero.
+    increments
+        Equal parts in which the step is solved.
+    """
+
+    factors: tuple[tuple[str, float], ...]
+    increments: int = 1
+
+
+@dataclass(frozen=True)
 class Mirror:
     """A plane across an axis (0, 1 or 2) at a coordinate, about which a scene mirrors.
 
@@ -163,7 +180,10 @@ class Scene:
     cases
         Load cases, in the order of the file; none where all conditions act in full.
     case
-        Name of the load case that this is the scene of, empty if it is of none.
+        Name of the load case that this is the scene of, or of the place in the load history; empty
+        if it is of none.
+    steps
+        The load history; none where all conditions act in full at once.
     ties
         Pairs of boundaries that hold together; they are no contacts.
     rigid_bodies, rigid_motions, rigid_loads
@@ -194,6 +214,7 @@ class Scene:
     temperatures: tuple[Temperature, ...] = ()
     cases: tuple[LoadCase, ...] = ()
     case: str = ""
+    steps: tuple[LoadStep, ...] = ()
     ties: tuple[Tie, ...] = ()
     rigid_bodies: tuple[RigidBody, ...] = ()
     rigid_motions: tuple[RigidMotion, ...] = ()
@@ -211,8 +232,26 @@ class Scene:
             key: tuple(item.scaled(case.of(item.name)) for item in getattr(self, key))
             for key in CONDITIONS
         }
-        title = f"{self.title or self.source.name}, case {case.name}"
-        return replace(self, **scaled, title=title, cases=(), case=case.name).placed_as_held()
+        title = self.title
+        if self.cases:
+            title = f"{self.title or self.source.name}, case {case.name}"
+        alone = replace(self, **scaled, title=title, cases=(), steps=(), case=case.name)
+        return alone.placed_as_held()
+
+    @property
+    def loadings(self) -> tuple[LoadCase, ...]:
+        """The load cases, or the ends of the steps; none where all conditions act in full."""
+        ends = tuple(self.loading_at(number, 1.0) for number in range(len(self.steps)))
+        return self.cases or ends
+
+    def loading_at(self, step: int, share: float) -> LoadCase:
+        """The factors in the load history at a share of a step, counted from zero."""
+        start = dict(self.steps[step - 1].factors) if step else {}
+        factors = tuple(
+            (name, (1.0 - share) * start.get(name, 0.0) + share * end)
+            for name, end in self.steps[step].factors
+        )
+        return LoadCase(f"step {step + 1}, factor {share:.6g}", factors)
 
     def held_components(self, rigid: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Which components of a rigid body are held, and at what; displacement, then rotation."""

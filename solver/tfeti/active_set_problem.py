@@ -23,11 +23,12 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
 from solver.tfeti.preconditioner import CompliantPreconditioner, DualPreconditioner
 from solver.tfeti.recovery import add_motions
-from solver.tfeti.recycling import DeflatedPreconditioner, Directions, RecordedOperator, Recycled
+from solver.tfeti.recycling import DeflatedPreconditioner, RecordedOperator, Recycled
 
 STALLED = 2
 """Steps on an active set, over its unknowns, after which rounding errors hold conjugate gradients
@@ -140,7 +141,7 @@ class ActiveSetProblem:
         if self._tractions is not None:
             problem = problem.with_constraint_forces(self._tractions)
         self.problem, active = problem, self.active
-        directions = directions or Directions(problem)
+        directions = directions or Directions(problem.B, problem.conditional)
         recycled = Recycled(directions, active)
         self.reduced = problem.with_active(active, multiplier)
         coarse = self.reduced.coarse

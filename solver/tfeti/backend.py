@@ -11,8 +11,8 @@ from solver.backend import Statuses
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.constraints.contact_edge import mirror_image
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.recycling import Directions, RecyclingOptions
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -21,12 +21,14 @@ Mask = NDArray[np.bool_]
 class TotalFeti:
     """Solves active sets of one dual problem; made for one run of the loop.
 
-    The search directions of the sets solved so far serve later ones.
+    The search directions of the sets solved so far serve later ones; so do those of earlier
+    problems, if it shares them.
     """
 
     def __init__(self, problem: DualProblem, recycling: RecyclingOptions | None = None) -> None:
         self.problem = problem
-        self._directions = Directions(problem, recycling)
+        own = problem.known.directions
+        self._directions = own or Directions(problem.B, problem.conditional, recycling)
 
     @property
     def comm(self) -> MPI.Intracomm:

@@ -38,6 +38,7 @@ from solver.tfeti.constraints.matrix import (
     petsc_rows,
 )
 from solver.tfeti.constraints.rows import ContactRows
+from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator, interface_slices
 from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import SubdomainClass
@@ -78,6 +79,8 @@ class Known:
         B K⁺ f - c.
     offset, displacements : (dual,), (interface,)
         λ̃ where it is not the smallest, and K⁺ (f - Bᵀ λ̃).
+    directions
+        Search directions that problems under other loads share; they grow with each solve.
     """
 
     operator: DualOperator | None = None
@@ -85,6 +88,7 @@ class Known:
     d: NDArray[np.float64] | None = None
     offset: NDArray[np.float64] | None = None
     displacements: NDArray[np.float64] | None = None
+    directions: Directions | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +117,41 @@ class DualProblem:
         Parameters are those of `ContactSystem.with_loads`.
         """
         known = Known(operator=self.F) if self.factored else Known()
+        known = replace(known, directions=self.known.directions)
         return DualProblem(self.system.with_loads(forces, lifting, c), known)
 
     def without_factors(self) -> DualProblem:
         """The problem with all that tells of an answer, but nothing left to solve with."""
         classes = tuple(replace(cls, inverse=None, block=None) for cls in self.classes)
         return DualProblem(replace(self.system, classes=classes))
+
+    def recycling(self, directions: Directions | None) -> DualProblem:
+        """The same problem, whose search directions serve solves under other loads, too.
+
+        Parameters
+        ----------
+        directions
+            Those to begin with, used if they are of the same constraints; none if None.
+        """
+        if directions is None or directions.B is not self.B:
+            directions = Directions(self.B, self.conditional)
+        known = replace(self.known, operator=self.F, directions=directions)
+        return DualProblem(self.system, known)
+
+    def with_slip_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
+        """The same problem with slip measured from displacements, not from the unstrained state.
+
+        Their slip is the right-hand side of the tangential rows.
+
+        Parameters
+        ----------
+        displacements : one (n, members) array a class
+            Of a problem with the same subdomains.
+        """
+        moved = np.empty(self.size)
+        self.B.apply(self.on_interface(displacements), moved)
+        loads = replace(self.system.loads, c=np.where(self.tangential, moved, self.c))
+        return DualProblem(replace(self.system, loads=loads), replace(self.known, d=None))
 
     def with_constraint_forces(self, multiplier: NDArray[np.float64]) -> DualProblem:
         """The problem in which -Bᵀ λ of a given multiplier (dual,) acts as a load.

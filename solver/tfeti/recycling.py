@@ -1,207 +1,17 @@
-"""Search directions of earlier active sets that need no second operator application.
+"""Search directions of earlier active sets on the one that is solved: what they save there.
 
-Active sets differ in which contact rows are left out, the operator F is one. The directions p of
-earlier sets, all with G p = 0, span a space V. Vectors of V that vanish on the rows that are open
-now are admissible on the present set, and F is known on them. On a set
-
-    C = Z (Zᵀ VᵀFV Z)⁻¹ Zᵀ,  Z a basis of the y with V y = 0 on open rows,
-
-gives the best multiplier V C Vᵀ r in V for a residual r, and makes a preconditioned residual z
-F-orthogonal to V by z - V C (F V)ᵀ z (Y. Saad, M. Yeung, J. Erhel, F. Guyomarc'h, *A deflated
-version of the conjugate gradient algorithm*, 2000; P. Gosselet, C. Rey, J. Pebrel, *Total and
-selective reuse of Krylov subspaces for the resolution of sequences of nonlinear structural
-problems*, 2013). A row that opens costs one dimension, one that closes none.
-
-On one set each new direction is made F-orthogonal to all earlier ones, not to the last alone:
-rounding undoes the orthogonality, and where cells are slivers most steps would repeat others
-(F.-X. Roux, *Acceleration of the outer conjugate gradient by reorthogonalization for a domain
-decomposition method for structural analysis problems*, 1990).
+They are stored, and derived, in `solver.tfeti.directions`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.qp.preconditioner import Preconditioner
+from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.projected import RangeOperator
-
-DEPENDENT = 1e-6
-"""Eigenvalues of the scaled VᵀFV, relative to the largest, below which directions repeat others."""
-
-ABSENT = 1e-10
-"""Singular values of V on open rows, relative to the largest, that count as zero."""
-
-
-@dataclass(frozen=True)
-class RecyclingOptions:
-    """How many search directions are stored.
-
-    Attributes
-    ----------
-    most
-        Directions stored at once.
-    fewest
-        Stored directions from which on later sets use them: fewer save little.
-    light
-        Bytes of a direction, over all ranks, up to which storing it costs nothing beside its
-        operator application.
-    easy
-        Steps within which a set ends that needs no stored directions, where directions are not
-        light: the first set that takes more stores the following ones, and each later set all.
-    memory
-        Bytes a rank spends on them; large problems store none.
-    """
-
-    most: int = 100
-    fewest: int = 9
-    light: int = 2**19
-    easy: int = 8
-    memory: int = 2**27
-
-
-class Directions:
-    """Vectors p of earlier products, F p on all rows, and K⁺ Bᵀ p on the interface.
-
-    Parameters
-    ----------
-    problem
-        With all its contact rows.
-
-    Attributes
-    ----------
-    count
-        Directions that later sets use; those of the present set are stored beside them.
-    largest
-        Largest ‖F p‖/‖p‖ of them: a lower bound of ‖F‖.
-    """
-
-    def __init__(self, problem: DualProblem, options: RecyclingOptions | None = None) -> None:
-        self.options = options = options or RecyclingOptions()
-        self.problem, self.comm = problem, problem.comm
-        self._contact = np.flatnonzero(problem.conditional)
-        entries = 2 * problem.size + problem.B.columns
-        self._light = 8 * self.comm.allreduce(entries) <= options.light
-        room = options.memory // (8 * max(entries, 1))
-        capacity = int(self.comm.allreduce(min(options.most, room), op=MPI.MIN))
-        self.capacity = capacity if capacity >= options.fewest else 0
-        self.count = self._next = 0
-        self._vectors = np.empty((self.capacity, problem.size))
-        self._products = np.empty((self.capacity, problem.size))
-        self._motions = np.empty((self.capacity, problem.B.columns))
-        self._gram = np.zeros((self.capacity, self.capacity))
-        self.largest = 0.0
-
-    @property
-    def vectors(self) -> NDArray[np.float64]:
-        """p, (count, dual)."""
-        return self._vectors[: self.count]
-
-    @property
-    def products(self) -> NDArray[np.float64]:
-        """F p, (count, dual)."""
-        return self._products[: self.count]
-
-    @property
-    def motions(self) -> NDArray[np.float64]:
-        """K⁺ Bᵀ p, (count, interface)."""
-        return self._motions[: self.count]
-
-    def wanted(self, steps: int) -> bool:
-        """Whether to store the direction of this step on a set, counted from one."""
-        return self._light or self._next > 0 or steps > self.options.easy
-
-    def store(
-        self,
-        vector: NDArray[np.float64],
-        motion: NDArray[np.float64],
-        image: NDArray[np.float64],
-    ) -> None:
-        """Store an operator application, x, K⁺ Bᵀ x and P F x, as long as there is room.
-
-        The set that it comes from uses it at once, later sets from the next one on.
-        """
-        if self._next < self.capacity:
-            self._vectors[self._next], self._motions[self._next] = vector, motion
-            self._products[self._next] = image  # F x from `settle` on
-            self._next += 1
-
-    @property
-    def stored(self) -> int:
-        """How many there are, those of the present set included."""
-        return self._next
-
-    def orthogonalise(self, z: NDArray[np.float64], first: int) -> None:
-        """Make z F-orthogonal to the directions of this set, stored from `first` on (collective).
-
-        In exact arithmetic conjugate gradients are; rounding takes that from them where what F
-        does to a direction is small beside what it does to others, and costs steps.
-        """
-        if first == self._next:
-            return
-        vectors, images = (a[first : self._next] for a in (self._vectors, self._products))
-        curvatures = np.einsum("ij,ij->i", vectors, images)
-        curvatures, parts = self.comm.allreduce(np.stack([curvatures, images @ z]))
-        good = curvatures > 0.0
-        z -= np.where(good, parts / np.where(good, curvatures, 1.0), 0.0) @ vectors
-
-    @property
-    def suffice(self) -> bool:
-        """Whether there are enough for later sets."""
-        return self._next >= self.options.fewest
-
-    def settle(self) -> None:
-        """Offer all stored directions to later sets; where memory is full, drop the older half."""
-        rows, self.count = slice(self.count, self._next), self._next
-        for motion, product in zip(self._motions[rows], self._products[rows], strict=True):
-            self.problem.B.apply(motion, product)
-        vectors, products = self._vectors[rows], self._products[rows]
-        gram = self.comm.allreduce(self.vectors @ products.T)
-        self._gram[: self.count, rows], self._gram[rows, : self.count] = gram, gram.T
-        lengths, forces = self.comm.allreduce(
-            np.array([np.einsum("ij,ij->i", a, a) for a in (vectors, products)])
-        )
-        ratios = forces[lengths > 0.0] / lengths[lengths > 0.0]
-        self.largest = max(self.largest, float(np.sqrt(ratios.max(initial=0.0))))
-        if self.count == self.capacity:
-            self.count = self._next = self.capacity // 2
-            for array in (self._vectors, self._products, self._motions):
-                array[: self.count] = array[-self.count :].copy()
-            self._gram[: self.count, : self.count] = self._gram[-self.count :, -self.count :].copy()
-
-    def on_set(self, active: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """C, (k, k), for an active set (collective)."""
-        k = self.count
-        gram = self._gram[:k, :k]
-        scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), np.inf))
-        open_rows = self._contact[~active[self._contact]]
-        values = self._vectors[:k, open_rows].T * scale
-        triangle = np.zeros((k, k))
-        if len(open_rows):
-            part = np.linalg.qr(values, mode="r")
-            triangle[: len(part)] = part
-        parts = np.concatenate(self.comm.allgather(triangle))
-        result = np.zeros((k, k))
-        if k and not self.comm.rank:
-            _, sizes, basis = np.linalg.svd(parts)
-            rank = int((sizes > ABSENT * sizes.max(initial=0.0)).sum())
-            result = _inverse_on(basis[rank:].T, gram * scale * scale[:, None])
-            result *= scale * scale[:, None]
-        return np.asarray(self.comm.bcast(result))
-
-
-def _inverse_on(basis: NDArray[np.float64], gram: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Z (Zᵀ A Z)⁻¹ Zᵀ on directions that are independent to working precision."""
-    small = basis.T @ gram @ basis
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(small), np.finfo(np.float64).tiny))
-    sizes, modes = np.linalg.eigh(0.5 * (small + small.T) * scale * scale[:, None])
-    good = sizes > DEPENDENT * sizes.max(initial=0.0)
-    half = basis @ ((scale[:, None] * modes[:, good]) / np.sqrt(sizes[good]))
-    return np.asarray(half @ half.T)
 
 
 class RecordedOperator(RangeOperator):
@@ -255,7 +65,7 @@ class Recycled:
         if directions.suffice:
             directions.settle()
         self._of, self._comm = directions, directions.comm
-        self._closed = ~directions.problem.conditional | active
+        self._closed = ~directions.conditional | active
         self._inverse = directions.on_set(active)
 
     @property

@@ -102,7 +102,7 @@ class Stored:
 
 
 def read(directory: Path | str) -> Stored:
-    """Read the result in a directory.
+    """Read the result in a directory; of a load history its last increment.
 
     Raises
     ------
@@ -118,21 +118,30 @@ def read(directory: Path | str) -> Stored:
             )
         raise StoredError(f"{source} is not there: run the scene first, with output.xdmf: true")
     try:
-        topology = ElementTree.parse(source).getroot().find(".//Topology")
+        grid = ElementTree.parse(source).getroot().findall(".//Grid[@GridType='Uniform']")[-1]
+        topology = grid.find("Topology")
         with h5py.File(source.with_suffix(".h5"), "r") as file:
             points = file["points"][:]
             numbers = file["cells"][:]
+        with h5py.File(source.with_name(_last_numbers(grid, source)), "r") as file:
             data = {
                 centre: {name: item[:] for name, item in file[centre].items()}
                 for centre in ("node", "cell")
                 if centre in file
             }
-    except (OSError, KeyError, ElementTree.ParseError) as error:
+    except (OSError, KeyError, IndexError, ElementTree.ParseError) as error:
         raise StoredError(f"{source} cannot be read: {error}") from error
     if topology is None:
         raise StoredError(f"{source} names no cells: it is not a result of this application")
     cells, rows = _split(topology.get("TopologyType", ""), numbers)
     return Stored(points, cells, rows, data.get("node", {}), data.get("cell", {}))
+
+
+def _last_numbers(grid: ElementTree.Element, source: Path) -> str:
+    """The file of the fields of a frame; that of the mesh where it has none."""
+    item = grid.find("Attribute/DataItem")
+    text = "" if item is None else item.text or ""
+    return text.partition(":/")[0] or source.with_suffix(".h5").name
 
 
 def _split(

@@ -13,9 +13,10 @@ from solver.backend import Statuses
 from solver.contact.active_set import StoppingTest, active_set_loop
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
+from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_active_sets import initial_active_set
-from solver.tfeti.recycling import Directions, Recycled, RecyclingOptions
+from solver.tfeti.recycling import Recycled
 from tests import scenes
 from tests.hard_scenes import wall
 
@@ -48,7 +49,7 @@ def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
     problem: DualProblem, count: int
 ) -> None:
     """Of two faces before it; two rows have opened since, or two have closed."""
-    directions = Directions(problem)
+    directions = Directions(problem.B, problem.conditional)
     near = None
     for before in (16, 12):
         near, _ = solved(
@@ -64,7 +65,7 @@ def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
 
 def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualProblem) -> None:
     """It keeps open rows empty and equilibrium, and leaves a residual orthogonal to the rest."""
-    directions = Directions(problem)
+    directions = Directions(problem.B, problem.conditional)
     near, _ = solved(ActiveSetProblem(problem, Statuses(closed(problem, 16)), None, directions))
     touching = closed(problem, 13)
     glued = problem.with_active(touching, near)
@@ -115,7 +116,7 @@ def test_directions_that_are_not_light_are_kept_once_a_face_is_hard(
 ) -> None:
     """The first set stores those after its first steps, the next all of its own."""
     options = RecyclingOptions(light=0)
-    directions = Directions(problem, options)
+    directions = Directions(problem.B, problem.conditional, options)
     first, second = (closed(problem, count) for count in (16, 12))
     near, products = solved(ActiveSetProblem(problem, Statuses(first), None, directions))
     steps = products - 1  # the right-hand side is the other
@@ -124,7 +125,7 @@ def test_directions_that_are_not_light_are_kept_once_a_face_is_hard(
     _, products = solved(ActiveSetProblem(problem, Statuses(second), near, directions))
     assert directions.stored == steps - options.easy + products - 1
 
-    easy = Directions(problem, options)
+    easy = Directions(problem.B, problem.conditional, options)
     ActiveSetProblem(problem, Statuses(first), None, easy).solve(
         MPRGP(max_iterations=options.easy), TOLERANCE, None
     )

@@ -429,7 +429,7 @@ def test_an_automatic_tolerance_serves_each_case() -> None:
         ({"cases": {"a": {"push": 1}, "A": {"push": 2}}}, r"cases.A and a differ in cap"),
         ({"cases": {}}, r"cases is {}; it must not be empty"),
         ({"cases": {"a": {"push": "x"}}}, r"cases.a.push is 'x'; a number is allowed"),
-        ({"steps": [{"push": 1}]}, r"scene.yaml:\d+: steps is not available"),
+        ({"steps": [{"push": 1}]}, r"scene.yaml:\d+: steps and cases exclude each other"),
         ({"accuracy": 0.1}, r"scene.yaml:\d+: accuracy is not available with cases"),
     ],
     ids=["unknown", "directory", "capitals", "empty", "number", "steps", "accuracy"],

@@ -1,0 +1,95 @@
+"""Files of a load history: a frame for each increment, and the text that puts them in order.
+
+The first frame of ``solution.xdmf`` has its numbers, and the mesh, in ``solution.h5``; those of
+later ones are in ``solution-2.h5``, `solution-3.h5`, … Each file is whole when it has its name, and
+the text is written anew after each: a run that is killed leaves the frames it had finished.
+``solution.pvd`` names the files ``solution-1.vtu``, ``solution-2.vtu``, … likewise.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from contact_app.machine.whole_file import whole
+
+GRID = re.compile(r'<Grid Name="solution" GridType="Uniform">.*?</Grid>', re.DOTALL)
+"""A frame in the text that `xdmf_text` makes."""
+
+
+class Series:
+    """The frames that were written so far; rank 0 has it.
+
+    Attributes
+    ----------
+    times
+        Of the frames, that of the next one last.
+    grids
+        The text of each frame in an XDMF file.
+    """
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self.grids: list[str] = []
+
+    @classmethod
+    def resumed(cls, directory: Path, times: Sequence[float]) -> Series:
+        """The first frames, at these times, that an earlier run left in a directory."""
+        found, text = cls(), directory / "solution.xdmf"
+        found.times = list(times)
+        if text.is_file():
+            found.grids = GRID.findall(text.read_text(encoding="utf-8"))[: len(times)]
+        return found
+
+    def begin(self, time: float) -> None:
+        """The next frame is that of a time."""
+        self.times.append(time)
+
+    @property
+    def number(self) -> int:
+        """Of the next frame, from one."""
+        return len(self.times)
+
+    def numbers_of(self, text: Path) -> Path:
+        """The file of the numbers of the next frame of an XDMF file."""
+        if self.number == 1:
+            return text.with_suffix(".h5")
+        return text.with_name(f"{text.stem}-{self.number}.h5")
+
+    def grid_of(self, collection: Path) -> Path:
+        """The VTU file of the next frame."""
+        return collection.with_name(f"{collection.stem}-{self.number}.vtu")
+
+    def write_collection(self, collection: Path) -> None:
+        """Write ``solution.pvd``, which puts the VTU files in order."""
+        lines = [
+            '<?xml version="1.0"?>',
+            '<VTKFile type="Collection" version="1.0">',
+            "<Collection>",
+            *(
+                f'<DataSet timestep="{time:.12g}" part="0" file="{collection.stem}-{number}.vtu"/>'
+                for number, time in enumerate(self.times, start=1)
+            ),
+            "</Collection>",
+            "</VTKFile>",
+            "",
+        ]
+        with whole(collection) as part:
+            part.write_text("\n".join(lines), encoding="utf-8")
+
+
+def xdmf_text(grids: Sequence[str]) -> str:
+    """An XDMF file whose frames are some grids."""
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        '<Xdmf Version="3.0">',
+        "<Domain>",
+        '<Grid Name="results" GridType="Collection" CollectionType="Temporal">',
+        *grids,
+        "</Grid>",
+        "</Domain>",
+        "</Xdmf>",
+        "",
+    ]
+    return "\n".join(lines)

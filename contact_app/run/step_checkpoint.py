@@ -1,0 +1,163 @@
+"""Where a load history has come to, on disk: ``--resume`` goes on from there.
+
+After each increment are written: the displacements at its end, from which slip is measured and
+which the next increment begins with; and in ``checkpoint.json`` the position in the history and the
+records of all increments. The vectors come first and the scalars at once, so that a run killed
+while it writes leaves the checkpoint before it whole. Bodies, conditions and contacts have to be as
+they were, and so have the steps that are over or begun, but for their increments; later steps may
+change.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+from contact_app.machine.whole_file import whole
+from contact_app.results.report import log, plain
+from contact_app.run.communication import on_first
+from contact_app.run.increments import Position
+from contact_app.run.step_records import Record
+from contact_app.scene.scene import CONDITIONS, Scene
+from solver.contact.checkpoint import CHECKPOINT, remove_checkpoint
+from solver.contact.vector_file import read_vectors, write_vectors
+
+Displacements = list[NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Where an earlier run has come to.
+
+    Attributes
+    ----------
+    vectors
+        File of the displacements.
+    last
+        The summary of the last increment.
+    """
+
+    position: Position
+    records: list[Record]
+    last: Record
+    vectors: Path
+
+    def displacements(self, shapes: list[tuple[int, int]], comm: MPI.Intracomm) -> Displacements:
+        """The displacements at its end, (n, members) of each class (collective).
+
+        Raises
+        ------
+        ConfigurationError
+            They are of another mesh, or cannot be read.
+        """
+        sizes = [n * members for n, members in shapes]
+        try:
+            (flat,) = read_vectors(self.vectors, comm, sum(sizes), 1)
+        except (OSError, ValueError) as error:
+            raise ConfigurationError(
+                f"{self.vectors}: no readable checkpoint: {error}; run without --resume"
+            ) from error
+        ends = np.cumsum(sizes)[:-1]
+        parts = np.split(flat, ends)
+        return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+
+class StepCheckpoint:
+    """Writes, reads and removes the checkpoint of a load history; methods are collective."""
+
+    def __init__(self, directory: Path, scene: Scene, comm: MPI.Intracomm) -> None:
+        self._path, self._scene, self._comm = directory / CHECKPOINT, scene, comm
+
+    def read(self) -> Reached | None:
+        """Where an earlier run in the directory has come to; None where it left nothing.
+
+        Raises
+        ------
+        ConfigurationError
+            The checkpoint is of another scene or number of ranks, or cannot be read.
+        """
+        found = self._comm.bcast(self._read() if self._comm.rank == 0 else None)
+        if isinstance(found, ConfigurationError):
+            raise found
+        return found
+
+    def _read(self) -> Reached | ConfigurationError | None:
+        if not self._path.is_file():
+            return None
+        try:
+            saved = json.loads(self._path.read_text(encoding="utf-8"))
+            position = saved["position"]
+            at = Position(
+                position["step"], Fraction(position["share"]), position["number"],
+                position["dissipated"],
+            )  # fmt: skip
+            if saved["ranks"] != self._comm.size:
+                return ConfigurationError(
+                    f"{self._path}: the checkpoint was written on {saved['ranks']} ranks, and on "
+                    f"{self._comm.size} its displacements have another order; resume on as many "
+                    "ranks, or run without --resume"
+                )
+            if saved["scene"] != digest(self._scene, at.step):
+                return ConfigurationError(
+                    f"{self._path}: the checkpoint is of another scene (bodies, conditions, "
+                    "contacts, or the steps up to there differ); run without --resume, or into "
+                    "another directory"
+                )
+            vectors = self._path.with_name(saved["vectors"])
+            return Reached(at, saved["records"], saved["last"], vectors)
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            return ConfigurationError(
+                f"{self._path}: no readable checkpoint: {error}; run without --resume"
+            )
+
+    def write(
+        self, at: Position, records: list[Record], last: Record, displacements: Displacements
+    ) -> None:
+        """Write it; a disk that does not take it is no reason to end the run."""
+        vectors = self._path.with_name(f"checkpoint-{at.number}.vectors")
+        flat = np.concatenate([np.zeros(0), *(u.ravel() for u in displacements)])
+        saved = {
+            "position": {**vars(at), "share": str(at.share)},
+            "ranks": self._comm.size,
+            "scene": digest(self._scene, at.step),
+            "vectors": vectors.name,
+            "last": last,
+            "records": records,
+        }
+
+        def scalars() -> None:
+            with whole(self._path) as part:
+                part.write_text(json.dumps(plain(saved)) + "\n", encoding="utf-8")
+            for old in self._path.parent.glob("checkpoint-*.vectors"):
+                if old != vectors:
+                    old.unlink()
+
+        try:
+            write_vectors(vectors, self._comm, [flat])
+            on_first(self._comm, scalars)
+        except OSError as error:
+            if self._comm.rank == 0:
+                log.warning("no checkpoint could be written: %s", error)
+
+    def remove(self) -> None:
+        """Nothing is left to go on from."""
+        if self._comm.rank == 0:
+            remove_checkpoint(self._path.parent)
+
+
+def digest(scene: Scene, steps: int) -> str:
+    """What tells scenes apart for which a checkpoint in one of the first steps is the same."""
+    parts: list[Any] = [getattr(scene, key) for key in CONDITIONS]
+    parts += [scene.dimension, scene.plane, scene.contacts, scene.pairs, scene.ties]
+    parts += [scene.decomposition, [step.factors for step in scene.steps[:steps]]]
+    parts += [(body.name, body.materials, body.degree, body.nodes) for body in scene.bodies]
+    return hashlib.sha256(repr(parts).encode()).hexdigest()

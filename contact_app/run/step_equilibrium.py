@@ -1,0 +1,57 @@
+"""Where in a load step a body leaves.
+
+The loads that contact forces can carry, pressures with friction within their limits at each point,
+are a convex set: if the loads at both ends of a step belong to it, so do those between. So each
+step is judged by its end, and where the end has no equilibrium, the factor at which the bodies
+begin to move is found by bisection.
+"""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+from contact_app.errors import NoEquilibriumError
+from contact_app.model.outline import Outline, outline, outline_of_case
+from contact_app.scene.scene import Scene
+
+BISECTIONS = 12
+"""Looks at a step: three digits of the factor."""
+
+
+class LeavesInStepError(NoEquilibriumError):
+    """A body leaves in a load step; the text names the step and its factor."""
+
+
+def leaving_in_step(
+    scene: Scene, step: int, comm: MPI.Intracomm, known: Outline | None, error: NoEquilibriumError
+) -> LeavesInStepError:
+    """What is said of a step at whose end a body leaves (collective).
+
+    Parameters
+    ----------
+    scene
+        With its steps.
+    step
+        Number of the step, from zero.
+    known
+        The outline of another loading, if there is one.
+    error
+        What is said of the end of the step.
+    """
+    stands, leaves = 0.0, 1.0
+    for count in range(BISECTIONS):
+        share = 0.5 * (stands + leaves) if count else 0.0  # first whether it stands at its start
+        loaded = scene.under(scene.loading_at(step, share))
+        try:
+            if known is None:
+                known = outline(loaded, comm, needed="estimated")
+            else:
+                outline_of_case(known, loaded)
+            stands = share
+        except NoEquilibriumError as earlier:
+            leaves, error = share, earlier
+        if leaves == 0.0:
+            break
+    said = str(error).removeprefix(f"{scene.source}: ")
+    where = f"from its factor {0.5 * (stands + leaves):.3g} on" if stands else "from its start on"
+    return LeavesInStepError(f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {said}")

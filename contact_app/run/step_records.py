@@ -1,0 +1,100 @@
+"""What is said of a load history: a record for each increment, and the summary of all of them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from contact_app.machine.whole_file import whole
+from contact_app.run.increments import SolvedIncrement
+
+OF_THE_RUN = ("scene", "mesh", "decomposition", "environment")
+"""Parts of a summary that are the same in all increments, and not in their records."""
+
+Record = dict[str, Any]
+
+
+def record_of(increment: SolvedIncrement) -> Record:
+    """The record of an increment in `steps` of ``summary.json``.
+
+    What friction has taken is that since the beginning; what it took in the increment stands
+    beside it.
+    """
+    place, summary = increment.place, increment.solved.summary
+    own = {key: value for key, value in summary.items() if key not in OF_THE_RUN}
+    solution = dict(own["solution"])
+    if "dissipated_work" in solution:
+        solution["dissipated_work_of_increment"] = solution["dissipated_work"]
+        solution["dissipated_work"] = increment.dissipated
+    return {
+        "step": place.step,
+        "factor": float(place.share),
+        "increment": place.number,
+        "time": place.time,
+        "factors": dict(increment.factors),
+        "halved": increment.halved,
+        **own,
+        "solution": solution,
+        "timings": increment.solved.timings.as_dict(),
+    }
+
+
+def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Record:
+    """``summary.json`` of a load history: that of the last increment, and a list of all.
+
+    Timings add up; of the warnings of earlier increments each is told once.
+
+    Parameters
+    ----------
+    last
+        The summary of the last increment.
+    """
+    final = records[-1]
+    known = list(final["certificate"]["warnings"])
+    for record in records[:-1]:
+        for sentence in record["certificate"]["warnings"]:
+            if not any(sentence in told for told in known):
+                known.append(f"step {record['step']}, factor {record['factor']:.6g}: {sentence}")
+    keys = dict.fromkeys(key for record in records for key in record["timings"])
+    timings = {key: sum(record["timings"].get(key, 0.0) for record in records) for key in keys}
+    return {
+        **last,
+        "solution": final["solution"],
+        "certificate": {**final["certificate"], "warnings": known},
+        "timings": timings,
+        "steps": list(records),
+    }
+
+
+def write_table(path: Path, records: Sequence[Record]) -> None:
+    """Write ``increments.csv``: a row for each increment."""
+    rows = [dict(_row(record)) for record in records]
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _row(record: Record) -> Iterable[tuple[str, Any]]:
+    """Columns and values of a row."""
+    for key in ("increment", "step", "factor", "time"):
+        yield key, record[key]
+    for name, factor in record["factors"].items():
+        yield f"factor_{name}", factor
+    yield "hessian_multiplications", record["solver"]["hessian_multiplications"]
+    yield "certified", int(record["certificate"]["passed"])
+    solution = record["solution"]
+    for key in ("energy", "max_displacement", "max_contact_pressure", "dissipated_work"):
+        if key in solution:
+            yield key, solution[key]
+    for number, contact in enumerate(record["contacts"]):
+        for axis, value in zip("xyz", contact["force"], strict=False):
+            yield f"contacts[{number}]_force_{axis}", value
+        for status, count in contact.get("nodes", {}).items():
+            yield f"contacts[{number}]_{status}", count
+    for name, probe in record.get("probes", {}).items():
+        for axis, value in zip("xyz", probe["displacement"], strict=False):
+            yield f"{name}_{axis}", value

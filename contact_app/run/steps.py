@@ -1,0 +1,197 @@
+"""Run a load history: solve its increments, and write the files of each as soon as it is solved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from contact_app.machine.exits import Exit
+from contact_app.machine.exits import tell as say
+from contact_app.results.history import History
+from contact_app.results.output import Fields, write_fields
+from contact_app.results.report import log, print_steps, run_log, write_summary
+from contact_app.results.result_size import file_names
+from contact_app.results.series import Series
+from contact_app.run.communication import on_first
+from contact_app.run.files import log_model_that_fits, part_that_is_solved, without_parts
+from contact_app.run.increments import (
+    IncrementModels,
+    Place,
+    Position,
+    SolvedIncrement,
+    solved_increments,
+)
+from contact_app.run.progress import Interruption, Progress, together
+from contact_app.run.result_directory import clear
+from contact_app.run.step_checkpoint import StepCheckpoint
+from contact_app.run.step_records import Record, record_of, summary_of_steps, write_table
+from contact_app.scene.scene import Scene
+from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
+from solver.qp.result import Monitor, Reason
+
+
+def run_steps(
+    scene: Scene,
+    directory: Path,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    resume: bool = False,
+    every: float = EVERY_SECONDS,
+) -> int:
+    """Solve all steps, write the files of each increment; the exit code (collective).
+
+    Interrupted, the increment that is being solved is given up, and ``--resume`` goes on from the
+    last one that was finished. Parameters are those of `run.run`.
+    """
+    first = comm.rank == 0
+    on_first(comm, lambda: clear(directory, resume))
+    with (
+        without_parts(directory),
+        run_log(directory / "run.log", first),
+        Progress(first) as progress,
+        Interruption() as interruption,
+    ):
+        scene = part_that_is_solved(scene)
+        # its clock alone is used: nothing is saved within an increment
+        attention = Attention(
+            comm, lambda: interruption.asked, Checkpoint(directory, comm, False, every)
+        )
+        files = _Files(scene, directory, comm, resume)
+        with History(
+            directory / "history.csv" if first else None, files.found, increments=True
+        ) as history:
+            code = _solve_and_write(files, progress, history, attention)
+    if first and files.summary is not None:
+        _print(files.summary, [*files.paths, directory / "run.log"])
+    return code
+
+
+class _Files:
+    """The files of a load history; methods are collective.
+
+    Attributes
+    ----------
+    found
+        Whether an earlier run is gone on from.
+    summary
+        What ``summary.json`` holds; None before the first increment is solved.
+    paths
+        Of all files but the log.
+    """
+
+    def __init__(self, scene: Scene, directory: Path, comm: MPI.Intracomm, resume: bool) -> None:
+        self.scene, self.directory, self.comm = scene, directory, comm
+        self._checkpoint = StepCheckpoint(directory, scene, comm)
+        self.reached = self._checkpoint.read() if resume else None
+        self.found = self.reached is not None
+        self.records: list[Record] = []
+        self.summary: dict[str, Any] | None = None
+        self.series, self.paths = Series(), list[Path]()
+        if self.reached is not None:
+            self.records = self.reached.records
+            self.summary = summary_of_steps(self.reached.last, self.records)
+            self.series = Series.resumed(directory, [record["time"] for record in self.records])
+
+    @property
+    def position(self) -> Position:
+        """Where the history begins."""
+        return self.reached.position if self.reached is not None else Position()
+
+    def add(self, increment: SolvedIncrement) -> None:
+        """Write an increment."""
+        solved, directory = increment.solved, self.directory
+        self.series.begin(increment.place.time)
+        fields = Fields(solved.nodes, solved.cells, solved.nodal)
+        paths: list[Path] = []
+        if file_names(solved.model.scene):
+            with solved.timings.measure("output"):
+                paths = write_fields(solved.model, fields, directory, self.series)
+        self.records.append(record_of(increment))
+        last = {**solved.summary, "steps": None}
+        self.summary = summary_of_steps(last, self.records)
+        names = ("summary.json", "increments.csv", "history.csv")
+        self.paths = [*paths, *(directory / name for name in names)]
+        on_first(self.comm, self._write_texts)
+        if solved.solution.converged:
+            place = increment.place
+            at = Position(place.step, place.share, place.number, increment.dissipated)
+            self._checkpoint.write(at, self.records, last, solved.solution.displacements)
+
+    def finish(self) -> None:
+        """The history is at its end."""
+        self._checkpoint.remove()
+
+    def _write_texts(self) -> None:
+        assert self.summary is not None
+        write_table(self.directory / "increments.csv", self.records)
+        write_summary(self.directory / "summary.json", self.summary)
+
+
+def _solve_and_write(
+    files: _Files, progress: Progress, history: History, attention: Attention
+) -> int:
+    """Solve the increments and write each; the exit code (collective)."""
+    scene, comm = files.scene, files.comm
+    monitor = together(progress, history, attention)
+    count = sum(step.increments for step in scene.steps)
+
+    def monitor_of(place: Place) -> Monitor:
+        progress.stage(
+            f"step {place.step} of {len(scene.steps)}, factor {float(place.share):.6g} "
+            f"(increment {place.number} of {max(count, place.number)})"
+        )
+        history.increment = place.number
+        return monitor
+
+    models = IncrementModels(scene, comm)
+    if files.reached is not None:
+        progress.stage(
+            f"going on after step {files.position.step}, factor {float(files.position.share):.6g}"
+        )
+        reached = files.reached
+        models.go_on(lambda shapes: reached.displacements(shapes, comm))
+    tell = partial(log_model_that_fits, directory=files.directory)
+    over, code = files.position, Exit.CERTIFIED
+    for increment in solved_increments(scene, comm, monitor_of, tell, models, over):
+        solution = increment.solved.solution
+        if solution.reason is Reason.STOPPED and not solution.converged and files.records:
+            break
+        files.add(increment)
+        if comm.rank == 0:
+            log.info("%s", _sentence(files.records[-1]))
+        if not solution.converged:
+            break
+        guaranteed = increment.solved.guaranteed
+        if guaranteed is not None and guaranteed.missing:
+            code = Exit.NOT_CERTIFIED
+        over = replace(over, step=increment.place.step, share=increment.place.share)
+    if over.step == len(scene.steps) and over.share == 1:
+        files.finish()
+        return code
+    if comm.rank == 0:
+        log.warning(
+            "the history ends after step %d, factor %.6g; --resume goes on from there",
+            over.step, float(over.share),
+        )  # fmt: skip
+    return Exit.NOT_CERTIFIED
+
+
+def _sentence(record: Record) -> str:
+    """An increment in a line of the log."""
+    return (
+        f"step {record['step']}, factor {record['factor']:.6g}: "
+        f"{record['solver']['hessian_multiplications']} Hessian multiplications, largest "
+        f"displacement {record['solution']['max_displacement']:.6g}, "
+        f"{'certified' if record['certificate']['passed'] else 'not certified'}"
+    )
+
+
+def _print(summary: dict[str, Any], files: list[Path]) -> None:
+    """Print the table; a terminal that is gone does not end the run."""
+    try:
+        print_steps(summary, files)
+    except OSError as error:
+        say(f"the summary could not be printed ({error.strerror}); {files[0].parent} has it")

@@ -1,0 +1,343 @@
+"""Load histories: held against theory and single runs, what a run writes, what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import logging
+import re
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import contact_app
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.machine.exits import Exit
+from contact_app.run.answer import StepAnswers
+from contact_app.run.cases import solved_cases
+from contact_app.run.run import run
+from contact_app.run.solve import solve_scene
+from tests import scenes
+from tests.scenes import Config
+from tests.scenes_on_ranks import summary_of
+
+SQUARE = "quadrilateral"
+MU = 0.25
+
+
+def block(steps: list[Config], n: int = 8, mu: float = MU) -> Config:
+    """A block on a rough floor whose top is pressed down and moved aside, as the steps say."""
+    press = {"name": "press", "on": "block.y+", "displacement": [None, -0.01]}
+    push = {"name": "push", "on": "block.y+", "displacement": [0.01, None]}
+    floor = {"on": "block.y-", "obstacle": scenes.plane(SQUARE, (0, 0, 0), (0, 0, 1))}
+    made = scenes.config(
+        SQUARE,
+        [scenes.block(SQUARE, n, upper=(2, 1, 1))],
+        [press, push],
+        [{**floor, "friction": {"coulomb": mu}}],
+    )
+    made["output"] = {"probes": {"corner": [2, 1]}}
+    return {**made, "steps": steps}
+
+
+PRESS_AND_PUSH: list[Config] = [{"press": 1}, {"push": 1, "increments": 3}, {"push": -1}]
+
+
+def solved(made: Config) -> StepAnswers:
+    found = contact_app.solve(made)
+    assert isinstance(found, StepAnswers)
+    return found
+
+
+@pytest.fixture(scope="module")
+def history() -> StepAnswers:
+    return solved(block(PRESS_AND_PUSH))
+
+
+def rod(steps: list[Config], cells: int = 50) -> Config:
+    """A thin rod on a floor with a slip limit, pulled at its end."""
+    return {
+        "dimension": "plane_stress",
+        "bodies": [
+            {
+                "name": "rod",
+                "mesh": {"box": {"lower": [0, 0], "upper": [100, 0.5], "cells": [cells, 1]}},
+                "material": {"young": 1000, "poisson": 0},
+            }
+        ],
+        "conditions": [
+            {"name": "pull", "on": "rod.x+", "traction": [20, 0]},
+            {"on": "rod.y+", "displacement": [None, 0]},
+        ],
+        "contacts": [
+            {
+                "on": "rod.y-",
+                "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}},
+                "friction": {"tresca": 0.2},
+            }
+        ],
+        "output": {"probes": {"end": [100, 0.25]}},
+        "steps": steps,
+    }
+
+
+def test_a_rod_that_is_pulled_released_and_pushed() -> None:
+    """u = F²/(2 E A s), half of it when released, minus it when pushed; a cycle loses
+    2 F³/(3 E A s)."""
+    steps = [{"pull": 1}, {"pull": 0, "increments": 2}, {"pull": -1}, {"pull": 1}]
+    found = solved(rod(steps))
+    assert found.converged
+    ends = [record for record in found.summary["steps"] if record["factor"] == 1.0]
+    moved = [record["probes"]["end"]["displacement"][0] for record in ends]
+    np.testing.assert_allclose(moved, [0.5, 0.25, -0.5, 0.5], rtol=5e-3)
+    lost = [record["solution"]["dissipated_work"] for record in ends]
+    assert lost[3] - lost[0] == pytest.approx(2e3 / 300, rel=2e-2)
+    assert lost[0] == pytest.approx(1e3 / 600, rel=2e-2)
+
+
+def test_friction_obeys_the_slip_of_each_increment(history: StepAnswers) -> None:
+    """Recomputed at the nodes of the floor: |t| ≤ μ p, and at the limit against what slipped."""
+    assert history.converged
+    at, slipped = history.last.points[:, 1] == 0.0, 0
+    before = np.zeros(history.last.displacement.shape)
+    for answer in history.increments:
+        slip = (answer.displacement - before)[at, 0]
+        force = answer.solved.nodes.friction_traction[at, 0]
+        limit = MU * answer.contact_pressure[at]
+        least = 1e-6 * np.abs(answer.displacement).max()
+        top = limit.max()
+        assert (np.abs(force) <= limit + 1e-5 * top).all()
+        slides = np.abs(slip) > least
+        np.testing.assert_allclose(force[slides], -np.sign(slip[slides]) * limit[slides],
+                                   atol=1e-5 * top)  # fmt: skip
+        np.testing.assert_allclose(answer.solved.nodes.slip[at, 0], slip, atol=least)
+        slipped += int(slides.sum())
+        before = answer.displacement
+    assert slipped > 10
+
+
+def test_the_order_of_loads_matters(history: StepAnswers) -> None:
+    """Pressed and pushed at once the block ends elsewhere."""
+    at_once = block([])
+    del at_once["steps"]
+    at_once["conditions"][1]["displacement"] = [-0.01, None]
+    once = contact_app.solve(at_once).summary["solution"]["dissipated_work"]
+    other = history.summary["solution"]["dissipated_work"]
+    assert other > 1.5 * once > 0.0
+
+
+def test_one_increment_is_the_scene_without_steps() -> None:
+    made = block([{"press": 1, "push": 1}])
+    found = solved(made).summary
+    alone = solve_scene(scenes.build({k: v for k, v in made.items() if k != "steps"})).summary
+    assert found["solution"]["energy"] == pytest.approx(alone["solution"]["energy"], rel=1e-10)
+    assert found["contacts"][0]["nodes"] == alone["contacts"][0]["nodes"]
+
+
+def test_without_friction_increments_are_cases() -> None:
+    made = block([{"press": 1}, {"push": 1, "increments": 2}])
+    del made["contacts"][0]["friction"]
+    energies = [r["solution"]["energy"] for r in solved(made).summary["steps"]]
+    made["cases"] = {
+        "a": {"press": 1},
+        "b": {"press": 1, "push": 0.5},
+        "c": {"press": 1, "push": 1},
+    }
+    del made["steps"]
+    cases = solved_cases(scenes.build(made), MPI.COMM_WORLD, lambda name: None)
+    known = [case.summary["solution"]["energy"] for case in cases]
+    np.testing.assert_allclose(energies, known, rtol=1e-8)
+
+
+def test_records_of_increments(history: StepAnswers) -> None:
+    records = history.summary["steps"]
+    assert [r["step"] for r in records] == [1, 2, 2, 2, 3]
+    assert [r["factor"] for r in records] == pytest.approx([1, 1 / 3, 2 / 3, 1, 1])
+    assert [r["time"] for r in records] == pytest.approx([1, 4 / 3, 5 / 3, 2, 3])
+    assert [r["factors"]["push"] for r in records[1:]] == pytest.approx([1 / 3, 2 / 3, 1, -1])
+    assert history.summary["solution"] == records[-1]["solution"]
+    assert history.summary["probes"] == records[-1]["probes"]
+    work = [r["solution"]["dissipated_work_of_increment"] for r in records]
+    lost = [r["solution"]["dissipated_work"] for r in records]
+    np.testing.assert_allclose(np.cumsum(work), lost, rtol=1e-12)
+
+
+def test_increments_share_factors_and_directions(history: StepAnswers) -> None:
+    first, *others = (answer.solved.model.problem for answer in history.increments)
+    for problem in others:
+        assert problem.F is first.F
+        assert problem.known.directions is first.known.directions
+
+
+@pytest.mark.ratchet
+def test_ten_increments_cost_less_than_seven_solves() -> None:
+    made = block([{"press": 1}, {"push": 1, "increments": 9}], n=16)
+    counts = [r["solver"]["hessian_multiplications"] for r in solved(made).summary["steps"]]
+    del made["steps"]
+    one = contact_app.solve(made).summary["solver"]["hessian_multiplications"]
+    assert sum(counts) <= 7 * one, (counts, one)
+
+
+# --- runs --------------------------------------------------------------------------------------
+
+
+def times(directory: Path) -> list[float]:
+    """Of the frames of ``solution.xdmf``, whose files are all there."""
+    text = (directory / "solution.xdmf").read_text()
+    for name in set(re.findall(r">([^<>]*\.h5):/", text)):
+        assert (directory / name).is_file(), name
+    return [float(t) for t in re.findall(r'<Time Value="([^"]*)"/>', text)]
+
+
+class Interrupts(logging.Handler):
+    """Sends Ctrl-C once a message is logged."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.text = text
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.getMessage().startswith(self.text):
+            signal.raise_signal(signal.SIGINT)
+
+
+def interrupted(directory: Path) -> Config:
+    """A run that is interrupted after its third increment; its scene."""
+    made = block(PRESS_AND_PUSH)
+    made["output"]["vtu"] = True
+    handler = Interrupts("step 2, factor 0.666667:")
+    logging.getLogger("contact_app").addHandler(handler)
+    try:
+        assert run(scenes.build(made), directory) == Exit.NOT_CERTIFIED
+    finally:
+        logging.getLogger("contact_app").removeHandler(handler)
+    return made
+
+
+def test_increments_without_an_answer_are_halved() -> None:
+    made = block(PRESS_AND_PUSH, mu=0.4)
+    made["solver"]["max_iterations"] = 4
+    found = solved(made)
+    assert found.converged
+    halved = [record["halved"] for record in found.summary["steps"]]
+    assert halved[0] == 0 < max(halved)
+    assert found.summary["steps"][-1]["time"] == 3.0
+    made["solver"]["max_iterations"] = 1
+    assert not solved(made).converged
+
+
+def test_an_interrupted_run_goes_on(history: StepAnswers, tmp_path: Path) -> None:
+    """What is finished stays, and the rest is solved as if nothing had happened."""
+    made = interrupted(tmp_path)
+    saved = json.loads((tmp_path / "summary.json").read_text())["steps"]
+    assert [r["time"] for r in saved] == pytest.approx([1, 4 / 3, 5 / 3]) == times(tmp_path)
+
+    assert run(scenes.build(made), tmp_path, resume=True) == Exit.CERTIFIED
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert [r["time"] for r in summary["steps"]] == pytest.approx(times(tmp_path))
+    assert summary["steps"][-1]["time"] == 3.0
+    assert not list(tmp_path.glob("checkpoint*"))
+    for key in ("energy", "dissipated_work", "max_displacement"):
+        assert summary["solution"][key] == pytest.approx(history.summary["solution"][key], rel=1e-5)
+    with (tmp_path / "increments.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(summary["steps"])
+    assert float(rows[-1]["corner_x"]) == summary["probes"]["corner"]["displacement"][0]
+    assert (tmp_path / "solution.pvd").read_text().count("<DataSet") == len(rows)
+
+    assert run(scenes.build({**made, "steps": [{"press": 1}]}), tmp_path) == Exit.CERTIFIED
+    assert not list(tmp_path.glob("solution-2.*"))
+
+
+def test_a_checkpoint_of_another_history_is_refused(tmp_path: Path) -> None:
+    made = interrupted(tmp_path)
+    made["conditions"][1]["displacement"] = [0.02, None]
+    with pytest.raises(ConfigurationError, match="the checkpoint is of another scene"):
+        run(scenes.build(made), tmp_path, resume=True)
+
+
+@pytest.mark.mpi
+def test_two_ranks_find_what_one_finds(tmp_path: Path) -> None:
+    made = block(PRESS_AND_PUSH)
+    made["decomposition"] = {"subdomains": 4}
+    one, two = (summary_of(made, tmp_path, ranks)["steps"] for ranks in (1, 2))
+    for own, other in zip(one, two, strict=True):
+        assert own["contacts"][0]["nodes"] == other["contacts"][0]["nodes"]
+        for key in ("energy", "dissipated_work"):
+            assert own["solution"][key] == pytest.approx(other["solution"][key], rel=1e-5)
+
+
+# --- what is refused ---------------------------------------------------------------------------
+
+
+def test_what_slides_away_is_said_with_its_step_and_factor() -> None:
+    """Pressed by 20 per unit, the block slides from 0.4 · 20 = 8 on."""
+    made = block([{"press": 1}, {"push": 1, "increments": 2}], mu=0.4)
+    made["conditions"] = [
+        {"name": "press", "on": "block.y+", "traction": [0, -10]},
+        {"name": "push", "on": "block.y+", "traction": [5, 0]},
+    ]
+    with pytest.raises(
+        NoEquilibriumError, match=r"steps\[1\]: step 2, from its factor 0\.8 on: .*"
+    ):
+        contact_app.solve(made)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"steps": [{"push": 1}, {"pres": 1}]}, r"steps\[1\].pres names no condition; did"),
+        ({"steps": [{"push": 1, "increment": 3}]}, r"steps\[0\].increment .* mean increments"),
+        ({"steps": [{"push": 1, "increments": 0}]}, r"steps\[0\].increments is 0; it must be at l"),
+        ({"steps": [{"push": 1, "increments": 1.5}]}, r"increments is 1.5; a whole number"),
+        ({"steps": [{"push": "x"}]}, r"steps\[0\].push is 'x'; a number is allowed"),
+        ({"steps": []}, r"steps is \[\]; it must not be empty"),
+        ({"steps": [{"increments": 2}]}, r"steps\[0\] names no condition, so that nothing changes"),
+        ({"steps": [{"push": 0}]}, r"steps load nothing"),
+        ({"cases": {"a": {"push": 1}}}, r"steps and cases exclude each other"),
+        ({"conditions": [{"on": "block.y-", "displacement": [1, 0]}]}, r"no condition has a name"),
+    ],
+)  # fmt: skip
+def test_wrong_steps_are_located(changes: Config, message: str, tmp_path: Path) -> None:
+    made: dict[str, Any] = {**block(PRESS_AND_PUSH, 3), **changes}
+    with pytest.raises(ConfigurationError, match=rf"scene.yaml:\d+: .*{message}"):
+        contact_app.solve(scenes.write(made, tmp_path / "scene.yaml"))
+
+
+def test_an_accuracy_is_refused_with_steps(tmp_path: Path) -> None:
+    made = block([{"press": 1}], 3)
+    del made["contacts"][0]["friction"]
+    path = scenes.write({**made, "accuracy": 0.1}, tmp_path / "scene.yaml")
+    with pytest.raises(ConfigurationError, match=r"accuracy is not available with steps"):
+        contact_app.solve(path)
+
+
+def test_what_solves_one_loading_refuses_steps() -> None:
+    with pytest.raises(ConfigurationError, match="load steps are solved by `run`"):
+        solve_scene(scenes.build(block([{"press": 1}], 3)))
+
+
+def test_slips_that_turn_aside_ask_for_more_increments() -> None:
+    made = scenes.config(
+        "hexahedron",
+        [scenes.block("hexahedron", 2, upper=(1, 1, 0.5))],
+        [
+            {"on": "block.z+", "displacement": [None, None, -0.01]},
+            {"name": "x", "on": "block.z+", "displacement": [0.02, None, None]},
+            {"name": "y", "on": "block.z+", "displacement": [None, 0.02, None]},
+        ],
+        [
+            {
+                "on": "block.z-",
+                "obstacle": scenes.plane("hexahedron", (0, 0, 0), (0, 0, 1)),
+                "friction": {"coulomb": 0.1},
+            }
+        ],
+    )
+    steps = solved({**made, "steps": [{"x": 1}, {"x": 2}, {"y": 1}]}).summary["steps"]
+    warned = [any("turns aside" in w for w in s["certificate"]["warnings"]) for s in steps]
+    assert warned == [False, False, True]
