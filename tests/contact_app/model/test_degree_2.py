@@ -20,6 +20,7 @@ from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve
 from tests.contact_app.model.test_meshes_from_files import patch
 from tests.contact_app.model.test_two_bodies import PAIRS, PRESSURE, patch_displacement, stack
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
@@ -30,8 +31,7 @@ def quadratic(made: scenes.Config) -> scenes.Config:
     return {**made, "bodies": [{**body, "degree": 2} for body in made["bodies"]]}
 
 
-@pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("name", ["wall", "floating_in_corner"])
+@pytest.mark.parametrize(("name", "cell"), covering(["wall", "floating_in_corner"], CELLS))
 def test_the_undecomposed_answer(name: str, cell: str) -> None:
     made = quadratic(scenes.ALL[name](cell, 3))
     known = reference.solve(scenes.build(made))

@@ -15,6 +15,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, solve
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 CONFIG = Path(__file__).parents[3] / "configs" / "roller_on_block.yaml"
@@ -94,18 +95,18 @@ def placed(cell: str, n: tuple[int, int], place: str, swapped: bool, gap: float)
     return made
 
 
-@pytest.mark.parametrize("swapped", [False, True])
-@pytest.mark.parametrize("place", PLACES)
+CELLS_OF = {
+    "quadrilateral": (3, 5), "triangle": (8, 5), "hexahedron": (2, 3), "tetrahedron": (3, 2),
+}  # fmt: skip
+"""Cells along an edge of the lower and of the upper block."""
+
+
 @pytest.mark.parametrize(
-    ("cell", "n"),
-    [
-        ("quadrilateral", (3, 5)), ("triangle", (8, 5)), ("hexahedron", (2, 3)),
-        ("tetrahedron", (3, 2)),
-    ],
-)  # fmt: skip
-def test_against_the_reference(cell: str, n: tuple[int, int], place: str, swapped: bool) -> None:
+    ("cell", "place", "swapped"), covering(CELLS_OF, PLACES, [False, True], together=2)
+)
+def test_against_the_reference(cell: str, place: str, swapped: bool) -> None:
     """The undecomposed problem with mortar rows of another making: energy, u, and pressure."""
-    made = placed(cell, n, place, swapped, gap=0.001)
+    made = placed(cell, CELLS_OF[cell], place, swapped, gap=0.001)
     known = reference.solve(scenes.build(made))
     solution = solve(made, 3, tolerance=1e-10)
     assert solution.summary["certificate"]["passed"]
@@ -262,8 +263,11 @@ def bulging(x: np.ndarray) -> np.ndarray:
     return x + bubble[:, None] * np.cos(5 * np.roll(x, 1, axis=1)) * (np.ptp(x, axis=0) > 0)
 
 
-@pytest.mark.parametrize("degrees", [(1, 1), (2, 2), (1, 2), (2, 1), "curved"], ids=str)
-@pytest.mark.parametrize("cell", [*scenes.CELLS_2D, *scenes.CELLS_3D])
+@pytest.mark.parametrize(
+    ("degrees", "cell"),
+    covering([(1, 1), (2, 2), (1, 2), (2, 1), "curved"], (*scenes.CELLS_3D, *scenes.CELLS_2D)),
+    ids=str,
+)
 def test_inclined_patch_of_distorted_meshes(
     cell: str, degrees: tuple[int, int] | str, tmp_path: Path
 ) -> None:
