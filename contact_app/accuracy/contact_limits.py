@@ -12,6 +12,8 @@ n across the contact.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -136,7 +138,8 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
     sources = problem.contact.sources
     forces = problem.comm.allreduce(np.bincount(sources, force, count)[:count])
     pressed = problem.comm.allreduce(np.bincount(sources[force > 0.0], minlength=count)[:count])
-    across = facets_across(model, nodes)[:count]
+    loaded = pressed_facets(model, nodes)[:count]
+    across = [facets.across(model.comm, model.scene.dimension) for facets in loaded]
     square = 0.0
     for number, contact in enumerate(scene.contacts):
         if forces[number] == 0.0:
@@ -191,11 +194,41 @@ def slipped_through(model: Model, solution: Solution, unfelt: float = BETWEEN) -
     return said
 
 
-def facets_across(model: Model, nodes: NodeFields) -> list[float]:
-    """About how many facets carry each contact, one number a contact; ∞ without a pressure.
+@dataclass(frozen=True, eq=False)
+class PressedFacets:
+    """This rank's facets of a contact with its pressure.
 
-    Obstacles first, then pairs (collective).
+    Attributes
+    ----------
+    corners : (facets, 3, 3)
+        Three vertices of each.
+    areas : (facets,)
+    pressure : (facets, nodes of a facet)
     """
+
+    corners: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    pressure: NDArray[np.float64]
+
+    def across(self, comm: MPI.Intracomm, dimension: int) -> float:
+        """About how many carry the contact; ∞ without a pressure (collective)."""
+        p = self.pressure
+        sums = self.areas @ np.stack([np.ptp(p, axis=1), p.mean(axis=1)], axis=1)
+        varying, whole = comm.allreduce(sums)
+        return FACETS_ACROSS[dimension] * whole / varying if varying > 0.0 else np.inf
+
+    def along_axes(self, comm: MPI.Intracomm) -> tuple[float, ...]:
+        """About how many lie along each axis of a contact in space; ∞ without a pressure.
+
+        Axes are the principal ones of the pressure's second moments; half the length of the
+        contact along one is √5 times the root of its moment, as of Hertz's ellipsoid. It is told
+        in units of the mean extent of the loaded facets along the axis (collective).
+        """
+        return _along_axes(comm, self.corners, self.areas * self.pressure.mean(axis=1))
+
+
+def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
+    """The facets of each contact, obstacles first, then pairs (collective)."""
     scene, exchange = model.scene, model.node_exchange
     subdomains = model.partition.subdomains
     starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
@@ -204,48 +237,20 @@ def facets_across(model: Model, nodes: NodeFields) -> list[float]:
         owned = np.zeros(len(nodes.points))
         owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
         pressure = exchange.from_owners(owned[exchange.nodes - exchange.first])
-        sums = np.zeros(2)
         chosen = facets_of(scene, model.partition, contact.body, contact.boundary)
-        for start, s, rows in zip(starts, subdomains, chosen, strict=False):
-            facets = s.reference.facets[rows]
-            if len(facets) == 0:
-                continue
-            p = pressure[start + facets]
-            area = moments(s.reference.points[facets], scene.dimension).sum(axis=(1, 2))
-            sums += area @ np.stack([np.ptp(p, axis=1), p.mean(axis=1)], axis=1)
-        varying, whole = model.comm.allreduce(sums)
-        across = FACETS_ACROSS[scene.dimension]
-        found.append(across * whole / varying if varying > 0.0 else np.inf)
-    return found
-
-
-def facets_along_axes(model: Model, nodes: NodeFields) -> list[tuple[float, ...]]:
-    """About how many facets lie along each axis of each contact in space; ∞ without a pressure.
-
-    Axes are the principal ones of the pressure's second moments; half the length of the contact
-    along one is √5 times the root of its moment, as of Hertz's ellipsoid. It is told in units of
-    the mean extent of the loaded facets along the axis (collective).
-    """
-    scene, exchange, comm = model.scene, model.node_exchange, model.comm
-    if scene.dimension == 2:
-        return [(np.inf,)] * len(scene.touching)
-    subdomains = model.partition.subdomains
-    starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
-    found: list[tuple[float, ...]] = []
-    for contact, at_nodes in zip(scene.touching, nodes.contacts, strict=True):
-        owned = np.zeros(len(nodes.points))
-        owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
-        pressure = exchange.from_owners(owned[exchange.nodes - exchange.first])
-        corners, forces = [np.zeros((0, 3, 3))], [np.zeros(0)]
-        chosen = facets_of(scene, model.partition, contact.body, contact.boundary)
+        places, at = [], []
         for start, s, rows in zip(starts, subdomains, chosen, strict=False):
             facets = s.reference.facets[rows]
             if len(facets):
-                points = s.reference.points[facets]
-                area = moments(points, 3).sum(axis=(1, 2))
-                corners.append(s.points()[facets[:, :3]])
-                forces.append(area * pressure[start + facets].mean(axis=1))
-        found.append(_along_axes(comm, np.concatenate(corners), np.concatenate(forces)))
+                places.append(s.points()[facets])
+                at.append(pressure[start + facets])
+        if not places:
+            empty = np.zeros((0, 3, 3)), np.zeros(0), np.zeros((0, scene.dimension))
+            found.append(PressedFacets(*empty))
+            continue
+        points = np.concatenate(places)
+        areas = moments(points, scene.dimension).sum(axis=(1, 2))
+        found.append(PressedFacets(points[:, :3], areas, np.concatenate(at)))
     return found
 
 

@@ -27,8 +27,7 @@ from contact_app.accuracy.contact_limits import (
     FEWEST_ALONG,
     FEWEST_FACETS,
     entered_beside,
-    facets_across,
-    facets_along_axes,
+    pressed_facets,
     slipped_through,
 )
 from contact_app.accuracy.faceted_curves import beside, median_gaps, pair_sagittas, sagittas
@@ -165,11 +164,11 @@ def _between_nodes(answer: Answer) -> list[str]:
 
 def _coarse_pressures(answer: Answer) -> Iterator[str]:
     """Pressures that vary within single facets."""
-    across_all = facets_across(answer.model, answer.nodes)
-    along_all = facets_along_axes(answer.model, answer.nodes)
-    for item, across, axes in zip(
-        answer.model.scene.touching, across_all, along_all, strict=True
-    ):  # fmt: skip
+    scene, comm = answer.model.scene, answer.model.comm
+    every = pressed_facets(answer.model, answer.nodes)
+    for item, facets in zip(scene.touching, every, strict=True):
+        across = facets.across(comm, scene.dimension)
+        axes = facets.along_axes(comm) if scene.dimension == 3 else (np.inf,)
         if across >= FEWEST_FACETS and min(axes) < FEWEST_ALONG:
             short, long = sorted(axes)[0], sorted(axes)[-1]
             yield (
