@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from contact_app.model.far_obstacles import distant
+from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.scene.bodies import MOTION_NAMES, Body
 from contact_app.scene.conditions import BodyContact
@@ -84,7 +84,7 @@ def body_balances(
             float(scale[group].sum()), cones,
         )  # fmt: skip
         if found.escape is not None:
-            hints = distant(scene, contact.gaps, contact.sources, comm)
+            hints = far_obstacle_hints(scene, contact.gaps, contact.sources, comm)
             raise NoEquilibriumError(
                 f"{scene.source}: the scene has no equilibrium: nothing stops "
                 f"{_leaving(scene, group, found.escape)} under its loads"

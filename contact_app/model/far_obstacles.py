@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from contact_app.scene.scene import Scene
 
 
-def distant(
+def far_obstacle_hints(
     scene: Scene, gaps: NDArray[np.float64], sources: NDArray[np.integer], comm: MPI.Comm
 ) -> list[str]:
     """A sentence for each contact whose obstacle is out of reach.

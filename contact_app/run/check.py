@@ -22,7 +22,7 @@ from rich.console import Console
 from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
-from contact_app.model.far_obstacles import distant
+from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.method import PATIENCE, chosen, is_undecomposed, may_peel
 from contact_app.model.outline import Outline, left_out_notes, outline
@@ -219,7 +219,9 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{_friction(contact)}{_interference(contact)}"
         )
     gaps, sources = known.candidates
-    lines += [f"warning: {hint}" for hint in distant(scene, gaps, sources, partition.comm)]
+    lines += [
+        f"warning: {hint}" for hint in far_obstacle_hints(scene, gaps, sources, partition.comm)
+    ]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(

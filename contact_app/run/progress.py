@@ -164,7 +164,7 @@ class Interruption:
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
-        log.warning("asked to stop by signal %d: writing what there is", number)
+        log.warning("asked to stop by signal %d: partial results are saved", number)
         self._restore()
 
     def _restore(self) -> None:

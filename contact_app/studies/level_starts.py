@@ -2,8 +2,8 @@
 
     python -m contact_app.studies.level_starts
 
-Every level is solved twice, from what touches on springs (or, where bodies are whole and held, from
-columns of F) and from the last level's tractions.
+Every level is solved twice, from the contact on a Winkler foundation (or, where bodies
+are whole and held, from columns of F) and from the last level's tractions.
 """
 
 from __future__ import annotations

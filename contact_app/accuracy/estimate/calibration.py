@@ -2,7 +2,8 @@
 
 Where every admissible displacement of a mesh is admissible in the continuum, answers come down to
 the energy of the true one, and their distances from it obey ‖u - u_h‖² = 2 (J(u_h) - J(u)) (an
-upper bound where what touches still changes). J(u) is not known, but two meshes l and m need none,
+upper bound where the contact area still changes). J(u) is not known, but two meshes l and m do not
+need it,
 
     ‖u - u_l‖² - ‖u - u_m‖² = 2 (J(u_l) - J(u_m)),
 
