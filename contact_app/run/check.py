@@ -219,9 +219,8 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{_friction(contact)}{_interference(contact)}"
         )
     gaps, sources = known.candidates
-    lines += [
-        f"warning: {hint}" for hint in far_obstacle_hints(scene, gaps, sources, partition.comm)
-    ]
+    hints = far_obstacle_hints(scene, gaps, sources, partition.comm)
+    lines += [f"warning: {hint}" for hint in hints]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
