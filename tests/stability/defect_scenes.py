@@ -21,9 +21,6 @@ from tests.scenes import CELLS_2D, CELLS_3D, Config
 Subdomains = int | list[int] | None
 Vector = list[float | None]
 
-OVERLAPPING = "overlapping cells"
-"""The kind that has to be refused."""
-
 
 @dataclass(frozen=True)
 class Draw:

@@ -20,6 +20,7 @@ from contact_app.scene.configuration import load
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
+from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
 
 
@@ -62,9 +63,9 @@ def from_file(made: scenes.Config, directory: Path, axes: str = "xy") -> scenes.
     return made
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("cell", list(meshfiles.MESHIO))
-@pytest.mark.parametrize("split", [1, 3])
+@pytest.mark.parametrize(
+    ("degree", "cell", "split"), covering([1, 2], list(meshfiles.MESHIO), [1, 3], together=2)
+)
 def test_the_whole_is_written(cell: str, degree: int, split: int, tmp_path: Path) -> None:
     """The same files as without: mesh, fields, totals; from a half (2D) or a quarter (3D).
 
