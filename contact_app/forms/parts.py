@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from contact_app.forms.grid import Grid
 from meshes import dolfinx_compat as versions
 
 
@@ -107,21 +108,28 @@ class Parts:
         return [whole[self.unknowns(part)].copy() for part in range(self.count)]
 
 
-def parts_of(space: Any) -> Parts:
-    """Cut the cells of each rank into parts that hang together through facets (collective)."""
+def parts_of(space: Any, grid: Grid | None = None) -> Parts:
+    """Cut the cells of each rank into parts that hang together through facets (collective).
+
+    Parameters
+    ----------
+    grid
+        The cut of a regular mesh.
+    """
     mesh, dofmap = space.mesh, space.dofmap
     every = versions.dof_nodes(space)
-    of_cell = pieces(mesh)
+    of_cell = pieces(mesh) if grid is None else grid.of_cell
     owned, ghosts = len(of_cell), len(every) - len(of_cell)
     count = int(of_cell.max(initial=-1)) + 1
     here = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
+    order = np.arange(here) if grid is None else grid.order
     # cells of other ranks come last, in a part that no form is integrated over
     part = np.concatenate([of_cell, np.full(ghosts, count)])
-    key, cells = np.unique(part[:, None] * here + every, return_inverse=True)
+    key, cells = np.unique(part[:, None] * here + order[every], return_inverse=True)
     cells = cells.reshape(every.shape)
     torn = versions.torn_space(space, cells, len(key))
     starts = np.searchsorted(key, np.arange(count + 1) * here)
-    blocks = key[: starts[-1]] % here
+    blocks = np.argsort(order)[key[: starts[-1]] % here]
     numbers = dofmap.index_map.local_to_global(blocks.astype(np.int32)).astype(np.int64)
     return Parts(
         space, torn, of_cell, cells[:owned].astype(np.int64), starts, blocks, numbers,

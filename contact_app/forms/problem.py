@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from contact_app.errors import CouldNotRunError
 from contact_app.forms.checks import check_contacts, check_forms
 from contact_app.forms.contacts import Contact
-from contact_app.forms.model import FormModel, build_model
+from contact_app.forms.grid import Grid, grid_of
+from contact_app.forms.model import (
+    FormModel,
+    NotCongruentError,
+    build_model,
+    with_new_loads,
+)
 from contact_app.forms.results import (
     Owners,
     contact_at_nodes,
@@ -64,7 +70,8 @@ class ContactProblem:
         The solve ends when penetration, equilibrium, complementarity and duality gap are below
         it, relative to displacement, load and energy.
     method
-        ``auto``: active sets on the undecomposed bodies with multigrid, Total FETI with one
+        ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid of one rank;
+        else active sets on the undecomposed bodies with multigrid, and Total FETI with one
         subdomain a rank where that ends without a certificate. Or an algorithm by name, as
         `solver.method` of a scene: ``primal``, ``active-set``, ``smalbe``.
     max_iterations
@@ -106,9 +113,12 @@ class ContactProblem:
             raise ValueError("u must be a Function of the space of the forms")
         self.u = fem.Function(self._space) if u is None else u
         self._answer: _Answer | None = None
+        self._model: tuple[bool, bool, FormModel] | None = None
 
     def solve(self, monitor: Monitor | None = None) -> Any:
         """Solve and certify (collective); coefficients and conditions are taken as they are now.
+
+        What they leave equal, matrices, factors and constraints, is kept from the last solve.
 
         Parameters
         ----------
@@ -134,7 +144,9 @@ class ContactProblem:
         method = self.options.method
         model: FormModel | None = None
         solution: Solution | None = None
-        if method in ("auto", "primal"):
+        if method == "auto":
+            model, solution = self._on_grid(timings, monitor)
+        if solution is None and method in ("auto", "primal"):
             try:
                 model, solution = self._by("primal", timings, monitor)
                 why = "" if _is_final(solution) else reason_text(solution)
@@ -154,8 +166,21 @@ class ContactProblem:
             warnings.warn(f"not certified: {reason_text(solution)}", RuntimeWarning, stacklevel=2)
         return self.u
 
+    def _on_grid(
+        self, timings: Timings, monitor: Monitor | None
+    ) -> tuple[FormModel | None, Solution | None]:
+        """The answer by congruent sub-boxes of a regular mesh; none where there is none."""
+        grid = grid_of(self._space)
+        if grid is None:
+            return None, None
+        try:
+            model, solution = self._by("active-set", timings, monitor, grid)
+        except (NotCongruentError, CouldNotRunError):
+            return None, None
+        return (model, solution) if _is_final(solution) else (None, None)
+
     def _by(
-        self, method: Method, timings: Timings, monitor: Monitor | None
+        self, method: Method, timings: Timings, monitor: Monitor | None, grid: Grid | None = None
     ) -> tuple[FormModel, Solution]:
         """The answer of a method (collective).
 
@@ -164,19 +189,26 @@ class ContactProblem:
         CouldNotRunError
             There is none.
         """
-        factored = TotalFetiOptions(factored=method != "primal")
+        kind = method != "primal", grid is not None
         try:
             with timings.measure("setup"):
-                model = build_model(
-                    self._space,
-                    (self.a, self.L),
-                    self.bcs,
-                    self.contacts,
-                    timings.measure,
-                    factored,
-                )
+                forms, model = (self.a, self.L), None
+                kept, self._model = self._model, None
+                if kept is not None and kept[:2] == kind:
+                    model = with_new_loads(
+                        kept[2], forms, self.bcs, self.contacts, timings.measure
+                    )  # fmt: skip
+                del kept  # its factors make room for new ones
+                if model is None:
+                    model = build_model(
+                        self._space, forms, self.bcs, self.contacts, timings.measure,
+                        TotalFetiOptions(factored=kind[0]), grid,
+                    )  # fmt: skip
+                self._model = (*kind, model)
             with timings.measure("solve"):
                 return model, solve(model.problem, replace(self.options, method=method), monitor)
+        except NotCongruentError:
+            raise
         except FAILURES as error:
             raise _no_answer(error) from error
 
@@ -185,8 +217,7 @@ class ContactProblem:
         parts, d = model.parts, model.parts.dimension
         with timings.measure("output"):
             owners = Owners(parts, model.exchange)
-            copies = [np.zeros((0, d)), *(u.reshape(-1, d) for u in solution.displacements)]
-            displacement = owners.mean(np.concatenate(copies))
+            displacement = owners.mean(model.at_copies(solution.displacements))
             self.u.x.array[:] = owners.on_space(displacement).ravel()
             found = [
                 contact_at_nodes(model, solution, owners, i) for i in range(len(model.contacts))

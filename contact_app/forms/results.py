@@ -221,12 +221,12 @@ def _force_of_conditions(model: FormModel, solution: Solution, owners: Owners) -
     It is the residual K u - f. In held components, where contact rows have no part of it, what
     these push there is taken off.
     """
-    d, problem = model.parts.dimension, model.problem
+    problem = model.problem
     residual = [
-        (cls.stiffness @ u - f).reshape(-1, d)
+        cls.stiffness @ u - f
         for cls, u, f in zip(problem.classes, solution.displacements, problem.forces, strict=True)
     ]
-    force = owners.sums(np.concatenate([np.zeros((0, d)), *residual]))
+    force = owners.sums(model.at_copies(residual))
     rows, held = problem.contact, problem.contact.held
     of_rows = solution.multiplier[problem.inequality] * rows.spread
     query = NodeExchange(model.parts.comm, held.node, model.exchange.total)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -255,3 +256,78 @@ def test_answers_are_the_same_on_1_2_and_3_ranks() -> None:
             assert other["nodes"] == first["nodes"], name
             for key in ("sums", "energy", "force", "area", "reactions"):
                 assert other[key] == pytest.approx(first[key], rel=2e-7, abs=1e-9), (name, key)
+
+
+@pytest.fixture(scope="module")
+def on_grid() -> tuple[ContactProblem, Any]:
+    """A block of 9³ cells beside a wall, as a form and as a scene."""
+    return grid_problem(), contact_app.solve({
+        "dimension": 3,
+        "bodies": [{
+            "name": "body", "material": {"young": 200.0, "poisson": 0.3},
+            "mesh": {"box": {"lower": [0, 0, 0], "upper": [1, 0.8, 0.6], "cells": [9, 9, 9]}},
+        }],
+        "conditions": [{"on": "body.y-", "displacement": [0, 0, 0]},
+                       {"on": "body.y+", "traction": [0, -5, 0]}],
+        "contacts": [{"on": "body.x+", "obstacle": {"plane": {
+            "point": [1.001, 0, 0], "normal": [-1, -0.005, 0]}}}],
+    })  # fmt: skip
+
+
+def grid_problem(stiffer: str = "", support: float = 0.0) -> ContactProblem:
+    """`stiffer` is how Young's modulus varies, `support` the stiffness of springs on a side."""
+    mesh = problems.box("hexahedron", (9, 9, 9), (1.0, 0.8, 0.6), MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, 1)
+    tags = problems.facet_tags(
+        mesh, {1: problems.right, 2: lambda x: np.isclose(x[1], 0.8)}
+    )  # fmt: skip
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": 2})
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+    x = ufl.SpatialCoordinate(mesh)
+    factor = 1.0 + x[0] * x[1] if stiffer else 1.0
+    a = factor * ufl.inner(problems.isotropic(u, 200.0, 0.3), problems.strain(v)) * dx
+    if support:
+        a += support * ufl.inner(u, v) * ds(2)
+    L = ufl.inner(fem.Constant(mesh, np.array([0.0, -5.0, 0.0])), v) * ds(2)
+    wall = Plane(point=(1.001, 0, 0), normal=(-1, -0.005, 0))
+    problem = ContactProblem(
+        a, L, [problems.held(V, problems.bottom)], [Contact(tags, 1, wall)]
+    )  # fmt: skip
+    problem.solve()
+    return problem
+
+
+@pytest.mark.ratchet
+def test_a_regular_mesh_costs_what_a_box_of_a_scene_does(
+    on_grid: tuple[ContactProblem, Any],
+) -> None:
+    """The same congruent sub-boxes: one factor, as many applications, one answer."""
+    form, scene = (answer.summary for answer in on_grid)
+    for key in ("subdomains", "congruence_classes", "dual", "gluing", "contact"):
+        assert form["decomposition"][key] == scene["decomposition"][key], key
+    assert form["decomposition"]["subdomains"] > 1
+    assert form["decomposition"]["congruence_classes"] == 1
+    assert form["solver"]["method"] == "active-set"
+    done, allowed = (s["solver"]["hessian_multiplications"] for s in (form, scene))
+    assert done <= allowed
+    assert form["solution"]["energy"] == pytest.approx(scene["solution"]["energy"], rel=1e-9)
+    (one,), (other,) = form["reactions"], scene["reactions"]
+    assert one["force"] == pytest.approx(other["force"], rel=1e-5, abs=1e-5)
+
+
+def test_sub_boxes_with_springs_are_classes_of_their_own() -> None:
+    cut = grid_problem(support=50.0)
+    assert cut.summary["decomposition"]["congruence_classes"] == 2
+    whole = ContactProblem(cut.a, cut.L, cut.bcs, cut.contacts, method="primal")
+    whole.solve()
+    for key in ("energy", "max_displacement"):
+        found, wanted = (p.summary["solution"][key] for p in (cut, whole))
+        assert found == pytest.approx(wanted, rel=1e-6)
+
+
+def test_sub_boxes_that_all_differ_are_left_to_multigrid() -> None:
+    varying = grid_problem(stiffer="everywhere")
+    assert varying.certificate.passed
+    assert varying.summary["solver"]["method"] == "primal"
+    assert not varying.certificate.warnings

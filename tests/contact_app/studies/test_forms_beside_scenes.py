@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from contact_app.studies.forms_beside_scenes import measure
+from contact_app.studies.forms_beside_scenes import measure, measure_bricks
 
 
-def test_all_ways_have_one_answer() -> None:
-    found = measure(4, turns=1)
+@pytest.mark.parametrize("table", [measure, measure_bricks])
+def test_all_ways_have_one_answer(table: object) -> None:
+    assert callable(table)
+    found = table(4, turns=1)
     assert set(found) == {"form", "scene", "scene, multigrid"}
     energies = [row["energy"] for row in found.values()]
     assert energies == pytest.approx([energies[0]] * 3, rel=1e-6)

@@ -1,0 +1,63 @@
+"""What a solve of forms keeps for the next one: stiffness, factors and rows, where these are equal.
+
+A form's matrix is taken as it was where its coefficients, constants and facet tags and the mesh
+have the same values, byte by byte; the rows where all but displacements and gaps are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from hashlib import sha1
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from solver.tfeti.constraints.rows import ContactRows, HeldRows
+
+
+def fingerprint_of_form(form: Any, mesh: Any) -> bytes:
+    """Of all values that a bilinear form depends on, on this rank."""
+    return _digest(_values_of_form(form, mesh))
+
+
+def fingerprint_of_rows(held: HeldRows, contact: ContactRows) -> bytes:
+    """Of what is held and of the contact rows, but for their right-hand sides."""
+    return _digest(_values_of_rows(held, contact))
+
+
+def all_equal(comm: MPI.Intracomm, one: bytes, other: bytes) -> bool:
+    """Whether two fingerprints are equal on all ranks (collective)."""
+    return bool(comm.allreduce(one == other, op=MPI.LAND))
+
+
+def _digest(values: Iterator[Any]) -> bytes:
+    digest = sha1(usedforsecurity=False)
+    for value in values:
+        array = np.ascontiguousarray(value)
+        digest.update(f"{array.shape}{array.dtype}".encode())
+        digest.update(array.data)
+    return digest.digest()
+
+
+def _values_of_form(form: Any, mesh: Any) -> Iterator[Any]:
+    yield mesh.geometry.x
+    for constant in form.constants():
+        yield constant.value
+    for coefficient in form.coefficients():
+        yield coefficient.x.array
+    for integral in form.integrals():
+        data = integral.subdomain_data()
+        for tags in data if isinstance(data, list | tuple) else [data]:
+            for name in ("indices", "values"):
+                if hasattr(tags, name):
+                    yield getattr(tags, name)
+
+
+def _values_of_rows(held: HeldRows, contact: ContactRows) -> Iterator[Any]:
+    yield from (held.nodes, held.held)
+    for name, value in vars(contact).items():
+        if name in ("entries", "held", "rigid"):
+            yield from vars(value).values()
+        elif name != "gaps":
+            yield value

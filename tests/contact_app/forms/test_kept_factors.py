@@ -1,0 +1,85 @@
+"""Solves of one problem under changing loads: what is equal is kept, what is not is made anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from contact_app import Contact, ContactProblem, Plane
+from tests import form_problems as problems
+
+
+@dataclass
+class Pressed:
+    """A square beside a wall, with everything that a user may change between two solves."""
+
+    problem: ContactProblem
+    young: Any
+    push: Any
+    foot: Any
+
+
+def pressed(method: Any, cells: int, values: tuple[float, float, float]) -> Pressed:
+    """`values` are Young's modulus, the push and the displacement of the foot."""
+    mesh = problems.box("quadrilateral", (cells, cells), (1.0, 0.8), MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, 1)
+    tags = problems.facet_tags(
+        mesh, {1: problems.right, 2: lambda x: np.isclose(x[1], 0.8)}
+    )  # fmt: skip
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+    young = fem.Constant(mesh, values[0])
+    push, foot = fem.Constant(mesh, np.array([0.0, values[1]])), fem.Function(V)
+    foot.x.array[::2] = values[2]
+    dofs = fem.locate_dofs_geometrical(V, problems.bottom)
+    problem = ContactProblem(
+        young * ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx,
+        ufl.inner(push, v) * ds(2),
+        [fem.dirichletbc(foot, dofs)],
+        [Contact(tags, 1, Plane(point=(1.01, 0), normal=(-1, -0.005)))],
+        tolerance=1e-10,
+        method=method,
+    )
+    return Pressed(problem, young, push, foot)
+
+
+@pytest.mark.parametrize(("method", "cells"), [("auto", 30), ("auto", 6), ("active-set", 6)])
+def test_the_second_solve_is_that_of_a_fresh_problem(method: Any, cells: int) -> None:
+    """A regular mesh in sub-boxes, multigrid, and a whole body with its held nodes eliminated."""
+    own = pressed(method, cells, (200.0, -5.0, 0.0))
+    own.problem.solve()
+    first = own.problem.summary
+    own.push.value[:] = [0.0, -9.0]
+    own.foot.x.array[::2] = 0.004
+    u = own.problem.solve()
+    second = own.problem.summary
+    assert second["timings"]["factorization"] == 0.0
+    fresh = pressed(method, cells, (200.0, -9.0, 0.004))
+    w = fresh.problem.solve()
+    assert own.problem.certificate.passed
+    assert u.x.array == pytest.approx(w.x.array, abs=1e-8 * np.abs(w.x.array).max())
+    energies = [s["solution"]["energy"] for s in (second, fresh.problem.summary, first)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+    assert energies[0] != pytest.approx(energies[2], rel=1e-2)
+
+
+@pytest.mark.parametrize("cells", [30, 6])
+def test_another_stiffness_or_condition_is_seen(cells: int) -> None:
+    own = pressed("auto", cells, (200.0, -5.0, 0.0))
+    own.problem.solve()
+    own.young.value = 300.0
+    u = own.problem.solve()
+    w = pressed("auto", cells, (300.0, -5.0, 0.0)).problem.solve()
+    assert u.x.array == pytest.approx(w.x.array, abs=1e-8 * np.abs(w.x.array).max())
+    V = u.function_space
+    left = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0.0))
+    own.problem.bcs.append(fem.dirichletbc(np.zeros(2), left, V))
+    held = own.problem.solve()
+    assert np.abs(held.x.array.reshape(-1, 2)[left]).max() < 1e-10
+    assert own.problem.certificate.passed
