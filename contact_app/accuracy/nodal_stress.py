@@ -69,6 +69,8 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
 
 def _largest(sides: Sequence[Array]) -> Array:
     """At each node the stress with the largest von Mises stress."""
+    if len(sides) == 1:
+        return sides[0]
     largest, measure = sides[0].copy(), von_mises(sides[0])
     for side in sides[1:]:
         own = von_mises(side)
@@ -80,11 +82,14 @@ def _largest(sides: Sequence[Array]) -> Array:
 def _at_nodes(model: Model, recovered: Sequence[Array], material: int) -> Array:
     """σ* of a material at owned nodes, (nodes, 6); NaN at nodes without a cell of it."""
     exchange = model.node_exchange
+    made_of_it: dict[int, NDArray[np.int32]] = {}
     copies = []
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         own = recovered[cls][:, column]
         stress = np.full((len(own), 6), np.nan)
-        on = np.unique(s.reference.cells[s.reference.tags == material])
+        if cls not in made_of_it:
+            made_of_it[cls] = np.unique(s.reference.cells[s.reference.tags == material])
+        on = made_of_it[cls]
         if len(on):
             heat = model.temperatures[cls]
             rise = np.zeros(len(on)) if heat is None else heat[on, column]
