@@ -45,6 +45,7 @@ from numpy.typing import NDArray
 from solver.contact.bodies import Bodies, body_lengths, largest, sizes
 from solver.contact.sizes import (
     MeasuredAnswer,
+    MeasuredProblem,
     energy_scales,
 )
 
@@ -223,14 +224,14 @@ def certificate_of(
         group of each body. The gap takes that equation for granted, so its root is added to the
         root of the gap.
     """
-    comm, bodies = answer.comm, answer.bodies
-    contact, multiplier, residual = answer.contact_rows, answer.multiplier, answer.residual
-    slack = residual / answer.spread
+    problem, multiplier, residual = answer.problem, answer.multiplier, answer.residual
+    comm, bodies, contact = problem.comm, problem.bodies, problem.inequality
+    slack = residual / problem.spread
 
     deformed = answer.largest_deformations()
-    lengths = body_lengths(bodies, deformed, answer.free_lengths)
+    lengths = body_lengths(bodies, deformed, problem.free_lengths)
     state, (rounded, disturbed) = answer.equilibrium(), answer.round_off()
-    force = np.where(answer.conditional, multiplier * answer.spread, 0.0)
+    force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
     forces = answer.forces_on_bodies(force, state.reactions)
     gaps = answer.gaps(relaxations)
     bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
@@ -244,7 +245,7 @@ def certificate_of(
         pressed=forces[2],
         strains=state.strains,
         roundings=roundings,
-        scales=energy_scales(answer, state.strains, roundings, forces, rounded),
+        scales=energy_scales(problem, state.strains, roundings, forces, rounded),
         gaps=bounds,
         energy=float(state.energy + work + gaps.sum()),
         groups=bodies.groups,
@@ -255,22 +256,22 @@ def certificate_of(
     away = np.abs(slack) / bodies.of_rows(lengths)
     pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)
     found = {
-        "max_penetration": _worst_rows(answer, np.where(slack > 0.0, away, 0.0), contact),
-        "max_gluing_jump": _worst_rows(answer, away, ~answer.conditional),
-        "min_multiplier": _worst_rows(answer, pulls, contact),
+        "max_penetration": _worst_rows(problem, np.where(slack > 0.0, away, 0.0), contact),
+        "max_gluing_jump": _worst_rows(problem, away, ~problem.conditional),
+        "min_multiplier": _worst_rows(problem, pulls, contact),
         "complementarity": idle / (load * lengths),
         "equilibrium": state.imbalance / load,
-        "duality_gap": _relative_gaps(answer, measures),
+        "duality_gap": _relative_gaps(problem, measures),
         **_friction(answer, load, lengths),
     }
-    frictional = answer.friction is not None
+    frictional = problem.friction is not None
     certificate = replace(_certificate(found, rounded / load), frictional=frictional)
     return certificate.judged(tolerance), measures
 
 
 def _friction_work(answer: MeasuredAnswer) -> float:
     """Σ s |w| of this rank: a part of J(û), but not of the energy of the bodies."""
-    points = answer.friction
+    points = answer.problem.friction
     if points is None:
         return 0.0
     slips = points.sizes(points.slips(answer.residual))
@@ -281,7 +282,8 @@ def _friction(
     answer: MeasuredAnswer, load: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """The numbers of friction of each body, (bodies,) (collective)."""
-    points, bodies, multiplier = answer.friction, answer.bodies, answer.multiplier
+    problem, multiplier = answer.problem, answer.multiplier
+    points, bodies = problem.friction, problem.bodies
     if points is None:
         return {name: np.zeros(bodies.count) for name in ("friction_cone", "slip_alignment")}
     rows = points.rows[points.first]
@@ -299,10 +301,10 @@ def _friction(
     askew = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
     rests = ~points.sliding(multiplier)[rows]
     moved = at_rows(np.where(rests, slip, 0.0)) / bodies.of_rows(lengths)
-    astray = answer.comm.allreduce(bodies.sum_rows(at_rows(askew), here)) / (load * lengths)
+    astray = problem.comm.allreduce(bodies.sum_rows(at_rows(askew), here)) / (load * lengths)
     return {
-        "friction_cone": _worst_rows(answer, beyond, here),
-        "slip_alignment": np.maximum(astray, _worst_rows(answer, moved, here)),
+        "friction_cone": _worst_rows(problem, beyond, here),
+        "slip_alignment": np.maximum(astray, _worst_rows(problem, moved, here)),
     }
 
 
@@ -344,20 +346,20 @@ def _certificate(
 
 
 def _worst_rows(
-    answer: MeasuredAnswer, values: NDArray[np.float64], rows: NDArray[np.bool_]
+    problem: MeasuredProblem, values: NDArray[np.float64], rows: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """The largest of values (dual,) over some rows of each body, (bodies,) (collective)."""
-    local = np.zeros(answer.bodies.count)
-    np.maximum.at(local, answer.bodies.rows[rows, 0], values[rows])
-    return largest(answer.comm, local)
+    local = np.zeros(problem.bodies.count)
+    np.maximum.at(local, problem.bodies.rows[rows, 0], values[rows])
+    return largest(problem.comm, local)
 
 
-def _relative_gaps(answer: MeasuredAnswer, measures: Measures) -> NDArray[np.float64]:
+def _relative_gaps(problem: MeasuredProblem, measures: Measures) -> NDArray[np.float64]:
     """Half the bound on the squared error of each body over its strain energy, (bodies,).
 
     The error of a body is at most that of its group, and what rounding makes of its own digits.
     """
-    gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[answer.bodies.groups]
+    gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[problem.bodies.groups]
     square = (gap + np.sqrt(measures.roundings)) ** 2
     strained = measures.scales > 0.0
     return np.divide(square, measures.scales, out=np.zeros(len(square)), where=strained)

@@ -55,11 +55,8 @@ class Equilibrium:
     energy: float
 
 
-class MeasuredAnswer(Protocol):
-    """An answer of a backend and how large it is in each body; using it is collective.
-
-    Arrays are (rows,), local parts, or (bodies,).
-    """
+class MeasuredProblem(Protocol):
+    """What the certificate asks of a problem; arrays are (rows,), local parts, or (bodies,)."""
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -70,7 +67,7 @@ class MeasuredAnswer(Protocol):
         """To which body each row belongs."""
 
     @property
-    def contact_rows(self) -> NDArray[np.bool_]:
+    def inequality(self) -> NDArray[np.bool_]:
         """Rows with one-sided multipliers, (rows,)."""
 
     @property
@@ -86,14 +83,6 @@ class MeasuredAnswer(Protocol):
         """Contact points with friction."""
 
     @property
-    def multiplier(self) -> Array:
-        """λ, (rows,)."""
-
-    @property
-    def residual(self) -> Array:
-        """B u - c, (rows,)."""
-
-    @property
     def free_lengths(self) -> Array:
         """Largest displacement without constraint forces, (bodies,)."""
 
@@ -103,6 +92,22 @@ class MeasuredAnswer(Protocol):
 
     def strains_at_unknowns(self) -> Array:
         """a(u, u) that loads make at their unknowns alone, (bodies,)."""
+
+
+class MeasuredAnswer(Protocol):
+    """An answer of a backend and how large it is in each body; using it is collective."""
+
+    @property
+    def problem(self) -> MeasuredProblem:
+        """What it is an answer to."""
+
+    @property
+    def multiplier(self) -> Array:
+        """λ, (rows,)."""
+
+    @property
+    def residual(self) -> Array:
+        """B u - c, (rows,)."""
 
     def equilibrium(self) -> Equilibrium:
         """What K u - f + Bᵀ λ comes to."""
@@ -134,7 +139,7 @@ class MeasuredAnswer(Protocol):
 
 
 def energy_scales(
-    answer: MeasuredAnswer,
+    problem: MeasuredProblem,
     strains: NDArray[np.float64],
     roundings: NDArray[np.float64],
     forces: NDArray[np.float64],
@@ -158,13 +163,13 @@ def energy_scales(
     rounded : (bodies,)
         Force that rounding makes.
     """
-    bodies, groups = answer.bodies, answer.bodies.groups
+    bodies, groups = problem.bodies, problem.bodies.groups
     load = forces.max(axis=0)
     whole = bodies.sum_by_group(strains)[groups]
-    floor = STRAINLESS * roundings + UNSTRAINED * answer.strains_at_unknowns()
+    floor = STRAINLESS * roundings + UNSTRAINED * problem.strains_at_unknowns()
     still = whole <= bodies.sum_by_group(floor)[groups]
     if still.any():
-        free = bodies.sum_by_group(answer.free_strains)[groups]
+        free = bodies.sum_by_group(problem.free_strains)[groups]
         loaded, given, pressed, noise = (
             bodies.sum_by_group(v)[groups] for v in (load, forces[0], forces[2], rounded)
         )

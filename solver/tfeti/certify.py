@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.contact.bodies import Bodies
 from solver.contact.certificate import Certificate, Measures, certificate_of
-from solver.contact.friction_points import FrictionPoints
 from solver.contact.sizes import Equilibrium
 from solver.tfeti import sizes
 from solver.tfeti.dual import DualProblem
@@ -36,46 +33,6 @@ class DualAnswer:
     multiplier: Array
     displacements: list[Array]
 
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """Communicator of all ranks."""
-        return self.problem.comm
-
-    @property
-    def bodies(self) -> Bodies:
-        """To which body each row belongs."""
-        return self.problem.bodies
-
-    @property
-    def contact_rows(self) -> NDArray[np.bool_]:
-        """Rows with one-sided multipliers, (dual,)."""
-        return self.problem.inequality
-
-    @property
-    def conditional(self) -> NDArray[np.bool_]:
-        """Contact rows and tangential ones, (dual,)."""
-        return self.problem.conditional
-
-    @property
-    def spread(self) -> Array:
-        """Force over multiplier, (dual,)."""
-        return self.problem.spread
-
-    @property
-    def friction(self) -> FrictionPoints | None:
-        """Contact points with friction."""
-        return self.problem.friction
-
-    @property
-    def free_lengths(self) -> Array:
-        """Largest displacement without constraint forces, (bodies,)."""
-        return self.problem.free_lengths
-
-    @property
-    def free_strains(self) -> Array:
-        """a(u, u) without constraint forces, (bodies,)."""
-        return self.problem.free_strains
-
     @cached_property
     def interface(self) -> Array:
         """u on the interface."""
@@ -85,10 +42,6 @@ class DualAnswer:
     def residual(self) -> Array:
         """B u - c, (dual,)."""
         return self.problem.residual(self.interface)
-
-    def strains_at_unknowns(self) -> Array:
-        """a(u, u) that loads make at their unknowns alone, (bodies,)."""
-        return self.problem.strains_at_unknowns()
 
     def equilibrium(self) -> Equilibrium:
         """What K u - f + Bᵀ λ comes to."""
