@@ -18,10 +18,9 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from meshes import dolfinx_compat as versions
+from meshes.connected import connected
 from meshes.quadratic import (
     CENTRED,
     STRAIGHT,
@@ -192,8 +191,7 @@ def _joined(
     ends = np.sort(np.stack([facets[row, k], facets[row, (k + 1) % facets.shape[1]]], 1), axis=1)
     edge = np.unique(ends, axis=0, return_inverse=True)[1].ravel()
     total = len(facets) + edge.max() + 1
-    graph = sparse.coo_matrix((np.ones(len(row)), (row, len(facets) + edge)), shape=(total, total))
-    label = connected_components(graph, directed=False)[1][: len(facets)]
+    label = connected((row, len(facets) + edge), total)[: len(facets)]
     most = np.zeros(label.max() + 1, np.int64)
     np.maximum.at(most, label, n)
     return most[label]

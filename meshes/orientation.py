@@ -17,9 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
+from meshes.connected import connected
 from meshes.unstructured import FACETS, MeshError, Topology, first_of
 
 BATCH = 200_000
@@ -162,6 +161,5 @@ def _one_sided(cells: NDArray[np.int64], cell: str, topology: Topology) -> bool:
     n = len(cells)
     first = np.concatenate([a, a + n])
     second = np.concatenate([np.where(same, b + n, b), np.where(same, b, b + n)])
-    graph = sparse.coo_matrix((np.ones(2 * len(a)), (first, second)), shape=(2 * n, 2 * n))
-    label = connected_components(graph, directed=False)[1]
+    label = connected((first, second), 2 * n)
     return bool((label[:n] == label[n:]).any())

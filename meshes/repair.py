@@ -20,10 +20,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from meshes.connected import connected
 from meshes.orientation import refuse_crowded, refuse_same_side
 from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
@@ -368,9 +367,9 @@ def _same_place(
     count = len(points)
     if len(pairs) == 0:
         return np.arange(count), 0
-    graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    number, label = connected_components(graph, directed=False)
+    label = connected(pairs.T, count)
     first = np.unique(label, return_index=True)[1]  # numbered as the first of them was
+    number = len(first)
     renumber = np.empty(number, np.int64)
     renumber[np.argsort(first)] = np.arange(number)
     return renumber[label], count - number
@@ -483,9 +482,7 @@ def _lies_on(
 
 def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:
     """Number of the piece each cell is in, (cells,): pieces hang together through facets."""
-    a, b = topology.pairs.T
-    graph = sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    return connected(topology.pairs.T, len(cells))
 
 
 def _refuse_pieces(

@@ -19,11 +19,11 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.linalg import block_diag
-from scipy.sparse.csgraph import connected_components
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.parts import Parts
 from contact_app.model.equilibrium import directions_in_words
+from meshes.connected import connected
 from solver.contact.equilibrium import balance, by_body, holds, loose_motions, spanned
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import ContactRows, HeldRows
@@ -111,8 +111,7 @@ def groups_of(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDAr
 def _connected(comm: MPI.Intracomm, links: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """Component of each of some things that all ranks' links (n, 2) connect (collective)."""
     links = np.concatenate(comm.allgather(np.unique(links, axis=0).reshape(-1, 2)))
-    graph = sparse.coo_matrix((np.ones(len(links)), links.T), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    return connected(links.T, count)
 
 
 def _of_entries(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDArray[np.int64]:

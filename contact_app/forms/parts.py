@@ -19,10 +19,10 @@ from dolfinx.fem.petsc import assemble_matrix, create_matrix
 from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from contact_app.forms.grid import Grid
 from meshes import dolfinx_compat as versions
+from meshes.connected import connected
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +145,6 @@ def pieces(mesh: Any) -> NDArray[np.int64]:
     facets, offsets = versions.adjacency(mesh.topology.connectivity(d, d - 1))
     facets = facets[: offsets[owned]]
     cells = np.repeat(np.arange(owned), np.diff(offsets[: owned + 1]))
-    shape = (owned, int(facets.max(initial=-1)) + 1)
-    links = sparse.csr_matrix((np.ones(len(cells), np.int8), (cells, facets)), shape=shape)
-    both = sparse.bmat([[None, links], [links.T, None]], format="csr")
-    label = connected_components(both, directed=False)[1][:owned]
+    count = owned + int(facets.max(initial=-1)) + 1
+    label = connected((cells, owned + facets), count)[:owned]
     return np.unique(label, return_inverse=True)[1].reshape(-1).astype(np.int64)

@@ -17,6 +17,7 @@ from contact_app.scene.bodies import MOTION_NAMES, Body
 from contact_app.scene.conditions import BodyContact
 from contact_app.scene.scene import Scene
 from meshes import Partition
+from meshes.connected import connected
 from solver.contact.equilibrium import (
     BodyBalance,
     FrictionCones,
@@ -205,9 +206,7 @@ def group_numbers(scene: Scene) -> NDArray[np.int64]:
     place = {number: elastic + nth for nth, number in enumerate(scene.moving)}
     pairs += [(c.body, place[c.rigid]) for c in scene.contacts if c.rigid in place]
     ends = np.array(pairs).reshape(-1, 2)
-    graph = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
-    _, label = sparse.csgraph.connected_components(graph, directed=False)
-    return np.asarray(label, np.int64)
+    return connected(ends.T, count)
 
 
 def groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:

@@ -24,8 +24,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import facets_of
@@ -35,6 +33,7 @@ from contact_app.results.friction import friction_at_rows
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.scene import Scene
+from meshes.connected import connected
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes, unit_rows
 
@@ -171,8 +170,7 @@ def _together(
         same &= (np.abs(gap[i] - gap[j]) <= tied) & (of_body[i] == of_body[j])
         links.append(np.stack([i[same], j[same]], axis=1))
     ends = np.concatenate(links)
-    graph = sparse.csr_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (len(gap),))
-    group = connected_components(graph, directed=False)[1]
+    group = connected(ends.T, len(gap))
     loaded = np.bincount(group, force[several]) > 0.0
     loaded &= np.bincount(group) > 1
     number = np.where(loaded, np.cumsum(loaded) - 1, -1)

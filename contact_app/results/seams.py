@@ -19,10 +19,10 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import lsmr
 
 from contact_app.model.candidates import NEARLY_PARALLEL
+from meshes.connected import connected
 from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes
 
 Array = NDArray[np.float64]
@@ -93,10 +93,7 @@ def _seams(rows: ContactRows, closed: NDArray[np.bool_]) -> NDArray[np.int64]:
         near = apart < NEARLY_PARALLEL
         links.append(np.stack([i[near], j[near]], axis=1))
     ends = np.concatenate(links)
-    graph = sparse.csr_matrix(
-        (np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (len(means),)
-    )
-    group = connected_components(graph, directed=False)[1] if len(means) else means
+    group = connected(ends.T, len(means))
     several = np.bincount(group) > 1
     label[means] = np.where(several, np.cumsum(several) - 1, -1)[group]
     return label

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
 from contact_app.errors import ContactError
 from contact_app.results.plot.stored import Stored
+from meshes.connected import connected
 
 MARGIN = 0.15
 """Room about what is pressed, as a share of its size."""
@@ -243,8 +244,7 @@ def _connected(sides: NDArray[np.int64], n: int) -> list[NDArray[np.int64]]:
         return []
     others = sides[:, 1:].ravel()
     firsts = np.repeat(sides[:, 0], sides.shape[1] - 1)
-    graph = coo_array((np.ones(len(firsts)), (firsts, others)), shape=(n, n))
-    piece = connected_components(graph, directed=False)[1][sides[:, 0]]
+    piece = connected((firsts, others), n)[sides[:, 0]]
     return [sides[piece == number] for number in np.unique(piece)]
 
 

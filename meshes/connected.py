@@ -1,0 +1,27 @@
+"""What hangs together: the connected components of a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+
+def connected(
+    ends: Sequence[NDArray[np.int64]] | NDArray[np.int64], count: int
+) -> NDArray[np.int64]:
+    """Number of the component of each of some things, (count,).
+
+    Parameters
+    ----------
+    ends : (2, links)
+        The two things that each link connects.
+    """
+    if count == 0:
+        return np.zeros(0, np.int64)
+    one, other = ends
+    graph = sparse.coo_matrix((np.ones(len(one)), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
