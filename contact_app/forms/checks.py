@@ -129,6 +129,11 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
             both = set(values_of(contact.tag)) & set(values_of(contact.against))
             if both:
                 raise ValueError(f"{at}: facets with the tag {min(both)} are on both sides")
+        if contact.friction is not None:
+            raise ValueError(
+                f"{at}.friction: a ContactProblem has no friction; give the problem as a scene to "
+                "contact_app.solve (friction: {coulomb: 0.3} of a contact)"
+            )
         if not np.isfinite(contact.interference):
             raise ValueError(f"{at}.interference must be a number")
         if contact.obstacle is not None:

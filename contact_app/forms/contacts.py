@@ -130,6 +130,8 @@ class Contact:
         Whether flat facets of both sides stand for smooth surfaces through their nodes; for pairs.
     name
         For messages and the summary; ``facets 3`` unless given.
+    friction
+        Refused: scenes have friction, forms do not.
     """
 
     facet_tags: Any
@@ -139,6 +141,7 @@ class Contact:
     interference: float = 0.0
     round: bool = False
     name: str = ""
+    friction: None = None
 
     @property
     def on(self) -> str:

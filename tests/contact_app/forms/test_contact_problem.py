@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 import ufl
@@ -13,6 +15,7 @@ from mpi4py import MPI
 
 import contact_app
 from contact_app import Contact, ContactProblem, Plane
+from meshes import dolfinx_compat as versions
 from tests import form_problems as problems
 from tests.ranks import execute
 
@@ -331,3 +334,40 @@ def test_sub_boxes_that_all_differ_are_left_to_multigrid() -> None:
     assert varying.certificate.passed
     assert varying.summary["solver"]["method"] == "primal"
     assert not varying.certificate.warnings
+
+
+def test_facets_that_stand_for_circles() -> None:
+    """A shaft 0.01 too large in a hub, cells of degree 1: Lamé's pressure in the mean."""
+    file = meshio.read(Path(__file__).parents[3] / "meshes" / "samples" / "shaft_and_hub.msh")
+    blocks = [b.data for b in file.cells if b.type.startswith("quad")]
+    cells = np.concatenate(blocks)[:, [0, 1, 3, 2]]  # dolfinx's order
+    used, cells = np.unique(cells, return_inverse=True)
+    points, cells = file.points[used, :2], cells.reshape(-1, 4)
+    radius = np.linalg.norm(points[cells].mean(axis=1), axis=1)
+    shaft = np.unique(cells[radius < 10.0])
+    points[shaft] *= 1.001
+    mesh = versions.create_mesh(cells, points, "quadrilateral")
+    V = problems.vector_space(mesh, 1)
+    at = {
+        tag: lambda x, r=r: np.isclose(np.hypot(x[0], x[1]), r, atol=1e-6)
+        for tag, r in ((1, 10.0), (2, 10.01))
+    }
+    tags = problems.facet_tags(mesh, at)
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    strain, lam = problems.strain(u), 2.1e5 * 0.3 / (1.0 - 0.3**2)
+    stress = lam * ufl.tr(strain) * ufl.Identity(2) + 2.1e5 / 1.3 * strain  # plane stress
+    bcs = [
+        problems.held(V, lambda x, k=k: np.isclose(x[k], 0.0), k) for k in (0, 1)
+    ]  # fmt: skip
+    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    forces = []
+    for smooth in (True, False):
+        problem = ContactProblem(
+            ufl.inner(stress, problems.strain(v)) * ufl.dx, L, bcs,
+            [Contact(tags, 1, against=2, round=smooth)],
+        )  # fmt: skip
+        problem.solve()
+        assert problem.certificate.passed
+        forces.append(problem.summary["contacts"][0]["force"][0] / 10.0)
+    assert forces[0] == pytest.approx(78.75, rel=0.01)
+    assert abs(forces[1] - 78.75) > 0.05 * 78.75

@@ -127,6 +127,12 @@ def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
         "no normal": (Contact(tags, 1, Plane((0, 0), (0, 0))), ValueError, "normal is zero"),
         "radius": (Contact(tags, 1, Sphere((0, 0), -1.0)), ValueError, "radius must be positive"),
         "gap": (Contact(tags, 1, FLOOR, interference=np.nan), ValueError, "interference"),
+        "round": (Contact(tags, 1, FLOOR, round=True), ValueError, "facets against facets"),
+        "friction": (
+            Contact(tags, 1, FLOOR, friction=0.3),
+            ValueError,
+            "has no friction",  # type: ignore[arg-type]
+        ),
     }
 
 
