@@ -31,7 +31,7 @@ from solver.primal.factor import (
     squared_rows,
     with_springs,
 )
-from solver.primal.hierarchy import Hierarchy
+from solver.primal.hierarchy import Hierarchy, galerkin
 from solver.primal.merged import MergedSystem
 from solver.primal.rigid_bodies import with_motions
 from solver.tfeti.constraints.matrix import lent
@@ -57,7 +57,9 @@ class FirstSetOptions:
     exact_steps, steps
         Most Newton steps on the coarsest level, which a factor solves, and on finer ones.
     reduction, iterations
-        Of the conjugate gradients of one Newton step.
+        Of the conjugate gradients of one Newton step. With 0.03 and eight steps the first set takes
+        half as long again, and the sets after it no fewer iterations (pillow block 31, flange 58
+        instead of 52).
     near
         Added to the diagonal, relatively: for motions that no row and no support stops.
     largest
@@ -66,8 +68,8 @@ class FirstSetOptions:
 
     faint: float = 1e-4
     exact_steps: int = 60
-    steps: int = 8
-    reduction: float = 0.03
+    steps: int = 5
+    reduction: float = 0.3
     iterations: int = 25
     near: float = 1e-9
     largest: int = 2500
@@ -134,7 +136,7 @@ def _with_supports(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc
         held.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         result.append(held)
         if k < len(hierarchy.prolongations):
-            extra = extra.ptap(hierarchy.prolongations[k])
+            extra = galerkin(extra, hierarchy.prolongations[k])
     return result
 
 

@@ -30,6 +30,9 @@ do not stop it."""
 SINGULAR = 1e-13
 """Energy of a motion, over that of the largest, below which it is none but rounding errors."""
 
+FULL = 3
+"""Bodies up to which W is stored as a full matrix: that of more is mostly zeros."""
+
 UNBALANCED = 1e-8
 """Work of a residual on a motion without energy, over that of the magnitudes of the load."""
 
@@ -74,11 +77,12 @@ class RigidSpace:
             w *= 1.0 / np.sqrt(after) if after > SINGULAR * before else 0.0
             image = system.multiply(system.K, w)
             image[np.abs(image) < 1e-14 * system.diagonal.max()] = 0.0
-            columns.append(sparse.csc_matrix(w[:, None]))
-            images.append(sparse.csc_matrix(image[:, None]))
-        self._W = sparse.csr_matrix(sparse.hstack(columns))
-        self._Wt, self._KWt = self._W.T.tocsr(), sparse.csr_matrix(sparse.hstack(images).T)
-        energy = self._comm.allreduce(np.asarray((self._KWt @ self._W).todense()))
+            columns.append(w)
+            images.append(image)
+        W, self._KWt = np.column_stack(columns), sparse.csr_matrix(np.stack(images))
+        energy = self._comm.allreduce(self._KWt @ W)
+        self._W = W if len(bodies) <= FULL else sparse.csr_matrix(W)
+        self._Wt = self._W.T
         values, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
         some = values > SINGULAR * max(values[-1], 0.0)
         self._inverse = vectors[:, some] / values[some] @ vectors[:, some].T
