@@ -21,6 +21,7 @@ the answer beside those of the theory. How each is measured:
 * Confined column: resultant of the wall that is squeezed against.
 * Rod on a rough floor: mean displacement of its end, and the distance from there of the farthest
   node that slips.
+* Load histories: `contact_app.studies.history_cases`.
 
 Meshes of round bodies are coarse ones drawn in Gmsh (``meshes/samples/coarse``), every edge halved
 so often as a size asks for, new nodes put on the circle or ball (`refine_on_sphere`).
@@ -34,6 +35,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -41,12 +43,14 @@ from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
+from contact_app.run.increments import SolvedIncrement, solved_increments
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
 from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
+from contact_app.studies.history_cases import cattaneo, graded_block, rod_cycle
 from contact_app.studies.refine_on_sphere import refined_round
 from meshes import CellMesh
 
@@ -83,16 +87,22 @@ class Case:
         Mesh of `COARSE` that levels with a size halve.
     bodies
         Numbers of the bodies that it is the mesh of.
+    history
+        The same as `measure` of all increments of a load history.
+    graded
+        Writes the mesh of the first body, where levels have a number of cells instead of a sample.
     """
 
     name: str
     title: str
     note: str
-    measure: Callable[[SolvedScene], list[Quantity]]
+    measure: Callable[[SolvedScene], list[Quantity]] | None
     levels: tuple[Level, ...]
     sample: str | None = None
     bodies: tuple[int, ...] = (0,)
     scene: str | None = None
+    history: Callable[[Sequence[SolvedIncrement]], list[Quantity]] | None = None
+    graded: Callable[[Path, int], Path] | None = None
 
     @property
     def config(self) -> str:
@@ -433,6 +443,20 @@ CASES = (
         "the shear over the height.",
         _rough_rod, _boxes((50, 1), (100, 1), (200, 2), (400, 4)),
     ),
+    Case(
+        "rod_cycle", "The rod pulled, released, pushed and pulled again",
+        "F = 10, s = 0.2, E = 1000, height 0.5: u = 0.25 when released, -0.5 when pushed; a cycle "
+        "takes 2 F³/(3 E A s) = 6.667.",
+        None, _boxes((50, 1), (100, 1), (200, 2)), history=rod_cycle,
+    ),
+    Case(
+        "cattaneo", "Cattaneo and Mindlin: pressed, pushed and let go",
+        "Stick half-widths c under the push and b on the way back, of loads and half-width a of "
+        "the answer, and tractions under the push. Blocks of 200 x 100 are graded towards the "
+        "contact; a status is known to a node, ±1/(2 n).",
+        None, tuple(Level(f"{n} cells over a", size=n) for n in (10, 20, 40)),
+        history=cattaneo, graded=graded_block,
+    ),
 )  # fmt: skip
 
 
@@ -458,10 +482,16 @@ def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
         if level.size is not None and case.sample:
             file, times = coarse_mesh(case.sample, level.size)
             overrides += [f"bodies.{body}.mesh.file={file}" for body in case.bodies]
-        scene = build_scene(load(ROOT / "configs" / f"{case.config}.yaml", overrides))
+        config = ROOT / "configs" / f"{case.config}.yaml"
+        if level.size is not None and case.graded is not None:
+            with TemporaryDirectory() as directory:
+                file = case.graded(Path(directory) / "graded.vtu", round(level.size))
+                scene = build_scene(load(config, [*overrides, f"bodies.0.mesh.file={file}"]))
+        else:
+            scene = build_scene(load(config, overrides))
         if level.size is not None and case.sample:
             scene = _refined(scene, case, times, level.curved)
-        solved = solve_scene(scene, MPI.COMM_SELF)
+        solved, quantities = _measured(case, scene)
         summary: dict[str, Any] = solved.summary
         yield Row(
             case.name,
@@ -471,8 +501,18 @@ def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
             summary["timings"]["total"],
             summary["certificate"]["equilibrium"],
             summary["certificate"]["passed"],
-            tuple(case.measure(solved)),
+            tuple(quantities),
         )
+
+
+def _measured(case: Case, scene: Scene) -> tuple[SolvedScene, list[Quantity]]:
+    """The answer to a scene, of a load history the last one, and what is measured."""
+    if case.history is not None:
+        found = list(solved_increments(scene, MPI.COMM_SELF, lambda place: None))
+        return found[-1].solved, case.history(found)
+    assert case.measure is not None
+    solved = solve_scene(scene, MPI.COMM_SELF)
+    return solved, case.measure(solved)
 
 
 def coarse_mesh(sample: str, size: float) -> tuple[Path, int]:

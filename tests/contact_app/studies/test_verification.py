@@ -90,3 +90,21 @@ def test_the_finest_mesh(name: str) -> None:
     assert row.equilibrium < 1e-6
     assert row.dofs < 150_000
     assert row.certified
+
+
+def test_a_rod_keeps_half_of_its_displacement_and_a_cycle_takes_work() -> None:
+    (case,) = find(["rod_cycle"])
+    (row,) = study(case, [box(50, 1)])
+    assert row.certified
+    assert max(errors(row)) < 2e-3, row
+
+
+def test_the_rim_of_a_pressed_contact_slips_under_a_push() -> None:
+    """Cattaneo and Mindlin under the push, Mindlin and Deresiewicz on the way back."""
+    (case,) = find(["cattaneo"])
+    (row,) = study(case, [Level("20 cells over a", size=20)])
+    assert row.certified
+    stick, tractions, back = errors(row)
+    assert stick < 0.03, row
+    assert tractions < 0.04, row
+    assert back < 0.05, row

@@ -1,0 +1,148 @@
+"""What `contact-app verify` measures in load histories, and the mesh that one of them needs.
+
+* Rod: u of the end where the force is back at zero and where it pushes, and the work that friction
+  takes in a cycle, s the slip limit per area, b the width, A the section:
+  u(F → 0) = F²/(4 E A s b), u(-F) = -F²/(2 E A s b), loss 2 F³/(3 E A s b).
+* Cattaneo and Mindlin: an incompressible block, which normal and tangential tractions do not
+  couple in, pressed against a rigid cylinder and pushed: nodes within c = a √(1 - Q/(μ P)) stick.
+  Unloaded from Q* to Q, those within b = a √(1 - (Q* - Q)/(2 μ P)) stick (R. D. Mindlin, H.
+  Deresiewicz, 1953; K. L. Johnson, *Contact Mechanics*, 1985, section 7.3). P, Q and a are those
+  of the answer: a by a line through p² over x².
+
+Tractions are held against q = μ p0 (√(1 - x²/a²) - (c/a) √(1 - x²/c²)) at all nodes, as a root mean
+square relative to μ p0. Their even part is: pressing a block of finite size leaves small odd ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.run.increments import SolvedIncrement
+from contact_app.studies.hertz import Quantity
+
+Array = NDArray[np.float64]
+
+
+def rod_cycle(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+    """A rod that is pulled, released, pushed and pulled again."""
+    force, height, young, limit = 10.0, 0.5, 1000.0, 0.2
+    ends = [increment for increment in found if increment.place.share == 1]
+    moved = [_end(increment) for increment in ends]
+    scale = force**2 / (young * height * limit)
+    lost = ends[3].dissipated - ends[0].dissipated
+    return [
+        Quantity("u at F = 0", moved[1], scale / 4.0),
+        Quantity("u at -F", moved[2], -scale / 2.0),
+        Quantity("loss of a cycle", lost, 2.0 * force * scale / 3.0),
+    ]
+
+
+def _end(increment: SolvedIncrement) -> float:
+    """Mean displacement of the end of the rod."""
+    nodes = increment.solved.nodes
+    end = np.isclose(nodes.points[:, 0], nodes.points[:, 0].max())
+    return float(nodes.displacement[end, 0].mean())
+
+
+def cattaneo(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+    """A block pressed, pushed, and released half-way and to the end: see the module."""
+    ends = [increment for increment in found if increment.place.share == 1]
+    pushed, last = _Strip.of(ends[1]), _Strip.of(ends[2])
+    stick = np.sqrt(1.0 - pushed.share)
+    back = np.sqrt(1.0 - (pushed.share - np.sign(pushed.side * last.side) * last.share) / 2.0)
+    inner = np.sqrt(np.maximum(1.0 - (pushed.x / (stick * pushed.a)) ** 2, 0.0))
+    outer = np.sqrt(np.maximum(1.0 - (pushed.x / pushed.a) ** 2, 0.0))
+    even = 0.5 * (pushed.traction + np.interp(-pushed.x, pushed.x, pushed.traction))
+    off = even - (outer - stick * inner)
+    rms = float(np.sqrt(np.mean(off**2)))
+    return [
+        Quantity("c/a", pushed.sticking, float(stick)),
+        Quantity("1 + rms of tractions", 1.0 + rms, 1.0),
+        Quantity("b/a, unloaded", last.sticking, float(back)),
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Strip:
+    """The contact of an increment.
+
+    Attributes
+    ----------
+    x, traction : (n,)
+        Of the nodes in contact; the traction over μ p0.
+    a, sticking
+        Half-width, and that of the nodes that stick over it.
+    share, side
+        |Q| / (μ P), and the sign of Q.
+    """
+
+    x: Array
+    traction: Array
+    a: float
+    sticking: float
+    share: float
+    side: float
+
+    @classmethod
+    def of(cls, increment: SolvedIncrement) -> _Strip:
+        nodes, scene = increment.solved.nodes, increment.solved.model.scene
+        friction = scene.contacts[0].friction
+        assert friction is not None
+        coefficient = friction.coulomb or 0.0
+        at = np.flatnonzero(nodes.contact_pressure > 0.0)
+        at = at[np.argsort(nodes.points[at, 0])]
+        x, pressure = nodes.points[at, 0], nodes.contact_pressure[at]
+        slope, top = np.polyfit(x**2, pressure**2, 1)
+        a, peak = float(np.sqrt(-top / slope)), float(np.sqrt(top))
+        force = increment.solved.summary["contacts"][0]["force"]
+        sticks = x[nodes.contact_status[at] == 1.0]
+        cell = float(np.diff(x).min())
+        half = 0.5 * (np.ptp(sticks) + cell) if len(sticks) else 0.0
+        return cls(
+            x=x, traction=np.sign(force[0]) * nodes.friction_traction[at, 0] / (coefficient * peak),
+            a=a, sticking=float(half / a), share=float(abs(force[0] / (coefficient * force[1]))),
+            side=float(np.sign(force[0])),
+        )  # fmt: skip
+
+
+GROWTH, FINE = 1.3, 1.4
+"""Factor from cell to cell beside the contact, and how far out cells are equal."""
+
+
+def graded_block(path: Path, cells: int, size: float = 100.0) -> Path:
+    """Write a block whose cells are smallest about the middle of its top, (0, 0).
+
+    Parameters
+    ----------
+    cells
+        In a unit of length there.
+    size
+        Half its width, and its height.
+    """
+    step = 1.0 / cells
+    inner = np.arange(0.0, FINE + 0.5 * step, step)
+    beside = inner[-1] + _growing(step, size - inner[-1])
+    x = np.concatenate([inner, beside])
+    x, y = np.concatenate([-x[:0:-1], x]), -np.concatenate([[0.0], _growing(step, size)])[::-1]
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(len(x), len(y))
+    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    quads = np.stack(corners, axis=-1).reshape(-1, 4)
+    meshio.Mesh(np.pad(points, ((0, 0), (0, 1))), [("quad", quads)]).write(path)
+    return path
+
+
+def _growing(step: float, length: float) -> Array:
+    """Ends of cells that grow from a size on over a length."""
+    ends, at = [], 0.0
+    while at < length:
+        at += step
+        ends.append(at)
+        step *= GROWTH
+    return np.array(ends) * length / ends[-1]
