@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.model import build_model
 from contact_app.results.rigid import placements_of
+from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping
 from solver.contact.stopping import StoppingRule
@@ -543,3 +545,19 @@ def test_places_converge_where_contact_forces_turn_with_the_body() -> None:
     assert taken[0] == (0.1, -0.4, 0.0)
     np.testing.assert_allclose(taken[1], [0.2, -0.8, 0.0], rtol=1e-12)
     np.testing.assert_allclose(taken[2], taken[1], rtol=1e-12)
+
+
+def test_an_accuracy_is_met_with_a_body_that_a_force_moves() -> None:
+    """The claim on the error holds beside a fine mesh; each level places the ball anew."""
+    made, fine = (ball_on_block("quadrilateral", n) for n in (6, 24))
+    made["accuracy"], fine["bodies"][0]["degree"] = 0.12, 2
+    found = solve_to_accuracy(scenes.build(made), solve_scene)
+    assert not found.missed
+    summary = found.solved.summary
+    known, claim = solve(fine, 4).summary, summary["accuracy"]
+    energy, least = (s["solution"]["energy"] for s in (summary, known))
+    # of a given force; either sign, since contact holds in the mean over nodes
+    error = np.sqrt(abs(energy - least) / abs(least))
+    assert 0.2 * claim["total"] <= error <= 1.2 * claim["total"] <= 1.2 * 0.12
+    depth, exact = (s["rigid_bodies"]["ball"]["displacement"][-1] for s in (summary, known))
+    assert depth == pytest.approx(exact, rel=0.01)
