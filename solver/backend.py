@@ -131,7 +131,6 @@ class SetState(Protocol):
 
 S = TypeVar("S", bound=SetState)
 Out = TypeVar("Out", bound=SetState, covariant=True)
-In = TypeVar("In", bound=SetState, contravariant=True)
 
 
 class SetSolve(Protocol[Out]):

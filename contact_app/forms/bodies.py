@@ -25,8 +25,8 @@ from contact_app.forms.parts import Parts
 from contact_app.model.equilibrium import directions_in_words
 from meshes.connected import connected
 from solver.contact.equilibrium import balance, by_body, holds, loose_motions, spanned
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import ContactRows, HeldRows
 from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, orthonormal_kernel, rigid_motions
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from solver.tfeti.constraints.rows import ContactRows, HeldRows
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 
 
 def fingerprint_of_form(form: Any, mesh: Any) -> bytes:

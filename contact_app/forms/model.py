@@ -21,8 +21,9 @@ from contact_app.forms.kept import all_equal, fingerprint_of_form, fingerprint_o
 from contact_app.forms.parts import Parts, parts_of
 from contact_app.forms.rows import rows_of, tagged_facets
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import ContactRows, HeldRows, write_rows
+from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions

@@ -18,17 +18,14 @@ from contact_app.model.averaged_rows import rows_about_vertices
 from contact_app.model.pairs import owned_rows
 from meshes import dolfinx_compat as versions
 from meshes.mortar import SurfacesApartError, mean_gaps
-from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import (
+from solver.tfeti.constraints.conditions import (
     ContactRows,
     ContradictionError,
     HeldRows,
     NodeConditions,
-    cut_held,
-    drop_parallel,
-    merge_contact,
-    merge_held,
 )
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.merge import cut_held, drop_parallel, merge_contact, merge_held
 
 Array = NDArray[np.float64]
 

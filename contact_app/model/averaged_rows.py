@@ -27,8 +27,8 @@ from contact_app.model.facets import moments
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Contact
 from meshes import Partition
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import ContactEntries, ContactRows
 
 GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 

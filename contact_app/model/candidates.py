@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from contact_app.scene.conditions import BodyContact
 from contact_app.scene.scene import Scene
+from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes
 
 SAFETY = 2.0
 """Factor of the bound."""

@@ -18,8 +18,8 @@ from contact_app.scene.conditions import Contact, DisplacementCondition
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.mortar import SurfacesApartError, mean_gaps
+from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, NodeConditions
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import ContactRows, ContradictionError, NodeConditions
 
 
 def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:

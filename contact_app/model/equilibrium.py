@@ -28,8 +28,8 @@ from solver.contact.equilibrium import (
     loose_motions,
     spanned,
 )
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.rows import ContactRows, HeldRows
 from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 

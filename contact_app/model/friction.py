@@ -28,9 +28,10 @@ from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.mortar import Surface
 from meshes.ties import Decided, mean_jumps
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.rows import ContactEntries, ContactRows, HeldRows, cut_held
+from solver.tfeti.constraints.merge import cut_held
 from solver.tfeti.constraints.ties import undecided
 
 Array = NDArray[np.float64]

@@ -41,8 +41,9 @@ from contact_app.scene.material import Material
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import ContactRows, HeldRows, write_rows
+from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions

@@ -48,18 +48,15 @@ from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from solver.contact.equilibrium import BodyBalance
-from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.rows import (
+from solver.tfeti.constraints.conditions import (
     ContactRows,
     ContradictionError,
     HeldRows,
     NodeConditions,
-    cut_held,
-    drop_parallel,
-    merge_contact,
-    merge_held,
 )
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.friction import FrictionRows
+from solver.tfeti.constraints.merge import cut_held, drop_parallel, merge_contact, merge_held
 from solver.tfeti.constraints.ties import undecided
 
 

@@ -21,8 +21,8 @@ from contact_app.scene.scene import Scene
 from meshes import Partition, Reference
 from meshes import dolfinx_compat as versions
 from meshes.mortar import NEGLIGIBLE, MeanGaps, Surface
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import ContactEntries, ContactRows
 
 
 def gather_surface(

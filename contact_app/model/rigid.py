@@ -28,16 +28,14 @@ from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains
-from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import (
+from solver.tfeti.constraints.conditions import (
     ContactEntries,
     ContactRows,
     HeldRows,
     NodeConditions,
-    contact_rows,
-    cut_held,
-    tightest_of_each_node,
 )
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.merge import contact_rows, cut_held, tightest_of_each_node
 from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.tfeti.subdomain.rigid import zero_stiffness
 from solver.tfeti.system import NodePlaces

@@ -15,14 +15,14 @@ from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.mortar import Surface, SurfacesApartError
 from meshes.ties import Decided, mean_jumps
-from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import (
+from solver.tfeti.constraints.conditions import (
     ContactEntries,
     ContactRows,
     ContradictionError,
     HeldRows,
-    cut_held,
 )
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.merge import cut_held
 
 FAR = 0.1
 """Distance of tied surfaces, over the size of a facet, from which on the user is told."""

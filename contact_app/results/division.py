@@ -35,7 +35,7 @@ from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.scene import Scene
 from meshes.connected import connected
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes, unit_rows
+from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes, unit_rows
 
 Array = NDArray[np.float64]
 

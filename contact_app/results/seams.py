@@ -23,7 +23,7 @@ from scipy.sparse.linalg import lsmr
 
 from contact_app.model.candidates import NEARLY_PARALLEL
 from meshes.connected import connected
-from solver.tfeti.constraints.rows import ContactRows, pairs_at_nodes
+from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,10 @@ from scipy import sparse
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
+from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.rows import ContactRows, Rows
+from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.free_motions import FreeMotions, LooseBodies
 from solver.tfeti.options import TotalFetiOptions

@@ -29,6 +29,7 @@ from solver.contact.bodies import Bodies, body_lengths, largest
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
+from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.friction import friction_points
 from solver.tfeti.constraints.matrix import (
     ConstraintMatrix,
@@ -37,7 +38,6 @@ from solver.tfeti.constraints.matrix import (
     local_rows,
     petsc_rows,
 )
-from solver.tfeti.constraints.rows import ContactRows
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator, interface_slices
 from solver.tfeti.projected import ProjectedOperator

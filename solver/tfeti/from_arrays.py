@@ -17,8 +17,10 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
+from solver.tfeti.constraints.conditions import NodeConditions
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import NodeConditions, merge_contact, merge_held, write_rows
+from solver.tfeti.constraints.merge import merge_contact, merge_held
+from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
 

@@ -20,9 +20,9 @@ from scipy import sparse
 from solver.contact.bodies import Bodies
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
+from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.constraints.rows import ContactRows
 from solver.tfeti.free_motions import FreeMotions
 from solver.tfeti.subdomain.classes import SubdomainClass
 

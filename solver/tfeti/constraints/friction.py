@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.contact.friction_points import FrictionPoints
-from solver.tfeti.constraints.rows import ContactRows, points_of
+from solver.tfeti.constraints.conditions import ContactRows, points_of
 from solver.vectors import runs
 
 Array = NDArray[np.float64]

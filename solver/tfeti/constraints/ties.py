@@ -12,7 +12,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.constraints.rows import ContactRows
+from solver.tfeti.constraints.conditions import ContactRows
 
 SAME = 1e-10
 """Squared sine of the angle between a row and the tied rows of a node that contain it."""

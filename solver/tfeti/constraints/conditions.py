@@ -1,0 +1,237 @@
+"""What holds at nodes before B is written: held components, contact rows, and where they clash."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+
+class ContradictionError(ValueError):
+    """Conditions on one node exclude each other.
+
+    Attributes
+    ----------
+    first, second
+        Sources (indices the caller gave) of the two conditions.
+    node
+        Global number of a node where it happens.
+    amount
+        By how much, in units of length.
+    kind
+        ``held twice``; ``held in contact``: inside what it may touch; ``squeezed`` between two
+        obstacles.
+    """
+
+    def __init__(self, kind: str, first: int, second: int, node: int, amount: float) -> None:
+        super().__init__(f"{kind}: conditions {first} and {second} at node {node}")
+        self.kind, self.first, self.second = kind, first, second
+        self.node, self.amount = node, amount
+
+
+@dataclass(frozen=True, eq=False)
+class NodeConditions:
+    """Conditions at nodes as the subdomains of this rank see them; repetitions are harmless.
+
+    Attributes
+    ----------
+    held_nodes, held_points, held, values, held_source
+        Global node (k,), coordinates (k, 3), which components are held (k, dimension), to which
+        displacement (k, dimension), and the index of the condition (k,).
+    contact_nodes, contact_points, directions, gaps, contact_source
+        Global node (k,), coordinates (k, 3), unit direction into the obstacle (k, dimension), gap
+        along it (k,), and the index of the contact (k,).
+    """
+
+    held_nodes: NDArray[np.int64]
+    held_points: NDArray[np.float64]
+    held: NDArray[np.bool_]
+    values: NDArray[np.float64]
+    held_source: NDArray[np.int64]
+    contact_nodes: NDArray[np.int64]
+    contact_points: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    contact_source: NDArray[np.int64]
+
+    def of_contacts(self, some: NDArray[np.bool_]) -> NodeConditions:
+        """The same with some of the contact rows (k,)."""
+        names = ("contact_nodes", "contact_points", "directions", "gaps", "contact_source")
+        return replace(self, **{name: getattr(self, name)[some] for name in names})
+
+
+@dataclass(frozen=True, eq=False)
+class HeldRows:
+    """Held nodes this rank owns: node, point (k, 3), components (k, d), values, eliminated."""
+
+    nodes: NDArray[np.int64]
+    points: NDArray[np.float64]
+    held: NDArray[np.bool_]
+    values: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactEntries:
+    """Entries of contact rows, over nodes that any rank may own.
+
+    Attributes
+    ----------
+    row : (entries,)
+        Row among those of this rank.
+    node, points, component, value : (entries,), (entries, 3), (entries,), (entries,)
+        Node, its coordinates, component of the displacement and coefficient.
+    """
+
+    row: NDArray[np.int64]
+    node: NDArray[np.int64]
+    points: NDArray[np.float64]
+    component: NDArray[np.int64]
+    value: NDArray[np.float64]
+
+    @classmethod
+    def none(cls) -> ContactEntries:
+        """No entries."""
+        number = np.zeros(0, np.int64)
+        return cls(number, number, np.zeros((0, 3)), number, np.zeros(0))
+
+    @classmethod
+    def join(cls, parts: Sequence[ContactEntries], rows: Sequence[int]) -> ContactEntries:
+        """The entries of parts that have so many rows, one after another."""
+        starts = np.cumsum([0, *rows])[:-1]
+        fields = [{**p.__dict__, "row": p.row + s} for p, s in zip(parts, starts, strict=True)]
+        return cls(**{name: np.concatenate([f[name] for f in fields]) for name in fields[0]})
+
+    def of_rows(self, keep: NDArray[np.bool_]) -> ContactEntries:
+        """The entries of some rows (rows,), renumbered."""
+        mine = keep[self.row]
+        kept = ContactEntries(**{name: values[mine] for name, values in self.__dict__.items()})
+        return replace(kept, row=(np.cumsum(keep) - 1)[kept.row])
+
+
+ENTRIES = ("entries", "held", "rigid")
+"""Fields of `ContactRows` that have entries instead of a value for each row."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRows:
+    """Contact rows this rank owns, Σ value · ū ≤ gap, sorted by node and then by contact.
+
+    Attributes
+    ----------
+    nodes, points, sources
+        Node a row belongs to (k,), its coordinates (k, 3) and contact index (k,).
+    gaps : (k,)
+        Distance left, by which the held part has been reduced.
+    normals : (k, dimension)
+        Force on the body for a multiplier of one: the normal out of what it touches.
+    moments : (k, 3)
+        Moment of that force about the node: zero unless the row has several nodes of the body.
+    areas : (k,)
+        Area on which the multiplier acts; NaN where it is the node's share of the boundary.
+    spread : (k,)
+        One over the length of the row on the copies: the multiplier of the scaled row times it is
+        the force, its residual over it the distance.
+    entries
+        The coefficients, without held components.
+    held
+        The coefficients of held components, where `cut_held` took them out.
+    rigid
+        The coefficients of the motions of rigid bodies, at the nodes that stand for these. They
+        count neither for the length of a row nor for whether it is wide: no stiffness resists them.
+    """
+
+    nodes: NDArray[np.int64]
+    points: NDArray[np.float64]
+    sources: NDArray[np.int64]
+    gaps: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    moments: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    entries: ContactEntries
+    held: ContactEntries = field(default_factory=ContactEntries.none)
+    rigid: ContactEntries = field(default_factory=ContactEntries.none)
+
+    @property
+    def on_rigid(self) -> NDArray[np.bool_]:
+        """Which rows have entries at a rigid body, (k,)."""
+        result = np.zeros(len(self.nodes), bool)
+        result[self.rigid.row] = True
+        return result
+
+    @property
+    def wide(self) -> NDArray[np.bool_]:
+        """Which rows have entries at several nodes, (k,)."""
+        pairs = np.unique(np.stack([self.entries.row, self.entries.node], axis=1), axis=0)
+        return np.bincount(pairs[:, 0], minlength=len(self.nodes)) > 1
+
+    @classmethod
+    def join(cls, parts: Sequence[ContactRows]) -> ContactRows:
+        """Rows of several parts, sorted."""
+        fields = [f for f in cls.__dataclass_fields__ if f not in ENTRIES]
+        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
+        counts = [len(p.nodes) for p in parts]
+        entries: dict[str, Any] = {
+            name: ContactEntries.join([getattr(p, name) for p in parts], counts) for name in ENTRIES
+        }
+        order = np.lexsort((joined["sources"], joined["nodes"]))
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        return cls(
+            **{name: values[order] for name, values in joined.items()},
+            **{name: replace(own, row=place[own.row]) for name, own in entries.items()},
+        )
+
+    def of(self, keep: NDArray[np.bool_]) -> ContactRows:
+        """Some of the rows, (k,)."""
+        fields = {
+            name: v.of_rows(keep) if name in ENTRIES else v[keep]
+            for name, v in self.__dict__.items()
+        }
+        return ContactRows(**fields)
+
+    def none(self) -> ContactRows:
+        """No rows."""
+        return self.of(np.zeros(len(self.nodes), bool))
+
+
+def points_of(rows: ContactRows) -> NDArray[np.int64]:
+    """Number of the contact point of each row, (rows,): rows of one node and contact share it."""
+    new = (np.diff(rows.nodes) != 0) | (np.diff(rows.sources) != 0)
+    return np.cumsum(np.concatenate([np.zeros(min(len(rows.nodes), 1), bool), new]))
+
+
+def pairs_at_nodes(
+    node: NDArray[np.int64],
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Pairs of rows that share a node, the rows sorted by node; each pair once."""
+    if len(node) == 0:
+        return
+    _, start, count = np.unique(node, return_index=True, return_counts=True)
+    for a in range(int(count.max())):
+        for b in range(a):
+            both = start[count > a]
+            yield both + b, both + a
+
+
+def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, NDArray[np.float64]]:
+    """Contact rows over the nodes they name, scaled to unit length, and their lengths before.
+
+    The nodes may belong to any rank: their numbers are the columns.
+
+    Returns
+    -------
+    A matrix (rows, components of nodes), and (rows,).
+    """
+    entries = rows.entries
+    column = entries.node * rows.normals.shape[1] + entries.component
+    known, place = np.unique(column, return_inverse=True)
+    matrix = sparse.csr_matrix(
+        (entries.value, (entries.row, place.reshape(-1))), shape=(len(rows.nodes), len(known))
+    )
+    norm = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
+    return matrix.multiply(1.0 / norm[:, None]).tocsr(), norm

@@ -1,0 +1,246 @@
+"""Conditions of all ranks at their nodes: one of each that say the same, and errors that clash.
+
+Contact rows of one node that are parallel are one row, the tightest. Held components go from
+contact rows to their right-hand sides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.tfeti.constraints.conditions import (
+    ContactEntries,
+    ContactRows,
+    ContradictionError,
+    HeldRows,
+    NodeConditions,
+    pairs_at_nodes,
+    unit_rows,
+)
+from solver.tfeti.constraints.exchange import NodeExchange
+
+PARALLEL = 1e-10
+"""Two unit directions closer than this are one."""
+
+
+def merge_held(exchange: NodeExchange, conditions: NodeConditions) -> HeldRows:
+    """Bring together what holds each owned node; a component may be held twice to one value.
+
+    Raises
+    ------
+    ContradictionError
+        Two conditions ask different displacements of one component.
+    """
+    meeting = exchange.among(conditions.held_nodes)
+    held, values = meeting.to_owners(conditions.held), meeting.to_owners(conditions.values)
+    source, points = (
+        meeting.to_owners(conditions.held_source),
+        meeting.to_owners(conditions.held_points),
+    )
+    nodes, first, place = np.unique(meeting.nodes, return_index=True, return_inverse=True)
+    merged = np.zeros((len(nodes), held.shape[1]), bool)
+    np.logical_or.at(merged, place, held)
+    lowest = np.full(merged.shape, np.inf)
+    np.minimum.at(lowest, place, np.where(held, values, np.inf))
+    conflict = held & (np.abs(values - lowest[place]) > 1e-12 * np.abs(values))
+    problem = None
+    if conflict.any():
+        at, component = np.argwhere(conflict)[0]
+        same = np.flatnonzero((place == place[at]) & held[:, component])
+        other = same[np.argmin(values[same, component])]
+        amount = float(values[at, component] - values[other, component])
+        problem = ("held twice", int(source[other]), int(source[at]), int(nodes[place[at]]), amount)
+    _raise_together(exchange, problem)
+    return HeldRows(nodes, points[first], merged, np.where(merged, lowest, 0.0))
+
+
+def merge_contact(
+    exchange: NodeExchange, conditions: NodeConditions, held: HeldRows, length: float
+) -> tuple[ContactRows, ContactRows]:
+    """Bring together the contact rows of each owned node and drop redundant ones.
+
+    Parameters
+    ----------
+    length
+        A length of the scene; penetrations of held nodes below 1e-9 of it are round-off.
+
+    Returns
+    -------
+    The rows that are kept, and those that a tighter one in the same direction makes redundant.
+
+    Raises
+    ------
+    ContradictionError
+        Held displacements push a node into an obstacle, or two obstacles leave it no room.
+    """
+    rows = cut_held(exchange, contact_rows(exchange, conditions), held, length)
+    cut = np.zeros_like(rows.normals)
+    cut[rows.entries.row, rows.entries.component] = rows.entries.value
+    norm = np.linalg.norm(cut, axis=1)
+    direction, gap = cut / norm[:, None], rows.gaps / norm
+    _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
+    keep = tightest_of_each_node(rows.nodes, direction, gap)
+    return rows.of(keep), rows.of(~keep)
+
+
+def contact_rows(exchange: NodeExchange, conditions: NodeConditions) -> ContactRows:
+    """The contact rows of each owned node, one a contact (collective)."""
+    meeting = exchange.among(conditions.contact_nodes)
+    source, points = (
+        meeting.to_owners(conditions.contact_source),
+        meeting.to_owners(conditions.contact_points),
+    )
+    direction, gap = meeting.to_owners(conditions.directions), meeting.to_owners(conditions.gaps)
+    pair = np.stack([meeting.nodes, source], axis=1)
+    _, chosen = np.unique(pair, axis=0, return_index=True)
+    node, points, direction = meeting.nodes[chosen], points[chosen], direction[chosen]
+    row, component = np.nonzero(np.abs(direction) > 1e-14)
+    return ContactRows(
+        nodes=node,
+        points=points,
+        sources=source[chosen],
+        gaps=gap[chosen],
+        normals=-direction,
+        moments=np.zeros((len(node), 3)),
+        areas=np.full(len(node), np.nan),
+        spread=np.ones(len(node)),
+        entries=ContactEntries(row, node[row], points[row], component, direction[row, component]),
+    )
+
+
+def drop_parallel(
+    exchange: NodeExchange, rows: ContactRows, length: float
+) -> tuple[ContactRows, ContactRows]:
+    """Of rows of one node that are parallel keep the tightest, unless none of them is a mean.
+
+    Rows at nodes alone are those of `merge_contact`, which has done so.
+
+    Parameters
+    ----------
+    rows
+        Sorted by node, without held components.
+    length
+        As in `merge_contact`.
+
+    Returns
+    -------
+    The rows that are kept, and the others.
+
+    Raises
+    ------
+    ContradictionError
+        Two opposite rows leave no room.
+    """
+    matrix, norm = unit_rows(rows)
+    gap = rows.gaps / norm
+    keep = np.ones(len(rows.nodes), bool)
+    problem = None
+    for i, j in pairs_at_nodes(rows.nodes):
+        cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
+        mean = ~(np.isnan(rows.areas[i]) & np.isnan(rows.areas[j]))
+        same = mean & (cosine > 1.0 - PARALLEL) & keep[i] & keep[j]
+        keep[np.where(gap[i] <= gap[j], j, i)[same]] = False
+        opposite = mean & (cosine < PARALLEL - 1.0)
+        tight = np.flatnonzero(opposite & (gap[i] + gap[j] < -1e-9 * length))
+        if len(tight):
+            k = int(tight[np.argmin((gap[i] + gap[j])[tight])])
+            problem = (
+                "squeezed", int(rows.sources[i[k]]), int(rows.sources[j[k]]),
+                int(rows.nodes[i[k]]), float(-(gap[i[k]] + gap[j[k]]) * norm[i[k]]),
+            )  # fmt: skip
+    _raise_together(exchange, problem)
+    return rows.of(keep), rows.of(~keep)
+
+
+def cut_held(
+    exchange: NodeExchange,
+    rows: ContactRows,
+    held: HeldRows,
+    length: float,
+    one_sided: bool = True,
+) -> ContactRows:
+    """Move what is held from the rows to their gaps; rows with nothing left are dropped.
+
+    Parameters
+    ----------
+    length
+        As in `merge_contact`.
+    one_sided
+        Whether rows ask anything of what is held; slips of held nodes may be what they are.
+
+    Raises
+    ------
+    ContradictionError
+        Held displacements alone violate a row.
+    """
+    entries = rows.entries
+    query = exchange.among(entries.node)
+    component = query.to_owners(entries.component)
+    fixed, value = np.zeros(len(component), bool), np.zeros(len(component))
+    if len(held.nodes):
+        at = np.minimum(np.searchsorted(held.nodes, query.nodes), len(held.nodes) - 1)
+        fixed = (held.nodes[at] == query.nodes) & held.held[at, component]
+        value = np.where(fixed, held.values[at, component], 0.0)
+    fixed, value = query.from_owners(fixed), query.from_owners(value)
+    count = len(rows.nodes)
+    gaps = rows.gaps - np.bincount(entries.row, entries.value * value, minlength=count)
+    left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
+    decided = (left < 1e-18) & ~rows.on_rigid
+    inside = decided & (gaps < -1e-9 * length) & one_sided
+    problem = None
+    if inside.any():
+        worst = int(np.argmin(np.where(inside, gaps, np.inf)))
+        problem = (
+            "held in contact", int(rows.sources[worst]), -1, int(rows.nodes[worst]),
+            float(-gaps[worst]),
+        )  # fmt: skip
+    _raise_together(exchange, problem)
+    free, cut = (
+        ContactEntries(**{name: v[some] for name, v in entries.__dict__.items()})
+        for some in (~fixed, fixed)
+    )
+    return replace(rows, gaps=gaps, entries=free, held=cut).of(~decided)
+
+
+def _squeezed(
+    rows: ContactRows, direction: NDArray[np.float64], gap: NDArray[np.float64], least: float
+) -> tuple | None:
+    """The worst node that two rows in opposite directions leave no room, as a contradiction.
+
+    Where held components leave a node one direction to move in, any two obstacles can do that.
+    """
+    problem, worst = None, -least
+    for i, j in pairs_at_nodes(rows.nodes):
+        opposite = np.linalg.norm(direction[i] + direction[j], axis=1) < PARALLEL
+        room = np.where(opposite, gap[i] + gap[j], np.inf)
+        if len(room) and room.min() < worst:
+            k = int(np.argmin(room))
+            worst = float(room[k])
+            problem = (
+                "squeezed", int(rows.sources[i[k]]), int(rows.sources[j[k]]),
+                int(rows.nodes[i[k]]), -worst,
+            )  # fmt: skip
+    return problem
+
+
+def tightest_of_each_node(
+    node: NDArray[np.int64], direction: NDArray[np.float64], gap: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Mark, of the rows of one node in one direction, the one with the smallest gap."""
+    keep = np.ones(len(node), bool)
+    for i, j in pairs_at_nodes(node):
+        same = np.linalg.norm(direction[i] - direction[j], axis=1) < PARALLEL
+        same &= keep[i] & keep[j]
+        looser = np.where(gap[i] <= gap[j], j, i)
+        keep[looser[same]] = False
+    return keep
+
+
+def _raise_together(exchange: NodeExchange, problem: tuple | None) -> None:
+    """Raise the first rank's problem on every rank."""
+    problems = [p for p in exchange.comm.allgather(problem) if p is not None]
+    if problems:
+        raise ContradictionError(*problems[0])
