@@ -182,7 +182,7 @@ def test_a_terminal_of_ascii_gets_what_it_can_show(scene: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     "environment",
     [
-        {"HOME": "/dev/null", "XDG_CACHE_HOME": ""},
+        pytest.param({"HOME": "/dev/null", "XDG_CACHE_HOME": ""}, marks=pytest.mark.slow),
         pytest.param({"XDG_CACHE_HOME": "/proc/nope"}, marks=pytest.mark.slow),
         {"XDG_CONFIG_HOME": "/dev/null"},
     ],

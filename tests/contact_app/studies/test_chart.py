@@ -242,15 +242,12 @@ def test_a_patch_whose_answer_every_mesh_holds_has_no_error(tmp_path: Path) -> N
     sweep = chart.plan(config, largest=140)
     usual = {(v.cell, v.method): v for v in sweep.variants if v == chart.Variant(
         v.factor, v.cell, method=v.method)}  # fmt: skip
-    chosen = [usual[c, m] for c, m in (("quadrilateral", "contact-app"),
-              ("triangle", "contact-app"), ("quadrilateral", "tao-bnls"))]  # fmt: skip
+    chosen = [usual["triangle", "contact-app"], usual["quadrilateral", "tao-bnls"]]
     sweep = chart.Sweep(sweep.scene, tuple(chosen), sweep.references, sweep.left_out)
     told = list(chart.chart(config, tmp_path, sweep))
     rows = chart.read(tmp_path / "frontier.csv")
     assert len(rows) == sum(p.row is not None for p in told)
-    assert {(r["method"], r["cell"]) for r in rows} >= {
-        ("contact-app", "quadrilateral"), ("contact-app", "triangle")
-    }  # fmt: skip
+    assert ("contact-app", "triangle") in {(r["method"], r["cell"]) for r in rows}
     if len(rows) < len(chosen):  # TAO's bnls of PETSc 3.22 crashes on this scene: that is told
         assert any("tao-bnls" in p.text for p in told if p.row is None)
     for row in rows:
