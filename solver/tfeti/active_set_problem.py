@@ -138,12 +138,10 @@ class ActiveSetProblem:
         self._tractions = _outside(statuses, problem)
         if self._tractions is not None and multiplier is not None:
             multiplier = multiplier - self._tractions
-        if self._tractions is not None:
-            problem = problem.with_constraint_forces(self._tractions)
         self.problem, active = problem, self.active
         directions = directions or Directions(problem.B, problem.conditional)
         recycled = Recycled(directions, active)
-        self.reduced = problem.with_active(active, multiplier)
+        self.reduced = problem.with_active(active, multiplier, self._tractions)
         coarse = self.reduced.coarse
         assert coarse is not None
         if not recycled.empty:
@@ -165,7 +163,7 @@ class ActiveSetProblem:
         it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
         it.measure_b()
         it.begin()
-        it.counts.hessian += 1 if self._tractions is None else 2  # of the right-hand side
+        it.counts.hessian += 1  # of the right-hand side
         self._weight = it.reduction.norm(self.reduced.offset)
         self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
         self._before = it.reduction.collectives
@@ -259,19 +257,18 @@ class ActiveSetProblem:
         problem, it = self.problem, self._iterate
         assert self.reduced.coarse is not None
         assert problem.coarse is not None
-        multiplier = self.reduced.offset + it.x
+        own = self.reduced.offset + it.x
+        multiplier = own if self._tractions is None else own + self._tractions
         assert it.image is not None
         u = self.reduced.displacements_of_offset - it.image
         strained = problem.strain_energy(multiplier, u)
         jumps = problem.residual(u)  # d - F λ
-        given = jumps if self._compliance is None else jumps - self._compliance * multiplier
+        given = jumps if self._compliance is None else jumps - self._compliance * own
         alpha = -self.reduced.coarse.coefficients(given)
         kernel_part = np.empty(problem.size)
         problem.coarse.extend(alpha, kernel_part)
         jumps += kernel_part
         add_motions(problem, alpha, u)
-        if self._tractions is not None:
-            multiplier = multiplier + self._tractions
         sizes = problem.spread * problem.bodies.of_rows(problem.lengths(u))
         turn = self.statuses.turn
         if turn is not None:

@@ -153,27 +153,6 @@ class DualProblem:
         loads = replace(self.system.loads, c=np.where(self.tangential, moved, self.c))
         return DualProblem(replace(self.system, loads=loads), replace(self.known, d=None))
 
-    def with_constraint_forces(self, multiplier: NDArray[np.float64]) -> DualProblem:
-        """The problem in which -Bᵀ λ of a given multiplier (dual,) acts as a load.
-
-        One application of F finds what these loads do.
-        """
-        forces, loads, works = self.constraint_forces(multiplier), [], []
-        own, free_works = self._free
-        moved = np.empty_like(own)
-        self.F.solve_interface(forces, moved)
-        np.subtract(own, moved, out=moved)  # K⁺ (f - Bᵀ λ)
-        for cls, part, load, work in zip(
-            self.classes, interface_slices(self.classes), self.forces, free_works, strict=True
-        ):
-            changed = load.copy(order="F")
-            changed[cls.interface] -= forces[part].reshape(cls.members, -1).T
-            loads.append(changed)
-            lost = (forces[part] * (own[part] + moved[part])).reshape(cls.members, -1)
-            works.append(work - lost.sum(axis=1))
-        system = self.system.with_loads(loads)
-        return DualProblem(system, Known(operator=self.F, free=(moved, works)))
-
     @property
     def comm(self) -> MPI.Intracomm:
         """Communicator of all ranks."""
@@ -553,7 +532,10 @@ class DualProblem:
         return result
 
     def with_active(
-        self, active: NDArray[np.bool_], near: NDArray[np.float64] | None = None
+        self,
+        active: NDArray[np.bool_],
+        near: NDArray[np.float64] | None = None,
+        tractions: NDArray[np.float64] | None = None,
     ) -> DualProblem:
         """The problem in which these rows hold with equality and the other contact rows are empty.
 
@@ -566,6 +548,9 @@ class DualProblem:
             Contact and tangential rows that hold with equality.
         near : (dual,)
             λ̃ is the multiplier in equilibrium next to this one, instead of the smallest.
+        tractions : (dual,)
+            Multipliers that act as a load beside it. What they do is in
+            `displacements_of_offset` and `rhs`; `d` does not know of them.
         """
         keep = np.where(self.conditional & ~active, 0.0, 1.0)
         own, loads = self.system.constraints, self.system.loads
@@ -582,13 +567,25 @@ class DualProblem:
             friction=None,
             loads=replace(loads, c=self.c * keep),
         )
-        offset = None
-        if near is not None and constraints.coarse is not None:
+        offset = moved = None
+        if near is not None or tractions is not None:
+            offset = np.zeros(self.size) if near is None else near * keep
+        if offset is not None and constraints.coarse is not None:
             missing, change = np.empty_like(self.e), np.empty(self.size)
-            constraints.coarse.restrict(near * keep, missing)
+            constraints.coarse.restrict(offset, missing)
+            if tractions is not None:
+                loaded = np.empty_like(missing)
+                own.coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
+                missing += loaded
             constraints.coarse.carry(self.e - missing, change)
-            offset = near * keep + change
-        return DualProblem(system, Known(free=self._free, d=keep * self.d, offset=offset))
+            offset += change
+        if offset is not None and tractions is not None:
+            moved = np.empty_like(self.free_displacements)
+            self.F.solve_interface(self.constraint_forces(tractions + offset), moved)
+            np.subtract(self.free_displacements, moved, out=moved)
+        return DualProblem(
+            system, Known(free=self._free, d=keep * self.d, offset=offset, displacements=moved)
+        )
 
     def turned(self, turn: Turn) -> DualProblem:
         """The same problem in turned tangential frames."""

@@ -25,6 +25,11 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 
 
+SOFTENED = 0.3
+"""Stiffness against a row whose surroundings give way, over the diagonal entry of K: 1 took 8 %
+more operator applications on a cube on a rough wall and on blocks of tetrahedra, 0.1 as many."""
+
+
 class DualPreconditioner:
     """Approximate inverse of P F P + ρ Q (protocol `Preconditioner` of MPRGP).
 
@@ -110,7 +115,7 @@ class CompliantPreconditioner:
         self._base, self._coarse = base, problem.coarse
         rows = compliance > 0.0
         self._root = np.ones(problem.size)
-        stiff = problem.row_stiffness(rows)
+        stiff = SOFTENED * problem.row_stiffness(rows)
         self._root[rows] = 1.0 / np.sqrt(1.0 + compliance[rows] * stiff)
         self._room = np.empty(problem.size)
 
