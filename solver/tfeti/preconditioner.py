@@ -24,7 +24,6 @@ from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 
-
 SOFTENED = 0.3
 """Stiffness against a row whose surroundings give way, over the diagonal entry of K: 1 took 8 %
 more operator applications on a cube on a rough wall and on blocks of tetrahedra, 0.1 as many."""
