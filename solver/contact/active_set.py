@@ -52,6 +52,9 @@ class ActiveSetOptions:
         Evaluations on a set before it is solved to the end.
     significant
         Forces and distances that change a set, relatively, over the estimate of its error.
+    largest_error
+        Estimate of the error in energy norm, over that of the strains, above which a set decides
+        nothing.
     first_share
         Share of the load, from where it first closes a contact on, whose contacts join an empty
         set.
@@ -81,6 +84,7 @@ class ActiveSetOptions:
     coarse_reduction: float = 0.1
     evaluations: int = 3
     significant: float = 0.1
+    largest_error: float = math.inf
     first_share: float = 0.02
     margin: float = 0.7
     tighten: float = 0.3
@@ -283,6 +287,9 @@ def solve_on_set(
     while True:
         ended = on_set.solve(inner, wanted, monitor, watch)
         state = on_set.state()
+        if ended.converged and on_set.error(state.strained) > options.largest_error:
+            wanted *= options.tighten
+            continue
         following, released = update.following(on_set, state)
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, on_set.counts)

@@ -138,6 +138,9 @@ class ActiveSetProblem:
         self._tractions = _outside(statuses, problem)
         if self._tractions is not None and multiplier is not None:
             multiplier = multiplier - self._tractions
+        if self._compliance is not None and multiplier is not None:
+            # in the answer there is nothing left in these rows, and C times it may be large
+            multiplier = np.where(self._compliance > 0.0, 0.0, multiplier)
         self.problem, active = problem, self.active
         directions = directions or Directions(problem.B, problem.conditional)
         recycled = Recycled(directions, active)

@@ -40,6 +40,10 @@ GIVE = 0.03
 """Compliance of a point that sticks while its node is closed in another contact, over that of the
 node: slips of others fall to about that share in each set."""
 
+LARGEST_ERROR = 0.3
+"""Error at which sets with friction decide nothing: rows of sliding points with small slip limits
+have large compliances, in which a small residual leaves a large error."""
+
 LOOSE = 1e-2
 """Share of an iterate's jumps that is left where its duality gap only tells how far it is."""
 
@@ -114,7 +118,7 @@ def solve_from(
     asks = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     law, options = contact_law(task.problem, task.rule.tolerance), task.active_sets
     if task.problem.friction is not None:
-        options = replace(options, most_sets=FRICTION * options.most_sets, patience=PATIENCE)
+        options = replace(options, most_sets=FRICTION * options.most_sets, patience=PATIENCE, largest_error=LARGEST_ERROR)
     found = active_set_loop(
         TotalFeti(task.problem), start, asks, task.inner, task.monitor, saver, options, law
     )
