@@ -118,7 +118,12 @@ def solve_from(
     asks = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     law, options = contact_law(task.problem, task.rule.tolerance), task.active_sets
     if task.problem.friction is not None:
-        options = replace(options, most_sets=FRICTION * options.most_sets, patience=PATIENCE, largest_error=LARGEST_ERROR)
+        options = replace(
+            options,
+            most_sets=FRICTION * options.most_sets,
+            patience=PATIENCE,
+            largest_error=LARGEST_ERROR,
+        )
     found = active_set_loop(
         TotalFeti(task.problem), start, asks, task.inner, task.monitor, saver, options, law
     )

@@ -117,6 +117,23 @@ def test_mprgp_for_convex_sets_inside_smalbe(cell: str, law: dict[str, float]) -
     assert check(made, 2).summary["solver"]["method"] == "smalbe"
 
 
+@pytest.mark.ratchet
+@pytest.mark.parametrize(
+    ("cell", "law", "most"),
+    [
+        ("quadrilateral", LAWS[0], 30),
+        ("quadrilateral", LAWS[1], 25),
+        ("hexahedron", LAWS[0], 70),
+        ("hexahedron", LAWS[1], 62),
+    ],
+    ids=str,
+)
+def test_operator_applications(cell: str, law: dict[str, float], most: int) -> None:
+    """Of a pair, which takes 16 without friction in the plane and 23 in space."""
+    solved = solve(pair(cell, law), 4)
+    assert solved.summary["solver"]["hessian_multiplications"] <= most
+
+
 def test_no_coefficient_is_no_friction() -> None:
     bare, none = (solve(m, 4) for m in (scenes.pushed("quadrilateral", 4),
                   rough(scenes.pushed("quadrilateral", 4), {"coulomb": 0.0})))  # fmt: skip
