@@ -103,7 +103,7 @@ def plot(
         typer.Option(help="In space: the direction to the eye, three numbers."),
     ] = None,
 ) -> None:
-    """Draw a result: the deformed bodies, and the pressure over the contact surface."""
+    """Draw a result: the deformed bodies, the contact pressure, and where friction sticks."""
     from contact_app.results.plot.picture import plot as draw
 
     if camera is not None and not any(camera):

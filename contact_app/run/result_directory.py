@@ -27,6 +27,7 @@ RESULTS = (
     "run.log",
     "bodies.png",
     "contact_pressure.png",
+    "contact_status.png",
     "increments.csv",
     "increments.png",
     "solution.pvd",

@@ -5,9 +5,10 @@ a window:
 
     pvbatch docs/guide/contact_view.py results/cube/solution.xdmf [cube.png] [FIELD] [FACTOR]
 
-writes a picture of one field (von_mises unless given; contact_pressure, gap, displacement, stress),
-displacements enlarged by FACTOR, by default until the largest is a twelfth of the bodies' size.
-Written for ParaView 5.9 and later.
+writes a picture of one field (von_mises unless given; contact_pressure, gap, displacement, stress;
+with friction contact_status, in three colours: open, stick, slip), displacements enlarged by
+FACTOR, by default until the largest is a twelfth of the bodies' size. Written for ParaView 5.9 and
+later.
 """
 
 import math
@@ -26,6 +27,12 @@ from paraview.simple import (
     Show,
     WarpByVector,
     Xdmf3ReaderS,
+)
+
+STATUSES = (  # value, name, colour
+    ("0", "open", (0.733, 0.733, 0.733)),
+    ("1", "stick", (0.0, 0.447, 0.698)),
+    ("2", "slip", (0.902, 0.624, 0.0)),
 )
 
 
@@ -63,7 +70,11 @@ def show(source, field="von_mises", factor=None):
     ColorBy(display, (found[field], field))
     display.RescaleTransferFunctionToDataRange(False, True)
     colours = GetColorTransferFunction(field)
-    colours.ApplyPreset("Viridis (matplotlib)", True)
+    if field == "contact_status":
+        display.InterpolateScalarsBeforeMapping = 0  # between nodes colours are mixed, not numbers
+        name_statuses(colours)
+    else:
+        colours.ApplyPreset("Viridis (matplotlib)", True)
     colours.NanColor = [0.8, 0.8, 0.8]
     display.SetScalarBarVisibility(view, True)
     bar = GetScalarBar(colours, view)
@@ -90,6 +101,14 @@ def show(source, field="von_mises", factor=None):
     ResetCamera(view)
     view.CameraParallelScale *= 1.2  # room for the colours below the bodies
     return view
+
+
+def name_statuses(colours):
+    """Colours and names of the values of contact_status, as in the pictures of `plot`."""
+    colours.InterpretValuesAsCategories = 1
+    colours.AnnotationsInitialized = 1
+    colours.Annotations = [text for row in STATUSES for text in row[:2]]
+    colours.IndexedColors = [share for row in STATUSES for share in row[2]]
 
 
 def _cells(source):

@@ -23,6 +23,9 @@ MARGIN = 0.15
 """Room about what is pressed, as a share of its size."""
 
 
+STATUS = "contact_status"
+"""The field that tells of nodes whether they are open (0), stick (1) or slip (2)."""
+
 STRAIGHT = 0.97
 """Length of the mean of unit normals below which a surface is bent: a quarter of a circle's."""
 
@@ -67,14 +70,22 @@ def draw_contact(stored: Stored, target: Path, title: str = "") -> Path:
 
 
 def touchable(stored: Stored) -> NDArray[np.bool_]:
-    """Nodes (n,) with a contact row; those with pressure where the gap was not written."""
-    if "gap" in stored.point_data:
-        return np.asarray(np.isfinite(stored.point_data["gap"]))
-    return np.asarray(stored.point_data["contact_pressure"] > 0.0)
+    """Nodes (n,) with a contact row; those that touch where the gap was not written."""
+    data = stored.point_data
+    if "gap" in data:
+        return np.asarray(np.isfinite(data["gap"]))
+    return np.asarray(data["contact_pressure" if "contact_pressure" in data else STATUS] > 0.0)
 
 
-def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Stretches of a plane result's boundary that may touch and are pressed somewhere.
+def profiles(
+    stored: Stored, acting: NDArray[np.float64]
+) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Stretches of a plane result's boundary that may touch and do so somewhere.
+
+    Parameters
+    ----------
+    acting : (n,)
+        Positive at nodes that touch: the contact pressure, or the status.
 
     Returns
     -------
@@ -83,17 +94,16 @@ def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64
         from it along the undeformed boundary.
     """
     (sides,) = stored.boundary()
-    sides = sides_in_contact(stored, sides)
+    sides = sides_in_contact(stored, sides, acting)
     found = []
-    for piece in _connected(sides, len(stored.points)):
+    for piece in connected_sides(sides, len(stored.points)):
         nodes, ends = np.unique(piece, return_inverse=True)
-        if not (stored.point_data["contact_pressure"][nodes] > 0.0).any():
+        if not (acting[nodes] > 0.0).any():
             continue
         ends = ends.reshape(-1, 2)
         tips = np.flatnonzero(np.bincount(ends.ravel(), minlength=len(nodes)) == 1)
         if not len(tips):  # a closed curve is opened where it is pressed least
-            pressed = stored.point_data["contact_pressure"][nodes]
-            lightest = int(np.argmin(pressed))
+            lightest = int(np.argmin(acting[nodes]))
             opened = int(np.flatnonzero((ends == lightest).any(axis=1))[0])
             ends, tips = np.delete(ends, opened, axis=0), np.array([lightest])
         x, y = stored.points[nodes[tips]][:, :2].T
@@ -107,16 +117,18 @@ def profiles(stored: Stored) -> list[tuple[NDArray[np.int64], NDArray[np.float64
     return found
 
 
-def sides_in_contact(stored: Stored, sides: NDArray[np.int64]) -> NDArray[np.int64]:
+def sides_in_contact(
+    stored: Stored, sides: NDArray[np.int64], acting: NDArray[np.float64]
+) -> NDArray[np.int64]:
     """Sides that may touch; where only a line or a node is pressed, all sides about it."""
     may = touchable(stored)[sides].all(axis=1)
-    pressed = (stored.point_data["contact_pressure"][sides] > 0.0).any(axis=1)
+    pressed = (acting[sides] > 0.0).any(axis=1)
     return sides[may if (may & pressed).any() else pressed]
 
 
 def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
     axes = figure.subplots()
-    for nodes, position in profiles(stored):
+    for nodes, position in profiles(stored, pressure):
         start, end = stored.points[nodes[[0, -1]]][:, :2]
         label = f"from ({start[0]:.3g}, {start[1]:.3g}) to ({end[0]:.3g}, {end[1]:.3g})"
         axes.plot(position, pressure[nodes], marker=".", markersize=4, linewidth=1.2, label=label)
@@ -128,13 +140,7 @@ def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
 
 
 def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
-    corners = np.concatenate(
-        [sides[:, pick] for sides in stored.boundary() for pick in _CORNERS[sides.shape[1]]]
-    )
-    corners = sides_in_contact(stored, corners)
-    pieces = [
-        piece for piece in _connected(corners, len(stored.points)) if (pressure[piece] > 0.0).any()
-    ]
+    pieces = patches(stored, pressure)
     high = float(pressure.max())
     flat = []
     for axes, piece in zip(np.ravel(figure.subplots(1, len(pieces))), pieces, strict=True):
@@ -144,16 +150,29 @@ def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None
             across[:, 0], across[:, 1], piece[shown], pressure,
             shading="gouraud", cmap="magma_r", vmin=0.0, vmax=high,
         )  # fmt: skip
-        seen = piece[pressed & shown]
-        low, top = across[seen].min(axis=(0, 1)), across[seen].max(axis=(0, 1))
-        room = MARGIN * (top - low).max()
-        axes.set_xlim(low[0] - room, top[0] + room)
-        axes.set_ylim(low[1] - room, top[1] + room)
-        axes.set_aspect("equal")
-        axes.set(xlabel=names[0], ylabel=names[1])
+        zoom(axes, across[piece[pressed & shown]], names)
         flat.append(axes)
     bar = figure.colorbar(shades, ax=flat, label="contact pressure", shrink=0.8)
     bar.formatter.set_powerlimits((-3, 4))
+
+
+def patches(stored: Stored, acting: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Connected pieces of surface in space that touch somewhere, as triangles (m, 3)."""
+    corners = np.concatenate(
+        [sides[:, pick] for sides in stored.boundary() for pick in _CORNERS[sides.shape[1]]]
+    )
+    pieces = connected_sides(sides_in_contact(stored, corners, acting), len(stored.points))
+    return [piece for piece in pieces if (acting[piece] > 0.0).any()]
+
+
+def zoom(axes: Any, corners: NDArray[np.float64], names: tuple[str, str]) -> None:
+    """Show what lies about triangles (m, 3, 2) of a piece laid flat."""
+    low, top = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    room = MARGIN * (top - low).max()
+    axes.set_xlim(low[0] - room, top[0] + room)
+    axes.set_ylim(low[1] - room, top[1] + room)
+    axes.set_aspect("equal")
+    axes.set(xlabel=names[0], ylabel=names[1])
 
 
 def flattened(
@@ -238,7 +257,7 @@ def _unrolled(
     return across, shown, ("around the axis", along)
 
 
-def _connected(sides: NDArray[np.int64], n: int) -> list[NDArray[np.int64]]:
+def connected_sides(sides: NDArray[np.int64], n: int) -> list[NDArray[np.int64]]:
     """Sides by connected piece."""
     if not len(sides):
         return []

@@ -1,4 +1,4 @@
-"""Pictures of a result: the deformed shape, coloured by fields, and the contact pressure.
+"""Pictures of a result: the deformed shape, coloured by fields, the contact pressure, and friction.
 
 Reads only what a run left (``solution.xdmf``, ``summary.json``). All is drawn by matplotlib, which
 needs no screen.
@@ -14,7 +14,8 @@ import numpy as np
 
 from contact_app.errors import ContactError
 from contact_app.machine.whole_file import whole
-from contact_app.results.plot.contact_picture import NothingPressedError, draw_contact
+from contact_app.results.plot.contact_picture import STATUS, NothingPressedError, draw_contact
+from contact_app.results.plot.friction_picture import draw_friction
 from contact_app.results.plot.plane_picture import draw_plane
 from contact_app.results.plot.space_picture import draw_space
 from contact_app.results.plot.stored import Stored, read
@@ -32,6 +33,9 @@ LABELS = {
     "nodal_stress": "stress, Frobenius norm",
     "contact_pressure": "contact pressure",
     "gap": "gap to the obstacle",
+    "friction_traction": "friction traction, magnitude",
+    "slip": "slip, magnitude",
+    "contact_status": "0 open, 1 stick, 2 slip",
 }
 
 
@@ -48,6 +52,8 @@ def plot(
     camera: tuple[float, float, float] | None = None,
 ) -> tuple[list[Path], list[str]]:
     """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
+
+    Where the result holds ``contact_status``, also what sticks and slips (``contact_status.png``).
 
     Parameters
     ----------
@@ -106,6 +112,14 @@ def plot(
         pictures.append(pressure)
     except NothingPressedError as error:
         remarks.append(f"left out: contact_pressure.png: {error}")
+    if STATUS in stored.point_data:
+        zones = target / "contact_status.png"
+        try:
+            with whole(zones) as part:
+                draw_friction(stored, part, title)
+            pictures.append(zones)
+        except NothingPressedError as error:
+            remarks.append(f"left out: contact_status.png: {error}")
     return pictures, remarks
 
 

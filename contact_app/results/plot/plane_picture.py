@@ -49,7 +49,7 @@ def draw_plane(
             pressure = stored.point_data[name]
             axes.tripcolor(*moved.T, triangles, np.zeros(len(moved)), cmap="Greys", vmin=-1, vmax=5)
             axes.add_collection(LineCollection(rim, colors="black", linewidths=0.5))
-            pressed = sides_in_contact(stored, sides)
+            pressed = sides_in_contact(stored, sides, pressure)
             shades: Any = LineCollection(
                 moved[pressed], array=pressure[pressed].mean(axis=1), cmap="magma_r", linewidths=5
             )

@@ -167,7 +167,8 @@ def test_pressure_lines_go_along_the_boundary(tmp_path: Path) -> None:
         file.cells(0, [[1, 4, 2], [4, 0, 2], [0, 3, 2], [0, 5, 3]])
         file.point_data("contact_pressure", 0, [3.0, 1.0, 0.0, 0.0, 2.0, 4.0])
         file.point_data("gap", 0, [0.0, 0.0, np.nan, np.nan, 0.0, 0.0])
-    ((nodes, position),) = profiles(read(tmp_path))
+    stored = read(tmp_path)
+    ((nodes, position),) = profiles(stored, stored.point_data["contact_pressure"])
     assert nodes.tolist() == [1, 4, 0, 5]
     np.testing.assert_allclose(position, [0.0, 1.0, 2.0, 3.0])
 
@@ -178,7 +179,8 @@ def test_a_closed_contact_is_opened_where_it_presses_least(tmp_path: Path) -> No
         file.points(0, points)
         file.cells(0, [[0, 1, 2, 3]])
         file.point_data("contact_pressure", 0, [5.0, 1.0, 6.0, 7.0])
-    ((nodes, position),) = profiles(read(tmp_path))
+    stored = read(tmp_path)
+    ((nodes, position),) = profiles(stored, stored.point_data["contact_pressure"])
     assert nodes[0] == 1
     np.testing.assert_allclose(position, [0.0, 1.0, 2.0, 3.0])
 

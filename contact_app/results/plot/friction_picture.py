@@ -1,0 +1,166 @@
+"""Where a contact with friction is open, sticks and slips, with its friction traction.
+
+In the plane a curve for each stretch of boundary in contact: the friction traction along the
+boundary, above a strip coloured by the status of the nodes. In space a patch for each connected
+piece of surface, laid flat as in the picture of the contact pressure: each node colours the part
+of the surface that is nearest to it in its triangles, and arrows show the friction traction.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.results.plot.contact_picture import (
+    STATUS,
+    NothingPressedError,
+    flattened,
+    patches,
+    profiles,
+    touchable,
+    zoom,
+)
+from contact_app.results.plot.stored import Stored
+
+COLOURS = {"open": "#bbbbbb", "stick": "#0072b2", "slip": "#e69f00"}
+"""Names of the status 0, 1 and 2 and their colours, which the colour-blind tell apart.
+
+Blue and orange of Okabe and Ito, Color Universal Design (2008), and a grey."""
+
+STRIP = 0.06
+"""Height of the strip of colours, as a share of the picture's."""
+
+ARROWS = 400
+"""Arrows in a patch, about."""
+
+
+def draw_friction(stored: Stored, target: Path, title: str = "") -> Path:
+    """Draw what is open, sticks and slips in a result with friction; return the picture's path.
+
+    Raises
+    ------
+    NothingPressedError
+        Nothing touches.
+    """
+    status = status_shown(stored)
+    if not (status > 0.0).any():
+        raise NothingPressedError("no node sticks or slips: nothing touches in this result")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    draw = _strips if stored.plane else _zones
+    draw(figure, stored, status)
+    names = [Patch(color=colour, label=name) for name, colour in COLOURS.items()]
+    figure.legend(handles=names, loc="outside lower center", ncols=len(names))
+    if title:
+        figure.suptitle(title)
+    figure.savefig(target, dpi=150, format="png")
+    return target
+
+
+def status_shown(stored: Stored) -> NDArray[np.float64]:
+    """Status (n,) of nodes that may touch, NaN at others.
+
+    A node amid a facet that is pressed, but at which the contact law is not kept, has that of its
+    neighbours: slip where one of them slips.
+    """
+    status = np.where(touchable(stored) | (stored.point_data[STATUS] > 0.0), 0.0, np.nan)
+    np.maximum(status, stored.point_data[STATUS], out=status)
+    pressure = stored.point_data.get("contact_pressure", np.zeros(len(status)))
+    without = (pressure > 0.0) & ~(status > 0.0)
+    if without.any():
+        around = np.zeros(len(status))
+        for sides in stored.boundary():
+            most = np.nan_to_num(status[sides]).max(axis=1)
+            np.maximum.at(around, sides.ravel(), np.repeat(most, sides.shape[1]))
+        status[without] = around[without]
+    return status
+
+
+def parts_of_nodes(
+    across: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """The third of each triangle at each of its corners, bounded by its medians, (m, 3, 4, 2)."""
+    corners = across[triangles]
+    after, before = np.roll(corners, -1, axis=1), np.roll(corners, 1, axis=1)
+    centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+    parts = [corners, 0.5 * (corners + after), centre, 0.5 * (corners + before)]
+    return np.stack(parts, axis=2)
+
+
+def laid_flat(
+    points: NDArray[np.float64],
+    across: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    vectors: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Means of vectors (n, 3) over triangles, in the coordinates of the piece laid flat (m, 2)."""
+    edges = np.diff(points[triangles], axis=1).transpose(0, 2, 1)
+    flat = np.diff(across[triangles], axis=1).transpose(0, 2, 1)
+    means = vectors[triangles].mean(axis=1)
+    return np.asarray(np.einsum("mij,mjk,mk->mi", flat, np.linalg.pinv(edges), means))
+
+
+def _strips(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
+    found = profiles(stored, np.nan_to_num(status))
+    traction = stored.point_data.get("friction_traction")
+    places = np.ravel(figure.subplots(len(found), 1))
+    for axes, (nodes, position) in zip(places, found, strict=True):
+        ends = np.r_[position[0], 0.5 * (position[1:] + position[:-1]), position[-1]]
+        colour = [_colour(status[node]) for node in nodes]
+        axes.bar(
+            ends[:-1], STRIP, np.diff(ends), align="edge", color=colour, linewidth=0,
+            transform=axes.get_xaxis_transform(), zorder=3,
+        )  # fmt: skip
+        start, end = stored.points[nodes[[0, -1]]][:, :2]
+        label = f"from ({start[0]:.3g}, {start[1]:.3g}) to ({end[0]:.3g}, {end[1]:.3g})"
+        axes.set(xlabel=f"position along the boundary, {label}", ylabel="status")
+        axes.set_xlim(ends[0], ends[-1])
+        if traction is None:
+            axes.set_yticks([])
+            continue
+        tangent = np.gradient(stored.points[nodes], axis=0)
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-300)
+        along = np.sum(traction[nodes] * tangent, axis=1)
+        axes.plot(position, along, color="black", linewidth=1.0)
+        axes.scatter(position, along, color=colour, s=14, zorder=4)
+        low, high = min(along.min(), 0.0), max(along.max(), 0.0)
+        room = (high - low) or 1.0
+        axes.set_ylim(low - (0.05 + 1.5 * STRIP) * room, high + 0.05 * room)
+        axes.set_ylabel("friction traction along the boundary")
+        axes.ticklabel_format(axis="y", scilimits=(-3, 4))
+        axes.grid(alpha=0.3)
+
+
+def _zones(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
+    from matplotlib.collections import PolyCollection
+
+    acting = np.nan_to_num(status)
+    pieces = patches(stored, acting)
+    traction = stored.point_data.get("friction_traction")
+    for axes, piece in zip(np.ravel(figure.subplots(1, len(pieces))), pieces, strict=True):
+        touching = (acting[piece] > 0.0).any(axis=1)
+        across, shown, names = flattened(stored.points, piece, touching)
+        seen = piece[shown]
+        known = np.isfinite(status[seen])
+        colour = [_colour(value) for value in status[seen][known]]
+        parts = parts_of_nodes(across, seen)[known]
+        axes.add_collection(PolyCollection(parts, facecolors=colour, edgecolors="face", lw=0.3))
+        zoom(axes, across[piece[touching & shown]], names)
+        if traction is not None:
+            some = piece[touching & shown]
+            some = some[:: max(len(some) // ARROWS, 1)]
+            arrows = laid_flat(stored.points, across, some, traction)
+            middle = across[some].mean(axis=1)
+            axes.quiver(*middle.T, *arrows.T, color="black", pivot="mid", width=0.003)
+            axes.set_title("arrows: friction traction", fontsize=9)
+
+
+def _colour(status: float) -> str:
+    return list(COLOURS.values())[int(np.nan_to_num(status))]
