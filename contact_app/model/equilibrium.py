@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import block_diag
@@ -23,9 +24,11 @@ from solver.contact.equilibrium import (
     FrictionCones,
     balance,
     by_body,
+    carried_share,
     held_motions,
     holds,
     loose_motions,
+    slide,
     spanned,
 )
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
@@ -80,17 +83,13 @@ def body_balances(
         tied_rows = tied_rows[np.diff(tied_rows.indptr) > 0].toarray()
         cones = points.cones(mine, columns) if points is not None else None
         both = np.concatenate([block_diag(*held_rows), block_diag(*requested), tied_rows])
-        found = balance(
-            comm, both, contact_rows, work[group].ravel(),
-            float(scale[group].sum()), cones,
-        )  # fmt: skip
+        load = work[group].ravel()
+        found = balance(comm, both, contact_rows, load, float(scale[group].sum()), cones)
         if found.escape is not None:
+            both_kinds = both, contact_rows
+            said = _no_equilibrium(scene, comm, group, both_kinds, load, found.escape, cones)
             hints = far_obstacle_hints(scene, contact.gaps, contact.sources, comm)
-            raise NoEquilibriumError(
-                f"{scene.source}: the scene has no equilibrium: nothing stops "
-                f"{_leaving(scene, group, found.escape)} under its loads"
-                + "".join(f"\n  {hint}" for hint in hints)
-            )
+            raise NoEquilibriumError("\n  ".join([said, *hints]))
         shares = by_body(found.free_motions, MOTIONS[d])
         sliding = np.zeros((both.shape[1], 0))
         if group.max() < elastic:
@@ -104,6 +103,36 @@ def body_balances(
         for b, rows, free in zip(group, held_rows, shares, strict=True):
             balances[b] = BodyBalance(free, None, holds(comm, rows), found.held, loose[b])
     return [b for b in balances if b is not None]
+
+
+def _no_equilibrium(
+    scene: Scene,
+    comm: MPI.Intracomm,
+    group: NDArray[np.int64],
+    rows: tuple[NDArray[np.float64], NDArray[np.float64]],
+    load: NDArray[np.float64],
+    escape: NDArray[np.float64],
+    cones: FrictionCones | None,
+) -> str:
+    """What is said of a group that a load drives away along an escape (collective).
+
+    With slip limits that are given, also at which share of all loads this starts. Within a load
+    step only its own loads grow, and the step says its factor.
+
+    Parameters
+    ----------
+    rows
+        Held rows and contact rows of this rank on the motions of the group.
+    """
+    share = None
+    if cones is not None:
+        escape = slide(comm, *rows, escape, cones)
+        share = None if scene.in_step else carried_share(comm, *rows, load, cones)
+    return (
+        f"{scene.source}: the scene has no equilibrium: nothing stops "
+        f"{_leaving(scene, group, escape)} under its loads"
+        + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
+    )
 
 
 def _with_free(

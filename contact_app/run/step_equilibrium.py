@@ -14,8 +14,11 @@ from contact_app.errors import NoEquilibriumError
 from contact_app.model.outline import Outline, outline, outline_of_case
 from contact_app.scene.scene import Scene
 
-BISECTIONS = 12
-"""Looks at a step: three digits of the factor."""
+DIGITS = 1e-3
+"""Relative accuracy of the factor."""
+
+LEAST = 1e-4
+"""Factor below which a body leaves from the start of the step on."""
 
 
 class LeavesInStepError(NoEquilibriumError):
@@ -38,20 +41,16 @@ def leaving_in_step(
     error
         What is said of the end of the step.
     """
-    stands, leaves = 0.0, 1.0
-    for count in range(BISECTIONS):
-        share = 0.5 * (stands + leaves) if count else 0.0  # first whether it stands at its start
+    stands, leaves, share = 0.0, 1.0, 0.0  # first whether it stands at the start of the step
+    while leaves - stands > DIGITS * leaves and leaves > LEAST:
         loaded = scene.under(scene.loading_at(step, share))
         try:
-            if known is None:
+            if known is None or outline_of_case(known, loaded) is None:
                 known = outline(loaded, comm, needed="estimated")
-            else:
-                outline_of_case(known, loaded)
             stands = share
         except NoEquilibriumError as earlier:
             leaves, error = share, earlier
-        if leaves == 0.0:
-            break
+        share = 0.5 * (stands + leaves)
     said = str(error).removeprefix(f"{scene.source}: ")
     where = f"from its factor {0.5 * (stands + leaves):.3g} on" if stands else "from its start on"
     return LeavesInStepError(f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {said}")

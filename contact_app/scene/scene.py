@@ -184,6 +184,8 @@ class Scene:
         if it is of none.
     steps
         The load history; none where all conditions act in full at once.
+    in_step
+        Whether this is the scene of a place in a load history.
     ties
         Pairs of boundaries that hold together; they are no contacts.
     rigid_bodies, rigid_motions, rigid_loads
@@ -215,6 +217,7 @@ class Scene:
     cases: tuple[LoadCase, ...] = ()
     case: str = ""
     steps: tuple[LoadStep, ...] = ()
+    in_step: bool = False
     ties: tuple[Tie, ...] = ()
     rigid_bodies: tuple[RigidBody, ...] = ()
     rigid_motions: tuple[RigidMotion, ...] = ()
@@ -235,7 +238,10 @@ class Scene:
         title = self.title
         if self.cases:
             title = f"{self.title or self.source.name}, case {case.name}"
-        alone = replace(self, **scaled, title=title, cases=(), steps=(), case=case.name)
+        alone = replace(
+            self, **scaled, title=title, cases=(), steps=(), case=case.name,
+            in_step=bool(self.steps),
+        )  # fmt: skip
         return alone.placed_as_held()
 
     @property

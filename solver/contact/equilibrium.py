@@ -41,6 +41,15 @@ HEAVY = 1e3
 """Weight of the equation that the shares of friction forces add up to one: the sum is off by the
 residual over its square, which vanishes in equilibrium; 1e6 left residuals of rounding errors."""
 
+SHARE_TOLERANCE = 1e-6
+"""Relative accuracy of the share of a load that is in equilibrium."""
+
+NO_SHARE = 1e-6
+"""Share of a load below which none is in equilibrium: motions are off by errors of rounding."""
+
+LIFT = 1e-6
+"""Lift beside the largest, and length of a normalised motion, that are taken for zero."""
+
 
 @dataclass(frozen=True, eq=False)
 class BodyBalance:
@@ -146,6 +155,78 @@ def balance(
     residual = _residual(comm, contact @ allowed, allowed.T @ load, 1e-9 * load_scale, cones)
     escape = None if residual is None else allowed @ (residual / np.linalg.norm(residual))
     return BodyBalance(free, escape, held=False)
+
+
+def carried_share(
+    comm: MPI.Intracomm,
+    held: NDArray[np.float64],
+    contact: NDArray[np.float64],
+    load: NDArray[np.float64],
+    friction: FrictionCones,
+) -> float | None:
+    """The largest t ≤ 1 for which t times a load is in equilibrium (collective).
+
+    Loads in equilibrium are a convex set that contains zero. Without given slip limits it is a
+    cone: a load that is not in it has no such t but zero. With them t is the least
+    Σ s |T r| / eᵀ r over motions r with D r = 0 and N r + μ |T r| ≤ 0 that the load drives. Each
+    escape at one t is such a motion, and its quotient is the next t, until nothing escapes
+    (Dinkelbach 1967).
+
+    Parameters
+    ----------
+    held, contact, load, friction
+        As in `balance`.
+
+    Returns
+    -------
+    None where t is zero.
+    """
+    share = 1.0
+    for _ in range(ROUNDS):
+        part = share * load
+        escape = balance(comm, held, contact, part, float(np.abs(part).sum()), friction).escape
+        if escape is None:
+            return share
+        resisted = comm.allreduce(friction.given(escape, len(contact)) @ escape)
+        bound = float(resisted / (load @ escape))
+        if bound < NO_SHARE:
+            return None
+        if bound > (1.0 - SHARE_TOLERANCE) * share:
+            return bound
+        share = bound
+    return share
+
+
+def slide(
+    comm: MPI.Intracomm,
+    held: NDArray[np.float64],
+    contact: NDArray[np.float64],
+    escape: NDArray[np.float64],
+    friction: FrictionCones,
+) -> NDArray[np.float64]:
+    """The part of an escape along surfaces that stay in touch, normalised (collective).
+
+    An escape is normal to the friction cones: where a point slides by |T r| it also lifts by
+    μ |T r|. Coulomb's law has no such lift. The part of the escape without it is the slide. Where
+    nothing is left, as in a wedge, or other points would be pressed in, the escape remains.
+
+    Parameters
+    ----------
+    held, contact, friction
+        As in `balance`.
+    escape : (motions,)
+    """
+    rise = contact @ escape
+    largest = comm.allreduce(np.abs(rise).max(initial=0.0), op=MPI.MAX)
+    slides = friction.opposing(contact, escape) @ escape >= -LIFT * largest
+    stays = np.concatenate([held, contact[slides]])
+    left = _null_space(comm.allreduce(stays.T @ stays))
+    result = left @ (left.T @ escape)
+    size = np.linalg.norm(result)
+    pressed = comm.allreduce((contact @ result).max(initial=0.0), op=MPI.MAX)
+    if size < LIFT or pressed > LIFT * largest:
+        return escape
+    return np.asarray(result / size)
 
 
 def held_motions(comm: MPI.Intracomm, held: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -274,17 +274,62 @@ def test_two_ranks_find_what_one_finds(tmp_path: Path) -> None:
 # --- what is refused ---------------------------------------------------------------------------
 
 
-def test_what_slides_away_is_said_with_its_step_and_factor() -> None:
-    """Pressed by 20 per unit, the block slides from 0.4 · 20 = 8 on."""
-    made = block([{"press": 1}, {"push": 1, "increments": 2}], mu=0.4)
-    made["conditions"] = [
-        {"name": "press", "on": "block.y+", "traction": [0, -10]},
-        {"name": "push", "on": "block.y+", "traction": [5, 0]},
-    ]
+def pressed_and_pushed(cell: str, along: float, push: float, press: float = 10.0) -> Config:
+    """A block of a floor of 2 is pressed by 2 press, then pushed at an angle by 2 push."""
+    aside = push * np.cos(along), push * np.sin(along)
+    floor = {
+        "on": f"block.{scenes.down(cell)}",
+        "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1)),
+    }
+    top = f"block.{scenes.up(cell)}"
+    made = scenes.config(
+        cell,
+        [scenes.block(cell, 2, upper=(2, 1, 0.2))],
+        [
+            {"name": "press", "on": top, "traction": scenes.vector(cell, 0.0, 0.0, -press)},
+            {"name": "push", "on": top, "traction": scenes.vector(cell, *aside, 0.0)},
+        ],
+        [{**floor, "friction": {"coulomb": 0.4}}],
+    )
+    return {**made, "steps": [{"press": 1}, {"push": 1, "increments": 2}]}
+
+
+@pytest.mark.parametrize(
+    ("cell", "along", "push", "leaves"),
+    [
+        (SQUARE, 0.0, 5.0, "+x"),
+        (SQUARE, np.pi, 250.0, "-x"),
+        ("hexahedron", np.arctan(0.75), 5.0, "+x and 0.75 +y"),
+    ],
+)
+def test_what_slides_away_is_said_with_its_step_and_factor(
+    cell: str, along: float, push: float, leaves: str
+) -> None:
+    """The block slides from μ P / Q on, in the direction of the push, also where that is little."""
+    with pytest.raises(NoEquilibriumError) as refused:
+        contact_app.solve(pressed_and_pushed(cell, along, push))
+    said = re.search(
+        r"steps\[1\]: step 2, from its factor (\S+) on: .* leaving along (.*) under",
+        str(refused.value),
+    )
+    assert said is not None
+    assert "times all loads" not in str(refused.value)  # those before are held
+    assert float(said[1]) == pytest.approx(0.4 * 10.0 / push, rel=2e-3)
+    assert said[2] == leaves
+
+
+def test_the_factor_is_right_with_rigid_bodies_too() -> None:
+    """They have another outline at each factor."""
+    made = pressed_and_pushed(SQUARE, 0.0, 5.0)
+    plane = {"plane": {"point": [-1, 0], "normal": [1, 0]}}
+    made["bodies"].append({"name": "wall", "rigid": plane})
+    made["contacts"].append({"on": "block.x-", "against": "wall"})
+    del made["conditions"][0]["name"]  # presses throughout
+    made["conditions"].append({"in": "wall", "displacement": [0, 0], "rotation": 0})
     with pytest.raises(
-        NoEquilibriumError, match=r"steps\[1\]: step 2, from its factor 0\.8 on: .*"
+        NoEquilibriumError, match=r"step 1, from its factor 0\.8 on: .* along \+x u"
     ):
-        contact_app.solve(made)
+        contact_app.solve({**made, "steps": [{"push": 1}]})
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from scipy.optimize import linprog
 
-from solver.contact.equilibrium import balance
+from solver.contact.equilibrium import FrictionCones, balance, carried_share, slide
 
 NONE = np.zeros((0, 3))
 
@@ -69,3 +69,55 @@ def test_balance_agrees_with_a_linear_program(seed: int) -> None:
         np.testing.assert_allclose(held @ found.escape, 0, atol=1e-8)
         assert (contact @ found.escape <= 1e-8).all()
         assert load @ found.escape > 0
+
+
+def two_points(
+    mu: float | list[float], limit: float, normals: np.ndarray
+) -> tuple[np.ndarray, FrictionCones]:
+    """Contact rows (2, 3) at points on the x axis, motions x, y and a turn, and their friction."""
+    points = np.array([-1.0, 1.0])
+    tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+    rows, slips = (np.column_stack([v, points * v[:, 1]]) for v in (normals, tangents))
+    return rows, FrictionCones(slips, np.arange(2), np.full(2, mu), np.full(2, limit))
+
+
+DOWN = np.array([[0.0, -1.0], [0.0, -1.0]])
+NOTHING = np.zeros((0, 3))
+
+
+@pytest.mark.parametrize(
+    ("mu", "limit", "load", "share"),
+    [
+        (0.0, 3.0, [8.0, -1.0, 0.0], 0.75),  # 2 s / Q
+        (0.5, 3.0, [20.0, -10.0, 0.0], 0.4),  # t Q = 2 s + μ t P
+        (0.5, 0.0, [8.0, -10.0, 0.0], None),
+        (0.0, 3.0, [1.0, 1.0, 0.0], None),  # lifted
+    ],
+)
+def test_share_of_a_load_that_friction_carries(
+    mu: float, limit: float, load: list[float], share: float | None
+) -> None:
+    rows, cones = two_points(mu, limit, DOWN)
+    found = carried_share(MPI.COMM_SELF, NOTHING, rows, np.array(load), cones)
+    assert found == (None if share is None else pytest.approx(share, rel=1e-5))
+
+
+def test_a_slide_has_no_lift() -> None:
+    rows, cones = two_points(0.5, 0.0, DOWN)
+    load = np.array([8.0, -10.0, 0.0])
+    escape = balance(MPI.COMM_SELF, NOTHING, rows, load, 18.0, cones).escape
+    assert escape is not None
+    assert escape[1] == pytest.approx(0.5 * escape[0])  # normal to the cone
+    found = slide(MPI.COMM_SELF, NOTHING, rows, escape, cones)
+    np.testing.assert_allclose(found, [1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_slide_that_a_ramp_stops_keeps_its_lift() -> None:
+    """With its lift of 0.5 the motion passes a smooth ramp of slope 0.4, without it not."""
+    ramp = np.array([0.4, -1.0]) / np.hypot(0.4, 1.0)
+    rows, cones = two_points([0.5, 0.0], 0.0, np.stack([DOWN[0], ramp]))
+    load, no_turn = np.array([8.0, -10.0, 0.0]), np.array([[0.0, 0.0, 1.0]])
+    escape = balance(MPI.COMM_SELF, no_turn, rows, load, 18.0, cones).escape
+    assert escape is not None
+    assert escape[1] == pytest.approx(0.5 * escape[0])
+    np.testing.assert_array_equal(slide(MPI.COMM_SELF, no_turn, rows, escape, cones), escape)
