@@ -1,7 +1,7 @@
 """Which method `solver.method: auto` stands for, and what a method asks of its model.
 
-On parts from a mesher both methods take about as long (`python -m contact_app.studies.parts`, whole
-runs at 1e-8 on one rank of two cores, 27,000 to 176,000 unknowns): multigrid takes 0.69 to 1.16 of
+On parts from a mesher both methods take about as long (`contact-app bench parts`, whole runs
+at 1e-8 on one rank of two cores, 27,000 to 176,000 unknowns): multigrid takes 0.69 to 1.16 of
 the seconds of Total FETI, least where the sets are hard to find. Its iterations do not grow with
 the mesh, 26 to 58, where those of Total FETI reach 318; so it is taken. Of degree 2 one body (the
 pillow block, 64,035 unknowns) takes 0.40 of the CPU seconds of Total FETI; several bodies take 1.2

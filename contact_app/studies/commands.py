@@ -1,13 +1,16 @@
-"""Commands of the studies: ``svm``, ``reproduce``, ``bench``, ``effectivity``."""
+"""Commands of the studies: ``svm``, ``reproduce``, ``bench``, ``effectivity`` and more."""
 
 from __future__ import annotations
 
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
+
+if TYPE_CHECKING:
+    from contact_app.studies.parts_meshes import Meshes
 
 
 class Loss(StrEnum):
@@ -38,7 +41,10 @@ def register(app: typer.Typer) -> None:
     reproduce.command("figure1")(reproduce_figure1)
     reproduce.command("rules")(reproduce_rules)
     app.add_typer(reproduce, name="reproduce")
-    app.command("bench")(bench)
+    measured = typer.Typer(help="Ours and PETSc's solvers side by side: cubes, or parts.")
+    measured.callback(invoke_without_command=True)(bench)
+    measured.command("parts")(bench_parts)
+    app.add_typer(measured, name="bench")
     app.command("effectivity")(effectivity)
     app.command("stability")(stability)
     app.command("growth")(growth)
@@ -156,6 +162,7 @@ def reproduce_figure1(output: OutputOption = None) -> None:
 
 
 def bench(
+    context: typer.Context,
     output: OutputOption = None,
     cells: Annotated[
         str, typer.Option(help="Cells along an edge of each cube of hexahedra; none leaves it out.")
@@ -169,20 +176,104 @@ def bench(
         str, typer.Option(help="Methods to run, separated by commas; all unless given.")
     ] = "",
 ) -> None:
-    """Run ours and PETSc's solvers on the paper's cube, side by side: table, CSV and figure."""
+    """Run ours and PETSc's solvers on the paper's cube, side by side: table, CSV and figure.
+
+    `bench parts` takes the parts of the tutorials instead.
+    """
+    if context.invoked_subcommand is not None:
+        for key in context.params:
+            source = context.get_parameter_source(key)
+            if source is not None and source.name == "COMMANDLINE":
+                _refuse(f"--{key} stands before `parts`: options of `bench parts` stand behind it")
+        return
     from contact_app.studies import bench as study
 
     sizes = [_numbers("--cells", cells), _numbers("--unstructured", unstructured)]
-    chosen = [m.strip() for m in methods.split(",") if m.strip()]
-    known = (study.OURS, *study.CONTACT, *study.LINEAR)
-    for method in chosen:
-        if method not in known:
-            _refuse(f"--methods names {method!r}; known are {', '.join(known)}")
+    chosen = _methods(methods, (study.OURS, *study.CONTACT, *study.LINEAR))
     directory = output or Path("results/bench")
     typer.echo(study.HEADING)
     for row in study.bench(directory, sizes[0], sizes[1], tolerance, limit, chosen or None):
         typer.echo(study.line(row))
     typer.echo(f"wrote {directory / 'bench.csv'} and bench.png")
+
+
+def bench_parts(
+    parts: Annotated[
+        list[str] | None,
+        typer.Argument(help="Parts of the tutorials or scene files; all parts unless given."),
+    ] = None,
+    output: OutputOption = None,
+    sizes: Annotated[
+        str | None,
+        typer.Option(
+            help="Draw the parts with Gmsh: sizes of cells near contact over those of the shipped "
+            "meshes, coarse to fine. [1,0.5,0.3 where Gmsh is there]",
+            show_default=False,
+        ),
+    ] = None,
+    meshes: Annotated[
+        list[Path] | None,
+        typer.Option(help="Directory of meshes drawn before; may be repeated, coarse to fine."),
+    ] = None,
+    degree: Annotated[int, typer.Option(help="Of all bodies.", min=1, max=2)] = 1,
+    tolerance: Annotated[float, typer.Option(help="Relative tolerance of all methods.")] = 1e-8,
+    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 120.0,
+    methods: Annotated[
+        str, typer.Option(help="Methods to run, separated by commas; the usual ones unless given.")
+    ] = "",
+) -> None:
+    """Run ours, one linear solve and PETSc's solvers on parts from a mesher: table, CSV, figure."""
+    from contact_app.studies import parts as study
+    from contact_app.studies.part_run import OURS
+    from contact_app.studies.peers import METHODS
+
+    chosen = _methods(methods, (*OURS, *METHODS)) or study.CHOSEN
+    scenes = [_part(name, study.CONFIGS, study.PARTS) for name in parts or study.PARTS]
+    directory = output or Path("results/bench-parts")
+    drawable = all(scene.parent == study.CONFIGS and scene.stem in study.PARTS for scene in scenes)
+    rows = _part_meshes(sizes, meshes or [], directory / "meshes", drawable)
+    settings = study.Settings(tolerance, degree, limit)
+    for text in study.bench(directory, scenes, rows, chosen, settings):
+        typer.echo(text)
+    typer.echo(f"wrote {directory / 'parts.csv'}, parts.md and parts.png")
+
+
+def _part(name: str, configs: Path, known: tuple[str, ...]) -> Path:
+    """The scene of a part, or a scene file."""
+    path = configs / f"{name}.yaml" if name in known else Path(name)
+    if not path.is_file():
+        _refuse(f"{name!r} is no scene file and none of the parts {', '.join(known)}")
+    return path
+
+
+def _part_meshes(
+    sizes: str | None, directories: list[Path], to: Path, drawable: bool
+) -> list[Meshes]:
+    """The meshes that options of `bench parts` ask for; says so where they are the shipped ones."""
+    from contact_app.studies.parts_meshes import SHIPPED, Meshes, can_draw, drawn
+
+    if directories:
+        if sizes is not None:
+            _refuse("--sizes draws meshes and --meshes names drawn ones: give one of them")
+        for directory in directories:
+            if not directory.is_dir():
+                _refuse(f"--meshes {directory}: there is no such directory")
+        return [Meshes(str(directory), directory) for directory in directories]
+    if sizes is not None and not drawable:
+        _refuse("--sizes draws the parts of the tutorials alone; other scenes need --meshes")
+    if sizes is not None and not can_draw():
+        _refuse("--sizes draws the parts with Gmsh's Python module, which is missing: install gmsh")
+    if not drawable:
+        return [SHIPPED]
+    if not can_draw():
+        typer.echo(
+            "Gmsh's Python module is missing: the parts have their shipped, small meshes; finer "
+            "ones need gmsh, or --meshes with a directory of drawn ones",
+            err=True,
+        )
+        return [SHIPPED]
+    factors = sorted(_positive("--sizes", sizes or "1,0.5,0.3"), reverse=True)
+    return [drawn(factor, to) for factor in factors]
 
 
 def growth(
@@ -251,6 +342,26 @@ def chart(
             errors = (f"{name[6:]} {row[name]:.1e}" for name in study.COLUMNS[-3:])
             typer.echo(f"{progress.text}: {row['seconds']:.2f} s, errors: {', '.join(errors)}")
     typer.echo(f"wrote {directory / 'frontier.csv'} and frontier.png")
+
+
+def _methods(text: str, known: tuple[str, ...]) -> list[str]:
+    """Names of methods separated by commas."""
+    chosen = [name.strip() for name in text.split(",") if name.strip()]
+    for name in chosen:
+        if name not in known:
+            _refuse(f"--methods names {name!r}; known are {', '.join(known)}")
+    return chosen
+
+
+def _positive(option: str, text: str) -> list[float]:
+    """Positive numbers separated by commas."""
+    try:
+        numbers = [float(number) for number in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(0.0 < number < float("inf") for number in numbers):
+        _refuse(f"{option} is {text!r}; it has the form 1,0.5,0.3")
+    return numbers
 
 
 def _numbers(option: str, text: str) -> list[int]:

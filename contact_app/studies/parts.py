@@ -1,12 +1,8 @@
 """Parts from a mesher: contact beside one linear solve of the same part and PETSc's solvers.
 
-    python -m contact_app.studies.parts [SCENE …] [--meshes DIR] [--degree N] [--tolerance T]
-        [--methods M,…] [--ranks N] [--limit SECONDS]
-
-Each run is a process of its own, from the mesh file to the solution (`contact_app.studies.part_run`
-says what counts). Without scenes the parts of the tutorials are taken, each in its last load case.
-``--meshes`` reads the meshes of the same names from another directory, where
-``meshes/samples/make_parts.py --size`` has drawn finer ones. The columns:
+``contact-app bench parts``: each run is a process of its own, on one rank a core, from the mesh
+file to the solution (`contact_app.studies.part_run` says what counts). A scene with load cases is
+taken in its last one. The columns of the table:
 
 "over linear"
     Seconds over those of ``linear-gamg``: conjugate gradients with GAMG to the same tolerance, the
@@ -22,19 +18,27 @@ says what counts). Without scenes the parts of the tutorials are taken, each in 
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from contact_app.scene.yaml_reader import read
+from contact_app.scene.yaml_reader import read as read_scene
 from contact_app.studies.part_run import OURS
+from contact_app.studies.parts_figure import draw
+from contact_app.studies.parts_meshes import Meshes
 from contact_app.studies.peers import METHODS
-from contact_app.studies.processes import RunError, python
+from contact_app.studies.processes import RunError, parallel_ranks, python
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PARTS = ("pillow_block", "pin_in_lug", "bolted_flange", "hub_on_shaft", "ball_in_grooves")
-CHOSEN = ("linear-gamg", "primal", "active-set", "tao-bnls", "snes-vi")
+LINEAR = "linear-gamg"
+CHOSEN = (LINEAR, "linear-boomeramg", "primal", "active-set", "tao-bnls", "tao-bntr", "snes-vi")
+COLUMNS = ("part", "meshes", "degree", "method", "unknowns", "used", "read", "assembly", "solve",
+           "seconds", "cpu", "iterations", "known", "memory", "ranks", "converged", "energy",
+           "note")  # fmt: skip
+"""Of the CSV; seconds, memory in GB summed over ranks, energy in the units of the scene."""
 
 HEADING = (
     "| part | unknowns | method | read | assembly | solve | seconds | over linear | CPU "
@@ -43,10 +47,24 @@ HEADING = (
 )
 
 
+@dataclass(frozen=True)
+class Settings:
+    """What all runs of a benchmark share: relative tolerance, degree, seconds a run may take."""
+
+    tolerance: float = 1e-8
+    degree: int = 1
+    limit: float = 120.0
+
+
+Row = dict[str, Any]
+Run = Callable[[Path, str, Sequence[str], Settings], Row]
+"""Scene, method, overrides and settings; the measured values. Raises `RunError`."""
+
+
 def overrides_of(path: Path, degree: int, meshes: Path | None) -> list[str]:
     """``key=value`` for the degree of all bodies and the meshes of another directory."""
     values = []
-    for i, body in enumerate(read(path)[0]["bodies"]):
+    for i, body in enumerate(read_scene(path)[0]["bodies"]):
         values.append(f"bodies.{i}.degree={degree}")
         if meshes is not None:
             file = meshes.resolve() / Path(body["mesh"]["file"]).name
@@ -54,27 +72,90 @@ def overrides_of(path: Path, degree: int, meshes: Path | None) -> list[str]:
     return values
 
 
-def run(
-    path: Path, method: str, overrides: Sequence[str], tolerance: float, ranks: int, limit: float
-) -> dict[str, Any]:
-    """The row of one method on one part; why there is none under ``note``."""
+def run_part(path: Path, method: str, overrides: Sequence[str], settings: Settings) -> Row:
+    """One method on one part, in a process of its own."""
     more = [part for override in overrides for part in ("--set", override)]
-    row: dict[str, Any] = {"part": path.stem, "method": method, "note": ""}
+    parallel = method in OURS or METHODS[method].parallel
+    return python(
+        "-m", "contact_app.studies.part_run", method, str(path), *more,
+        "--tolerance", str(settings.tolerance), limit=settings.limit,
+        ranks=parallel_ranks() if parallel else 1, threads=1,
+    )  # fmt: skip
+
+
+def bench(
+    output: Path,
+    scenes: Sequence[Path],
+    meshes: Sequence[Meshes],
+    methods: Sequence[str] = CHOSEN,
+    settings: Settings | None = None,
+    run: Run = run_part,
+) -> Iterator[str]:
+    """Run every method on every mesh of every scene; write ``parts.csv``, ``.md``, ``.png``.
+
+    Yields the lines of the table. A method that gave no answer on a mesh is left out on the
+    scene's later meshes. Rows that an earlier run left in ``parts.csv`` stay there unless they are
+    measured again.
+
+    Parameters
+    ----------
+    meshes
+        From coarse to fine.
+    run
+        Makes the measured values of one run.
+    """
+    settings = settings or Settings()
+    output.mkdir(parents=True, exist_ok=True)
+    table = output / "parts.csv"
+    rows = {_key(row): row for row in (read(table) if table.exists() else [])}
+    yield HEADING
     try:
-        row |= python(
-            "-m", "contact_app.studies.part_run", method, str(path), *more,
-            "--tolerance", str(tolerance), limit=limit, ranks=ranks, threads=1,
-        )  # fmt: skip
+        for path in scenes:
+            out: set[str] = set()
+            for chosen in meshes:
+                overrides = overrides_of(path, settings.degree, chosen.of(path))
+                head = {"part": path.stem, "meshes": chosen.name, "degree": settings.degree}
+                for method in methods:
+                    row = {**head, "method": method, "note": "left out after a coarser mesh"}
+                    if method not in out:
+                        row |= _attempt(path, method, overrides, settings, run)
+                    if "seconds" not in row:
+                        out.add(method)
+                    rows[_key(row)] = row
+                    write(list(rows.values()), table)  # whatever stops the next run
+                    yield line(row, _linear(row, rows))
+    finally:
+        found = list(rows.values())
+        lines = [HEADING, *(line(row, _linear(row, rows)) for row in found)]
+        (output / "parts.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        draw(found, output / "parts.png")
+
+
+def _attempt(
+    path: Path, method: str, overrides: Sequence[str], settings: Settings, run: Run
+) -> Row:
+    """The measured values of one run and a note on them; why there are none under ``note``."""
+    try:
+        found = run(path, method, overrides, settings)
     except RunError as error:
-        return {**row, "note": str(error)}
-    if not row["converged"]:
-        row["note"] = "not certified" if method in OURS else "did not converge"
-    elif row["used"] != method:
-        row["note"] = row["used"]
-    return row
+        return {"note": str(error)}
+    note = "" if found["used"] == method else found["used"]
+    if not found["converged"]:
+        note = "not certified" if method in OURS else "did not converge"
+    return {**found, "note": note}
 
 
-def line(row: dict[str, Any], linear: dict[str, Any] | None) -> str:
+def _key(row: Row) -> tuple[str, str, int, str]:
+    return row["part"], row["meshes"], row["degree"], row["method"]
+
+
+def _linear(row: Row, rows: dict[tuple[str, str, int, str], Row]) -> Row | None:
+    """The linear solve of a row's mesh, if it converged."""
+    linear = rows.get((*_key(row)[:3], LINEAR))
+    return linear if linear is not None and linear.get("converged") else None
+
+
+def line(row: Row, linear: Row | None) -> str:
     """A row of the table in Markdown, beside that of the linear solve."""
     if "seconds" not in row:
         return f"| {row['part']} | | {row['method']} |" + " |" * 10 + f" {row['note']} |"
@@ -90,31 +171,22 @@ def line(row: dict[str, Any], linear: dict[str, Any] | None) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, row by row."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenes", nargs="*", help=f"files; the parts {', '.join(PARTS)} if none")
-    parser.add_argument("--meshes", type=Path)
-    parser.add_argument("--degree", type=int, choices=(1, 2), default=1)
-    parser.add_argument("--tolerance", type=float, default=1e-8)
-    parser.add_argument("--methods", default=",".join(CHOSEN))
-    parser.add_argument("--ranks", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=1800.0)
-    given = parser.parse_args(arguments)
-    methods = given.methods.split(",")
-    for method in methods:
-        if method not in (*OURS, *METHODS):
-            parser.error(f"no method {method}: {', '.join((*OURS, *METHODS))}")
-    print(HEADING)
-    for scene in given.scenes or [str(CONFIGS / f"{name}.yaml") for name in PARTS]:
-        path, linear = Path(scene), None
-        overrides = overrides_of(path, given.degree, given.meshes)
-        for method in methods:
-            row = run(path, method, overrides, given.tolerance, given.ranks, given.limit)
-            if method == "linear-gamg" and not row["note"].startswith("did") and "cpu" in row:
-                linear = row
-            print(line(row, linear), flush=True)
+def write(rows: Sequence[Row], path: Path) -> None:
+    """CSV of all rows, those without a result included."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
 
 
-if __name__ == "__main__":
-    main()
+def read(path: Path) -> list[Row]:
+    """Rows of a CSV that `write` made."""
+    types: dict[str, Callable[[str], Any]] = dict.fromkeys(COLUMNS, float)
+    types |= dict.fromkeys(("part", "meshes", "method", "used", "note"), str)
+    types |= dict.fromkeys(("degree", "unknowns", "iterations", "known", "ranks"), int)
+    types["converged"] = lambda text: text == "True"
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            {key: types[key](text) for key, text in row.items() if text or key == "note"}
+            for row in csv.DictReader(file)
+        ]

@@ -1,7 +1,8 @@
 """Draw the parts of the tutorials with Gmsh: ``make_parts.py [NAME …] [--size LENGTH] [--to DIR]``.
 
 Those beside this file are as coarse as a tutorial allows; ``--size`` is the size of cells near
-contact, ``--order 2`` gives cells with nodes amid their edges, which follow the round boundaries.
+contact, ``--factor`` gives it as a multiple of the part's own, ``--order 2`` gives cells with nodes
+amid their edges, which follow the round boundaries.
 Needs Gmsh's Python module, as ``make.py`` does. Lengths are in millimetres.
 """
 
@@ -263,14 +264,16 @@ def main() -> None:
     """Draw the parts named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(PARTS)}; all unless given")
-    parser.add_argument("--size", type=float, help="size of the cells near contact")
+    sizes = parser.add_mutually_exclusive_group()
+    sizes.add_argument("--size", type=float, help="size of the cells near contact")
+    sizes.add_argument("--factor", type=float, default=1.0, help="multiple of the part's own size")
     parser.add_argument("--order", type=int, choices=(1, 2), help="of the cells")
     parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
     given = parser.parse_args()
     for name in given.names or PARTS:
         file = given.to / f"{name}.msh"
         _, size, order = PARTS[name]
-        nodes = draw(name, given.size or size, given.order or order, file)
+        nodes = draw(name, given.size or given.factor * size, given.order or order, file)
         print(f"{file}: {nodes:,} nodes")
 
 

@@ -27,7 +27,7 @@ COARSE = ["bodies.0.degree=1"]
 def rows() -> dict[str, dict]:
     path = CONFIGS / "pillow_block.yaml"
     found = {"primal": part_run.ours(path, COARSE, "primal", 1e-8)}
-    for method in ("tao-bnls", "linear-gamg"):
+    for method in ("tao-bnls", "linear-gamg", "linear-boomeramg"):
         found[method] = part_run.peer(path, COARSE, method, 1e-8)
     return found
 
@@ -37,6 +37,9 @@ def test_peers_take_several_loads_and_agree_with_ours(rows: dict[str, dict]) -> 
     energy = rows["primal"]["energy"]
     assert rows["tao-bnls"]["energy"] == pytest.approx(energy, rel=1e-8)
     assert rows["linear-gamg"]["energy"] > energy * (1.0 - 1e-12)  # glued, it is held more
+    assert rows["linear-boomeramg"]["energy"] == pytest.approx(
+        rows["linear-gamg"]["energy"], rel=1e-9
+    )
     assert len({row["unknowns"] for row in rows.values()}) == 1
 
 

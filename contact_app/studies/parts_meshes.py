@@ -1,0 +1,66 @@
+"""Where the meshes of a benchmark of parts come from: shipped, drawn with Gmsh, or a directory."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from contact_app.errors import CouldNotRunError
+
+SCRIPT = Path(__file__).parents[2] / "meshes" / "samples" / "make_parts.py"
+
+
+@dataclass(frozen=True)
+class Meshes:
+    """One mesh for each part.
+
+    Attributes
+    ----------
+    name
+        In the table.
+    directory
+        Where the files are, named as in the scenes; the scenes' own unless given.
+    factor
+        Draw them there first: the size of the cells near contact over that of the shipped mesh.
+    """
+
+    name: str
+    directory: Path | None = None
+    factor: float | None = None
+
+    def of(self, scene: Path) -> Path | None:
+        """The directory with the meshes of a scene, drawn if need be.
+
+        Raises
+        ------
+        CouldNotRunError
+            Gmsh cannot draw them.
+        """
+        if self.factor is not None and self.directory is not None:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            _draw(scene.stem, self.factor, self.directory)
+        return self.directory
+
+
+SHIPPED = Meshes("shipped")
+
+
+def can_draw() -> bool:
+    """Whether Gmsh's Python module is there."""
+    return importlib.util.find_spec("gmsh") is not None
+
+
+def drawn(factor: float, directory: Path) -> Meshes:
+    """Meshes to be drawn below a directory."""
+    return Meshes(f"{factor:g}", directory / f"{factor:g}", factor)
+
+
+def _draw(part: str, factor: float, directory: Path) -> None:
+    command = [sys.executable, str(SCRIPT), part, "--factor", str(factor), "--to", str(directory)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        raise CouldNotRunError(f"{SCRIPT.name} could not draw {part} at {factor:g}: {reason}")
