@@ -55,15 +55,19 @@ def measured(seconds: float) -> parts.Row:
 def test_a_method_without_an_answer_is_left_out_on_finer_meshes(tmp_path: Path) -> None:
     def run(_path, method, overrides, _settings):
         if method == "tao-bnls" and "middle" in overrides[1]:
-            raise RunError("not done after 1 s")
-        return {**measured(2.0), "used": method}
+            raise RunError("some.module.UnsuitableError: it has 2 bodies")
+        converged = method != "snes-vi"
+        return {**measured(2.0), "used": method, "converged": converged}
 
     meshes = [Meshes(name, Path(name)) for name in ("coarse", "middle", "fine")]
-    methods = ("linear-gamg", "tao-bnls")
+    methods = ("linear-gamg", "tao-bnls", "snes-vi")
     list(parts.bench(tmp_path, [PILLOW_BLOCK], meshes, methods, run=run))
     rows = parts.read(tmp_path / "parts.csv")
-    notes = [row["note"] for row in rows if row["method"] == "tao-bnls"]
-    assert notes == ["", "not done after 1 s", "left out after a coarser mesh"]
+    notes = {name: [row["note"] for row in rows if row["method"] == name] for name in methods}
+    left_out = "left out after a coarser mesh"
+    assert notes["linear-gamg"] == ["", "", ""]
+    assert notes["tao-bnls"] == ["", "it has 2 bodies", left_out]
+    assert notes["snes-vi"] == ["did not converge", left_out, left_out]
 
 
 def test_rows_of_an_earlier_run_stay_until_they_are_measured_again(tmp_path: Path) -> None:
