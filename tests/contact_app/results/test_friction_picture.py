@@ -1,5 +1,6 @@
 """Pictures of what sticks and slips: areas of the three colours, counted in pixels."""
 
+import ast
 import json
 import shutil
 import subprocess
@@ -47,10 +48,8 @@ def test_the_strip_shows_the_last_increment(tmp_path: Path) -> None:
     out = tmp_path / "out"
     ran = CliRunner().invoke(app, ["run", str(tmp_path / "scene.yaml"), "--output", str(out)])
     assert ran.exit_code == 0, ran.output
-    made, remarks = picture.plot(out)
-    assert [path.name for path in made][2:] == ["contact_status.png"]
-    assert not remarks
     stored = read(out)
+    made = friction_picture.draw_friction(stored, out / "zones.png")
     foot = np.flatnonzero(stored.points[:, 1] == 0.0)
     status = stored.point_data["contact_status"][foot].astype(int)
     nodes = json.loads((out / "summary.json").read_text())["contacts"][0]["nodes"]
@@ -58,7 +57,7 @@ def test_the_strip_shows_the_last_increment(tmp_path: Path) -> None:
     assert min(nodes["stick"], nodes["slip"]) > 0
     ends = np.isin(stored.points[foot, 0], [0.0, 4.0])
     widths = np.bincount(status, np.where(ends, 0.5, 1.0), minlength=3)
-    rows = counted(made[2])
+    rows = counted(made)
     strip = rows[rows.sum(axis=1).argmax()]
     np.testing.assert_allclose(strip / strip.sum(), widths / widths.sum(), atol=0.005)
 
@@ -134,15 +133,28 @@ def test_arrows_are_turned_with_the_surface() -> None:
     np.testing.assert_allclose(found, np.tile([3.0, 2.0], (199, 1)), atol=0.02)
 
 
+SCRIPT = Path(__file__).parents[3] / "docs" / "guide" / "contact_view.py"
+
+
+def test_paraview_has_the_same_names_and_colours() -> None:
+    (rows,) = (
+        ast.literal_eval(line.value)
+        for line in ast.parse(SCRIPT.read_text()).body
+        if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "STATUSES"
+    )
+    assert [(int(value), name) for value, name, _ in rows] == [*enumerate(friction_picture.COLOURS)]
+    expected = [to_rgb(colour) for colour in friction_picture.COLOURS.values()]
+    np.testing.assert_allclose([shares for *_, shares in rows], expected, atol=1e-3)
+
+
 @pytest.mark.slow
 def test_the_status_in_paraview(tmp_path: Path) -> None:
     if not shutil.which("pvbatch") or not shutil.which("xvfb-run"):
         pytest.skip("pvbatch and xvfb-run are not installed")
     square(tmp_path)
-    script = Path(__file__).parents[3] / "docs" / "guide" / "contact_view.py"
     files = [tmp_path / "solution.xdmf", tmp_path / "view.png"]
     ran = subprocess.run(
-        ["xvfb-run", "-a", "pvbatch", script, *files, "contact_status"],
+        ["xvfb-run", "-a", "pvbatch", SCRIPT, *files, "contact_status"],
         capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
