@@ -241,6 +241,8 @@ def bench_parts(
 def _part(name: str, configs: Path, known: tuple[str, ...]) -> Path:
     """The scene of a part, or a scene file."""
     path = configs / f"{name}.yaml" if name in known else Path(name)
+    if name in known and not path.is_file():
+        _refuse(f"{name}: {path} is missing; the parts need a checkout of the repository")
     if not path.is_file():
         _refuse(f"{name!r} is no scene file and none of the parts {', '.join(known)}")
     return path
