@@ -26,7 +26,12 @@ class LeavesInStepError(NoEquilibriumError):
 
 
 def leaving_in_step(
-    scene: Scene, step: int, comm: MPI.Intracomm, known: Outline | None, error: NoEquilibriumError
+    scene: Scene,
+    step: int,
+    comm: MPI.Intracomm,
+    known: Outline | None,
+    error: NoEquilibriumError,
+    digits: float = DIGITS,
 ) -> LeavesInStepError:
     """What is said of a step at whose end a body leaves (collective).
 
@@ -40,9 +45,11 @@ def leaving_in_step(
         The outline of another loading, if there is one.
     error
         What is said of the end of the step.
+    digits
+        Relative accuracy of the factor.
     """
     stands, leaves, share = 0.0, 1.0, 0.0  # first whether it stands at the start of the step
-    while leaves - stands > DIGITS * leaves and leaves > LEAST:
+    while leaves - stands > digits * leaves and leaves > LEAST:
         loaded = scene.under(scene.loading_at(step, share))
         try:
             if known is None or outline_of_case(known, loaded) is None:

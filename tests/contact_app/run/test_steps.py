@@ -21,6 +21,7 @@ from contact_app.run.answer import StepAnswers
 from contact_app.run.cases import solved_cases
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
+from contact_app.run.step_equilibrium import leaving_in_step
 from tests import scenes
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
@@ -284,7 +285,7 @@ def pressed_and_pushed(cell: str, along: float, push: float, press: float = 10.0
     top = f"block.{scenes.up(cell)}"
     made = scenes.config(
         cell,
-        [scenes.block(cell, 2, upper=(2, 1, 0.2))],
+        [scenes.block(cell, 1, upper=(2, 1, 0.2))],
         [
             {"name": "press", "on": top, "traction": scenes.vector(cell, 0.0, 0.0, -press)},
             {"name": "push", "on": top, "traction": scenes.vector(cell, *aside, 0.0)},
@@ -318,6 +319,22 @@ def test_what_slides_away_is_said_with_its_step_and_factor(
     assert said[2] == leaves
 
 
+@pytest.mark.parametrize("degrees", [10.0, 20.0])
+def test_a_block_pushed_up_an_incline_slides_at_the_factor_of_statics(degrees: float) -> None:
+    """F/G = (tan α + μ)/(1 - μ tan α), F level, axes along the incline; G holds throughout."""
+    made = pressed_and_pushed(SQUARE, 0.0, 5.0)
+    angle, mu, weight = np.radians(degrees), 0.4, 10.0
+    gravity, push = made["conditions"]
+    gravity["traction"] = [-weight * np.sin(angle), -weight * np.cos(angle)]
+    push["traction"] = [weight * np.cos(angle), -weight * np.sin(angle)]
+    with pytest.raises(NoEquilibriumError) as refused:
+        contact_app.solve(made)
+    said = re.search(r"step 2, from its factor (\S+) on: .* along \+x under", str(refused.value))
+    assert said is not None, refused.value
+    statics = (np.tan(angle) + mu) / (1.0 - mu * np.tan(angle))
+    assert float(said[1]) == pytest.approx(statics, abs=1e-3)
+
+
 def test_the_factor_is_right_with_rigid_bodies_too() -> None:
     """They have another outline at each factor."""
     made = pressed_and_pushed(SQUARE, 0.0, 5.0)
@@ -326,10 +343,13 @@ def test_the_factor_is_right_with_rigid_bodies_too() -> None:
     made["contacts"].append({"on": "block.x-", "against": "wall"})
     del made["conditions"][0]["name"]  # presses throughout
     made["conditions"].append({"in": "wall", "displacement": [0, 0], "rotation": 0})
-    with pytest.raises(
-        NoEquilibriumError, match=r"step 1, from its factor 0\.8 on: .* along \+x u"
-    ):
-        contact_app.solve({**made, "steps": [{"push": 1}]})
+    scene = scenes.build({**made, "steps": [{"push": 1}]})
+    error = leaving_in_step(
+        scene, 0, MPI.COMM_WORLD, None, NoEquilibriumError("leaves"), digits=0.1
+    )
+    said = re.search(r"step 1, from its factor (\S+) on: .* along \+x under", str(error))
+    assert said is not None, error
+    assert float(said[1]) == pytest.approx(0.8, rel=0.05)
 
 
 @pytest.mark.parametrize(
