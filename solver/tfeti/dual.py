@@ -536,6 +536,7 @@ class DualProblem:
         active: NDArray[np.bool_],
         near: NDArray[np.float64] | None = None,
         tractions: NDArray[np.float64] | None = None,
+        weights: NDArray[np.float64] | None = None,
     ) -> DualProblem:
         """The problem in which these rows hold with equality and the other contact rows are empty.
 
@@ -551,8 +552,10 @@ class DualProblem:
         tractions : (dual,)
             Multipliers that act as a load beside it. What they do is in
             `displacements_of_offset` and `rhs`; `d` does not know of them.
+        weights : (dual,)
+            Factors on the rows; λ is a factor times the multiplier of the scaled row.
         """
-        keep = np.where(self.conditional & ~active, 0.0, 1.0)
+        keep = np.where(self.conditional & ~active, 0.0, 1.0 if weights is None else weights)
         own, loads = self.system.constraints, self.system.loads
         constraints = replace(
             own,
@@ -581,7 +584,7 @@ class DualProblem:
             offset += change
         if offset is not None and tractions is not None:
             moved = np.empty_like(self.free_displacements)
-            self.F.solve_interface(self.constraint_forces(tractions + offset), moved)
+            self.F.solve_interface(self.constraint_forces(tractions + keep * offset), moved)
             np.subtract(self.free_displacements, moved, out=moved)
         return DualProblem(
             system, Known(free=self._free, d=keep * self.d, offset=offset, displacements=moved)

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.model import build_model
-from solver.tfeti.preconditioner import CompliantPreconditioner, DualPreconditioner
+from solver.tfeti.preconditioner import DualPreconditioner, ScaledPreconditioner
 from tests import friction_reference, scenes
 from tests.comparison import in_order_of, solve
 from tests.rows import covering
@@ -132,6 +132,14 @@ def test_mprgp_for_convex_sets_inside_smalbe(cell: str, law: dict[str, float]) -
 def test_operator_applications(cell: str, law: dict[str, float], most: int) -> None:
     """Of a pair, which takes 16 without friction in the plane and 23 in space."""
     solved = solve(pair(cell, law), 4)
+    assert solved.summary["solver"]["hessian_multiplications"] <= most
+
+
+@pytest.mark.ratchet
+@pytest.mark.parametrize(("law", "most"), [(LAWS[0], 50), ({"tresca": 1.0}, 50)], ids=str)
+def test_operator_applications_at_an_obstacle(law: dict[str, float], most: int) -> None:
+    """Of a block on a rough wall, whose points slide in directions that turn."""
+    solved = solve(rough(scenes.wall("hexahedron", 6), law), [2, 2, 2])
     assert solved.summary["solver"]["hessian_multiplications"] <= most
 
 
@@ -256,14 +264,14 @@ def test_load_cases() -> None:
 
 
 def test_the_preconditioner_of_sliding_points_is_symmetric() -> None:
-    """xᵀ M y = yᵀ M x for residuals x, y, in the range of Pᵀ, with compliances that differ."""
+    """xᵀ M y = yᵀ M x for residuals x, y, in the range of Pᵀ, with factors that differ."""
     problem = build_model(
         scenes.build(rough(scenes.wall("hexahedron", 2), LAWS[0]), 8), MPI.COMM_WORLD
     ).problem
     random = np.random.default_rng(1)
-    compliance = np.where(problem.tangential, random.uniform(0.0, 1e2, problem.size), 0.0)
+    scale = np.where(problem.tangential, random.uniform(0.1, 1e2, problem.size), 1.0)
     base = DualPreconditioner(problem, np.inf)
-    preconditioner = CompliantPreconditioner(base, problem, compliance)
+    preconditioner = ScaledPreconditioner(base, scale)
     x, y = random.normal(size=(2, problem.size))
     Mx, My = np.empty((2, problem.size))
     for vector, result in ((x, Mx), (y, My)):
