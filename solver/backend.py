@@ -90,7 +90,8 @@ class Statuses:
         differs = self.active != other.active
         if self.tractions is not None or other.tractions is not None:
             own, others = (0.0 if s.tractions is None else s.tractions for s in (self, other))
-            differs = differs | np.not_equal(own, others)
+            meant = ~self.holding | ~other.holding
+            differs = differs | (meant & np.not_equal(own, others))
         if self.turn is not None or other.turn is not None:
             differs = differs | (self._angles() != other._angles())
         return differs
