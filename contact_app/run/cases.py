@@ -23,7 +23,8 @@ from contact_app.model.method import chosen
 from contact_app.model.outline import Tell
 from contact_app.results.envelope import Envelope
 from contact_app.results.history import History
-from contact_app.results.report import log, print_cases, run_log, write_summary
+from contact_app.results.report import log, print_cases, write_summary
+from contact_app.run.attended import attended
 from contact_app.run.case_models import CaseModels
 from contact_app.run.communication import on_first
 from contact_app.run.files import (
@@ -32,12 +33,12 @@ from contact_app.run.files import (
     without_parts,
     write_run,
 )
-from contact_app.run.progress import Interruption, Progress, together
+from contact_app.run.progress import Progress, together
 from contact_app.run.repeated_sentences import said_once
 from contact_app.run.result_directory import clear
 from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene
-from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
+from solver.contact.checkpoint import EVERY_SECONDS, Attention
 from solver.qp.result import Monitor, Reason
 
 
@@ -164,23 +165,12 @@ def run_cases(
             f"{scene.at('cases')}: a run of load cases leaves no checkpoint to resume from; start "
             "it anew, or with the cases that are left"
         )
-    first = comm.rank == 0
-    on_first(comm, lambda: clear(directory, resume=False))
-    with (
-        without_parts(directory),
-        run_log(directory / "run.log", first),
-        Progress(first) as progress,
-        Interruption() as interruption,
-    ):
+    with attended(directory, comm, False, every) as (progress, attention):
         scene = part_that_is_solved(scene)
-        # its clock alone is used: nothing is saved
-        attention = Attention(
-            comm, lambda: interruption.asked, Checkpoint(directory, comm, False, every)
-        )
         overview, code = _solve_and_write(scene, directory, comm, progress, attention)
         progress.stage("writing")
         summary, files = overview.write(directory)
-    if first:
+    if comm.rank == 0:
         _print(summary, overview.warnings, [*files, directory / "run.log"])
     return code
 

@@ -13,11 +13,12 @@ from contact_app.machine.exits import Exit
 from contact_app.machine.exits import tell as say
 from contact_app.results.history import History
 from contact_app.results.output import Fields, write_fields
-from contact_app.results.report import log, print_steps, run_log, write_summary
+from contact_app.results.report import log, print_steps, write_summary
 from contact_app.results.result_size import file_names
 from contact_app.results.series import Series
+from contact_app.run.attended import attended
 from contact_app.run.communication import on_first
-from contact_app.run.files import log_model_that_fits, part_that_is_solved, without_parts
+from contact_app.run.files import log_model_that_fits, part_that_is_solved
 from contact_app.run.increments import (
     IncrementModels,
     Place,
@@ -25,12 +26,11 @@ from contact_app.run.increments import (
     SolvedIncrement,
     solved_increments,
 )
-from contact_app.run.progress import Interruption, Progress, together
-from contact_app.run.result_directory import clear
+from contact_app.run.progress import Progress, together
 from contact_app.run.step_checkpoint import StepCheckpoint
 from contact_app.run.step_records import Record, record_of, summary_of_steps, write_table
 from contact_app.scene.scene import Scene
-from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
+from solver.contact.checkpoint import EVERY_SECONDS, Attention
 from solver.qp.result import Monitor, Reason
 
 
@@ -47,18 +47,8 @@ def run_steps(
     last one that was finished. Parameters are those of `run.run`.
     """
     first = comm.rank == 0
-    on_first(comm, lambda: clear(directory, resume))
-    with (
-        without_parts(directory),
-        run_log(directory / "run.log", first),
-        Progress(first) as progress,
-        Interruption() as interruption,
-    ):
+    with attended(directory, comm, resume, every) as (progress, attention):
         scene = part_that_is_solved(scene)
-        # its clock alone is used: nothing is saved within an increment
-        attention = Attention(
-            comm, lambda: interruption.asked, Checkpoint(directory, comm, False, every)
-        )
         files = _Files(scene, directory, comm, resume)
         with History(
             directory / "history.csv" if first else None, files.found, increments=True

@@ -105,21 +105,16 @@ def plot(
             between = bool(summary.get("solution", {}).get("pair_forces"))
             draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
     pictures = [bodies]
-    pressure = target / "contact_pressure.png"
-    try:
-        with whole(pressure) as part:
-            draw_contact(stored, part, title)
-        pictures.append(pressure)
-    except NothingPressedError as error:
-        remarks.append(f"left out: contact_pressure.png: {error}")
+    of_contacts = {"contact_pressure.png": draw_contact}
     if STATUS in stored.point_data:
-        zones = target / "contact_status.png"
+        of_contacts["contact_status.png"] = draw_friction
+    for name, draw in of_contacts.items():
         try:
-            with whole(zones) as part:
-                draw_friction(stored, part, title)
-            pictures.append(zones)
+            with whole(target / name) as part:
+                draw(stored, part, title)
+            pictures.append(target / name)
         except NothingPressedError as error:
-            remarks.append(f"left out: contact_status.png: {error}")
+            remarks.append(f"left out: {name}: {error}")
     return pictures, remarks
 
 
