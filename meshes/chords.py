@@ -19,7 +19,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.connected import connected
 from meshes.quadratic import (
     CENTRED,
@@ -108,7 +108,7 @@ def local_facets(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDA
 
 def reference_vertices(cell: str) -> NDArray[np.float64]:
     """Vertices of the reference cell in VTK order, (vertices, d)."""
-    return versions.lagrange_nodes(cell, 1)[1][list(VTK_ORDER[cell])]
+    return dolfinx_compat.lagrange_nodes(cell, 1)[1][list(VTK_ORDER[cell])]
 
 
 def _sizes(

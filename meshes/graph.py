@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.cells import Cells
 from meshes.quadratic import STRAIGHT, VERTICES, bulges
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order
@@ -80,7 +80,7 @@ Rows = dict[int, NDArray[Any]]
 def parts_along_graph(cells: Cells, parts: int) -> NDArray[np.int32]:
     """Part of each cell, along the dual graph."""
     joined = _symmetric(_all_pairs(cells), cells.total_cells)
-    return versions.scotch_parts((joined.indices, joined.indptr), parts)
+    return dolfinx_compat.scotch_parts((joined.indices, joined.indptr), parts)
 
 
 def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
@@ -270,11 +270,11 @@ def place_piece(
         if degree < piece.degree:
             used, inverse = np.unique(nodes, return_inverse=True)
             nodes, corners = inverse.reshape(nodes.shape), local[used]
-        mesh = versions.create_mesh(nodes, corners, piece.cell, degree)
+        mesh = dolfinx_compat.create_mesh(nodes, corners, piece.cell, degree)
         references[piece.kind] = Reference.of(mesh, piece.cell, piece.degree, piece.tags)
     reference = references[piece.kind]
     given = np.empty(len(local), np.int64)
-    given[reference.cells] = piece.cells[versions.original_cells(reference.mesh)]
+    given[reference.cells] = piece.cells[dolfinx_compat.original_cells(reference.mesh)]
     translation = np.zeros(3)
     translation[: len(origin)] = origin
     table = np.sort(given[reference.facets], axis=1)

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.quadratic import FACETS
 from meshes.smooth_surface import bulges
 from meshes.subdomains import vtk_places, vtk_shapes
@@ -429,7 +429,9 @@ def _polygons(
     solid = area > SLIVER * size[pair]
     order = np.argsort(pair[solid], kind="stable")
     pair, triangle, area = pair[solid][order], triangle[solid][order], area[solid][order]
-    at, weights = versions.quadrature("triangle", 8 if curved else _degree(linear, flat, other))
+    at, weights = dolfinx_compat.quadrature(
+        "triangle", 8 if curved else _degree(linear, flat, other)
+    )
     x = triangle[:, :1] + at @ edges[solid][order]
     w = 2.0 * area[:, None] * weights
     return np.repeat(pair, len(weights)), x.reshape(-1, 2), w.ravel()

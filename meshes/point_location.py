@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.quadratic import VERTICES
 from meshes.subdomains import Reference, vtk_order, vtk_places, vtk_shapes
 
@@ -33,7 +33,7 @@ class Located:
 
 def locate(reference: Reference, points: Array, dimension: int) -> Located:
     """Find points (n, 3), in the frame of the reference; near curved edges to some per cent."""
-    cells = versions.cells_at(reference.mesh, points)
+    cells = dolfinx_compat.cells_at(reference.mesh, points)
     return locate_in(reference, cells, points, dimension)
 
 

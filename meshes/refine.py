@@ -16,7 +16,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.quadratic import node_vertices, straight_middles
 from meshes.subdomains import vtk_order
 from meshes.unstructured import FACETS, CellMesh, Topology, matching_rows
@@ -133,13 +133,13 @@ def _inner_middles(
     (cells · parts, further nodes, d)
     """
     order = list(vtk_order(cell, 2))
-    reference = versions.lagrange_nodes(cell, 2)[0][order]
+    reference = dolfinx_compat.lagrange_nodes(cell, 2)[0][order]
     found = np.empty((*parts.shape[:2], x.shape[1] - parts.shape[2], x.shape[2]))
     kinds, kind = np.unique(parts.reshape(-1, parts.shape[2]), axis=0, return_inverse=True)
     kind = kind.reshape(parts.shape[:2])
     for k, vertices in enumerate(kinds):
         at = straight_middles(reference[None, vertices], cell)[0]
-        values = versions.lagrange_values(cell, 2, at)[:, order]
+        values = dolfinx_compat.lagrange_values(cell, 2, at)[:, order]
         row, part = np.nonzero(kind == k)
         found[row, part] = np.einsum("qk,cki->cqi", values, x[row])
     return found.reshape(-1, *found.shape[2:])

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.quadratic import VERTICES, node_vertices
 
 VTK_ORDER = {
@@ -42,7 +42,7 @@ def vtk_order(cell: str, degree: int) -> tuple[int, ...]:
     """Nodes of dolfinx's Lagrange cells in the order VTK and XDMF use."""
     if degree == 1:
         return VTK_ORDER[cell]
-    nodes, vertices, _ = versions.lagrange_nodes(cell, degree)
+    nodes, vertices, _ = dolfinx_compat.lagrange_nodes(cell, degree)
     corners = vertices[list(VTK_ORDER[cell])]
     middles = np.array([corners[list(on)].mean(axis=0) for on in node_vertices(cell)])
     away = np.linalg.norm(middles[:, None] - nodes[None], axis=2)
@@ -54,7 +54,7 @@ def vtk_shapes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Shape functions (points, nodes) and their slopes (points, dimension, nodes), VTK order."""
     order = list(vtk_order(cell, degree))
-    values, slopes = versions.lagrange_shapes(cell, degree, points)
+    values, slopes = dolfinx_compat.lagrange_shapes(cell, degree, points)
     return values[:, order], slopes[..., order]
 
 
@@ -120,7 +120,7 @@ class Reference:
     @property
     def curved(self) -> bool:
         """Whether cells have curved edges."""
-        return versions.cell_nodes(self.mesh).shape[1] > VERTICES[self.cell]
+        return dolfinx_compat.cell_nodes(self.mesh).shape[1] > VERTICES[self.cell]
 
     @property
     def vertex_weights(self) -> sparse.csr_matrix | None:
@@ -163,7 +163,7 @@ class Reference:
         mesh.topology.create_connectivity(dimension - 1, dimension)
         entities = np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
         points, nodes = _nodes(mesh, cell, degree)
-        closures = versions.lagrange_nodes(cell, degree)[2]
+        closures = dolfinx_compat.lagrange_nodes(cell, degree)[2]
         owner, local = _sides_of_facets(mesh, entities)
         given = np.zeros(len(nodes), np.int32) if tags is None else tags
         return cls(
@@ -174,7 +174,7 @@ class Reference:
             cells=nodes[:, list(vtk_order(cell, degree))],
             facets=nodes[owner[:, None], closures[local]],
             facet_entities=entities,
-            tags=given if tags is None else given[versions.original_cells(mesh)],
+            tags=given if tags is None else given[dolfinx_compat.original_cells(mesh)],
         )
 
 
@@ -183,13 +183,13 @@ def _nodes(mesh: Any, cell: str, degree: int) -> tuple[NDArray[np.float64], NDAr
 
     Returns (nodes, 3) and (cells, nodes a cell) in dolfinx's order.
     """
-    corners = versions.cell_nodes(mesh)
+    corners = dolfinx_compat.cell_nodes(mesh)
     points = mesh.geometry.x
     vertices = VERTICES[cell]
     if corners.shape[1] == (vertices if degree == 1 else len(node_vertices(cell))):
         return points.copy(), corners
-    space = versions.scalar_space(mesh, degree)
-    dofs, at = versions.dof_nodes(space), space.tabulate_dof_coordinates()
+    space = dolfinx_compat.scalar_space(mesh, degree)
+    dofs, at = dolfinx_compat.dof_nodes(space), space.tabulate_dof_coordinates()
     number = np.full(len(at), -1, np.int32)
     number[dofs[:, :vertices]] = corners
     added = number < 0
@@ -203,9 +203,9 @@ def _sides_of_facets(
     """The cell of each facet on the surface, and which of the cell's facets it is."""
     d = mesh.topology.dim
     mesh.topology.create_connectivity(d, d - 1)
-    cells, offsets = versions.adjacency(mesh.topology.connectivity(d - 1, d))
+    cells, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
     owner = cells[offsets[entities]]
-    facets, starts = versions.adjacency(mesh.topology.connectivity(d, d - 1))
+    facets, starts = dolfinx_compat.adjacency(mesh.topology.connectivity(d, d - 1))
     of_cells = facets.reshape(len(starts) - 1, -1)
     return owner, np.argmax(of_cells[owner] == entities[:, None], axis=1)
 

@@ -213,13 +213,13 @@ def stacked(cell: str, comm: Any) -> Any:
     upper = box(cell, (3, 2, 2)[:d], (0.7, 0.6, 1.0) if d == 3 else (0.7, 1.0), MPI.COMM_SELF)
     shift = np.array([0.15, 0.2, 1.0] if d == 3 else [0.15, 1.0])
     points = [lower.geometry.x[:, :d], upper.geometry.x[:, :d] + shift]
-    from meshes import dolfinx_compat as versions
+    from meshes import dolfinx_compat
 
-    cells = [versions.cell_nodes(lower), versions.cell_nodes(upper) + len(points[0])]
+    cells = [dolfinx_compat.cell_nodes(lower), dolfinx_compat.cell_nodes(upper) + len(points[0])]
     joined, coordinates = np.concatenate(cells).astype(np.int64), np.concatenate(points)
     if comm.rank:
         joined, coordinates = joined[:0], coordinates[:0]
-    return versions.create_mesh(joined, np.ascontiguousarray(coordinates), cell, comm=comm)
+    return dolfinx_compat.create_mesh(joined, np.ascontiguousarray(coordinates), cell, comm=comm)
 
 
 def solved_alone(forms: Forms) -> tuple[np.ndarray, float]:

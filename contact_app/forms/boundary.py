@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contact_app.forms.parts import Parts
 from contact_app.model.facets import moments
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.mortar import Surface
 
 
@@ -49,23 +49,23 @@ def surface_facets(parts: Parts, tags: Any, values: tuple[int, ...]) -> Facets:
     mesh = parts.space.mesh
     d = mesh.topology.dim
     chosen = np.isin(np.asarray(tags.values), values)
-    entities = versions.tagged(tags)[chosen]
+    entities = dolfinx_compat.tagged(tags)[chosen]
     mesh.topology.create_connectivity(d - 1, d)
     mesh.topology.create_connectivity(d, d - 1)
     outside = np.asarray(dolfinx.mesh.exterior_facet_indices(mesh.topology))
     entities = np.intersect1d(entities, outside)
-    links, offsets = versions.adjacency(mesh.topology.connectivity(d - 1, d))
+    links, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
     cell = links[offsets[entities]]
     mine = cell < len(parts.of_cell)
     entities, cell = entities[mine], cell[mine]
-    facets, starts = versions.adjacency(mesh.topology.connectivity(d, d - 1))
+    facets, starts = dolfinx_compat.adjacency(mesh.topology.connectivity(d, d - 1))
     of_cell = facets[starts[cell][:, None] + np.arange(starts[1] if len(starts) > 1 else 0)]
     place = (of_cell == entities[:, None]).argmax(axis=1)
-    closures = versions.lagrange_nodes(
-        mesh.topology.cell_name(), versions.lagrange_degree(parts.space) or 1
+    closures = dolfinx_compat.lagrange_nodes(
+        mesh.topology.cell_name(), dolfinx_compat.lagrange_degree(parts.space) or 1
     )[2]
     copies = np.take_along_axis(parts.cells[cell], closures[place].astype(np.int64), axis=1)
-    corners = mesh.geometry.x[versions.cell_nodes(mesh)[cell]]
+    corners = mesh.geometry.x[dolfinx_compat.cell_nodes(mesh)[cell]]
     return Facets(copies, parts.numbers[copies], parts.points[copies], corners.mean(axis=1))
 
 

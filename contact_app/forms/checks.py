@@ -15,7 +15,7 @@ from scipy import linalg, sparse
 from contact_app.errors import ConfigurationError
 from contact_app.forms.contacts import Contact, SignedDistance, values_of
 from contact_app.scene.obstacles import Cylinder, Plane, Sphere
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
@@ -86,7 +86,7 @@ def check_forms(a: Any, L: Any, bcs: Sequence[Any]) -> Any:
 
 
 def _check_space(space: Any) -> None:
-    mesh, degree = space.mesh, versions.lagrange_degree(space)
+    mesh, degree = space.mesh, dolfinx_compat.lagrange_degree(space)
     d, components = mesh.geometry.dim, space.dofmap.index_map_bs
     if degree is None or components == 1 or components != space.dofmap.bs:
         raise ValueError(
@@ -118,7 +118,7 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
             raise TypeError(f"{at}.facet_tags must be dolfinx's mesh tags of facets")
         if tags.dim != d - 1:
             raise ValueError(f"{at}.facet_tags are of dimension {tags.dim}; facets have {d - 1}")
-        if not versions.is_tagged(mesh, tags):
+        if not dolfinx_compat.is_tagged(mesh, tags):
             raise ValueError(f"{at}.facet_tags are of another mesh than the forms")
         if (contact.obstacle is None) == (contact.against is None):
             raise ValueError(f"{at} needs an obstacle or `against`, and not both")

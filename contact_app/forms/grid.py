@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.decomposition import choose_split
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.box import BoxShape
 
 EQUAL = 1e-9
@@ -44,10 +44,10 @@ def grid_of(space: Any) -> Grid | None:
     kind = str(mesh.topology.cell_name())
     if mesh.comm.size > 1 or kind not in ("quadrilateral", "hexahedron"):
         return None
-    d, degree = mesh.topology.dim, versions.lagrange_degree(space) or 1
+    d, degree = mesh.topology.dim, dolfinx_compat.lagrange_degree(space) or 1
     points = space.tabulate_dof_coordinates()[:, :d]
     lower, upper = points.min(axis=0), points.max(axis=0)
-    nodes = versions.dof_nodes(space)[: mesh.topology.index_map(d).size_local]
+    nodes = dolfinx_compat.dof_nodes(space)[: mesh.topology.index_map(d).size_local]
     spacing = np.ptp(points[nodes[0]], axis=0)
     counts = np.rint((upper - lower) / np.where(spacing > 0.0, spacing, 1.0)).astype(np.int64)
     if spacing.min() <= 0.0 or counts.prod() != len(nodes):

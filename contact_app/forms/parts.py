@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.forms.grid import Grid
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.connected import connected
 
 
@@ -88,7 +88,7 @@ class Parts:
         """K of each part, (n, n) with unknown ``node * dimension + component`` (collective)."""
         trial, test = ufl.TrialFunction(self.torn), ufl.TestFunction(self.torn)
         first, second = form.arguments()
-        compiled = versions.compile_form(ufl.replace(form, {first: test, second: trial}))
+        compiled = dolfinx_compat.compile_form(ufl.replace(form, {first: test, second: trial}))
         matrix = create_matrix(compiled, "baij")
         assemble_matrix(matrix, compiled)
         matrix.assemble()
@@ -103,7 +103,9 @@ class Parts:
     def loads(self, form: Any) -> list[NDArray[np.float64]]:
         """f of each part, (n,) (collective)."""
         (test,) = form.arguments()
-        compiled = versions.compile_form(ufl.replace(form, {test: ufl.TestFunction(self.torn)}))
+        compiled = dolfinx_compat.compile_form(
+            ufl.replace(form, {test: ufl.TestFunction(self.torn)})
+        )
         whole = fem.assemble_vector(compiled).array
         return [whole[self.unknowns(part)].copy() for part in range(self.count)]
 
@@ -117,7 +119,7 @@ def parts_of(space: Any, grid: Grid | None = None) -> Parts:
         The cut of a regular mesh.
     """
     mesh, dofmap = space.mesh, space.dofmap
-    every = versions.dof_nodes(space)
+    every = dolfinx_compat.dof_nodes(space)
     of_cell = pieces(mesh) if grid is None else grid.of_cell
     owned, ghosts = len(of_cell), len(every) - len(of_cell)
     count = int(of_cell.max(initial=-1)) + 1
@@ -127,7 +129,7 @@ def parts_of(space: Any, grid: Grid | None = None) -> Parts:
     part = np.concatenate([of_cell, np.full(ghosts, count)])
     key, cells = np.unique(part[:, None] * here + order[every], return_inverse=True)
     cells = cells.reshape(every.shape)
-    torn = versions.torn_space(space, cells, len(key))
+    torn = dolfinx_compat.torn_space(space, cells, len(key))
     starts = np.searchsorted(key, np.arange(count + 1) * here)
     blocks = np.argsort(order)[key[: starts[-1]] % here]
     numbers = dofmap.index_map.local_to_global(blocks.astype(np.int32)).astype(np.int64)
@@ -142,7 +144,7 @@ def pieces(mesh: Any) -> NDArray[np.int64]:
     d = mesh.topology.dim
     mesh.topology.create_connectivity(d, d - 1)
     owned = mesh.topology.index_map(d).size_local
-    facets, offsets = versions.adjacency(mesh.topology.connectivity(d, d - 1))
+    facets, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d, d - 1))
     facets = facets[: offsets[owned]]
     cells = np.repeat(np.arange(owned), np.diff(offsets[: owned + 1]))
     count = owned + int(facets.max(initial=-1)) + 1

@@ -16,7 +16,7 @@ from contact_app.forms.contacts import Contact, values_of
 from contact_app.forms.parts import Parts
 from contact_app.model.averaged_rows import rows_about_vertices
 from contact_app.model.pairs import owned_rows
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.mortar import SurfacesApartError, mean_gaps
 from solver.tfeti.constraints.conditions import (
     ContactRows,
@@ -129,7 +129,7 @@ def _mean_rows(
 def in_the_mean(parts: Parts) -> bool:
     """Whether contact with obstacles is kept in the mean about vertices, not at nodes."""
     tetrahedra = parts.space.mesh.topology.cell_name() == "tetrahedron"
-    return tetrahedra and versions.lagrange_degree(parts.space) == 2
+    return tetrahedra and dolfinx_compat.lagrange_degree(parts.space) == 2
 
 
 def _mortar_rows(
@@ -151,7 +151,7 @@ def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Ar
     """Held nodes as `NodeConditions` takes them; the last of several values, as in dolfinx."""
     d, dofmap = parts.dimension, parts.space.dofmap
     value = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts))
-    versions.set_values(bcs, value)
+    dolfinx_compat.set_values(bcs, value)
     mask, value = held_components(parts, bcs), value.reshape(-1, d)[parts.blocks]
     some = np.flatnonzero(mask.any(axis=1))
     return (

@@ -26,8 +26,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from contact_app.scene.material import CellMaterials, Material
-from meshes import Reference
-from meshes import dolfinx_compat as versions
+from meshes import Reference, dolfinx_compat
 from meshes.subdomains import vtk_order, vtk_shapes
 
 CURVED = {"triangle": 4, "quadrilateral": 5, "tetrahedron": 5, "hexahedron": 7}
@@ -63,11 +62,11 @@ class Element:
         self.reference = reference
         self.dimension = dimension
         self.mesh = reference.mesh
-        self.space = versions.vector_space(self.mesh, reference.degree, dimension)
+        self.space = dolfinx_compat.vector_space(self.mesh, reference.degree, dimension)
         degree = quadrature_degree(reference.cell, reference.degree, reference.curved)
         self._dx = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": degree})
         if cells is not None:
-            tags = versions.meshtags(self.mesh, dimension, cells, 1)
+            tags = dolfinx_compat.meshtags(self.mesh, dimension, cells, 1)
             self._dx = self._dx(1, subdomain_data=tags)
 
     @cached_property
@@ -75,7 +74,7 @@ class Element:
         """dolfinx's unknown for each of ours, (nodes · dimension,)."""
         reference = self.reference
         order = list(vtk_order(reference.cell, reference.degree))
-        blocks = versions.dof_nodes(self.space)[:, order]
+        blocks = dolfinx_compat.dof_nodes(self.space)[:, order]
         block_of_node = np.empty(len(reference.points), np.int64)
         block_of_node[reference.cells.ravel()] = blocks.ravel()
         return (block_of_node[:, None] * self.dimension + np.arange(self.dimension)).ravel()
@@ -89,7 +88,7 @@ class Element:
         """
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         form = ufl.inner(self._stress(u, materials, plane), ufl.sym(ufl.grad(v))) * self._dx
-        compiled = versions.compile_form(form)
+        compiled = dolfinx_compat.compile_form(form)
         matrix = create_matrix(
             compiled, "baij"
         )  # whole blocks of a node are put in three times faster
@@ -116,7 +115,7 @@ class Element:
         differ by their errors and not by that of T. With mean dilatation the part of the volume is
         3 λ α |T| times the means of temperature and div v.
         """
-        scalars = versions.scalar_space(self.mesh, self.reference.degree + 2)
+        scalars = dolfinx_compat.scalar_space(self.mesh, self.reference.degree + 2)
         rise, v = fem.Function(scalars), ufl.TestFunction(self.space)
         rise.x.array[:] = temperature(scalars.tabulate_dof_coordinates())
         shape, volume = self.of_cells(materials, plane).thermal_stress
@@ -126,9 +125,11 @@ class Element:
         dx = ufl.dx(domain=self.mesh, metadata=rule)
         load = self._load(beta * rise * ufl.div(v) * dx)
         if averaged:
-            cells = versions.cellwise_scalars(self.mesh)
+            cells = dolfinx_compat.cellwise_scalars(self.mesh)
             integral = self._assembled(rise * ufl.TestFunction(cells) * dx)
-            load += self._dilatation().T @ (volume * integral[versions.dof_nodes(cells).ravel()])
+            load += self._dilatation().T @ (
+                volume * integral[dolfinx_compat.dof_nodes(cells).ravel()]
+            )
         return load
 
     def _dilatation(self) -> sparse.csr_matrix:
@@ -208,7 +209,7 @@ class Element:
         reference, d = self.reference, self.dimension
         cell, curved = reference.cell, reference.curved
         rule = quadrature_degree(cell, reference.degree, curved)
-        points, weights = versions.quadrature(cell, rule)
+        points, weights = dolfinx_compat.quadrature(cell, rule)
         (values, own), (_, mapping) = (
             vtk_shapes(cell, degree, points) for degree in (reference.degree, 2 if curved else 1)
         )
@@ -234,9 +235,9 @@ class Element:
 
     def _cellwise(self, values: NDArray[np.float64]) -> Any:
         """A function with one value in each cell."""
-        space = versions.cellwise_scalars(self.mesh)
+        space = dolfinx_compat.cellwise_scalars(self.mesh)
         function = fem.Function(space)
-        function.x.array[versions.dof_nodes(space).ravel()] = values
+        function.x.array[dolfinx_compat.dof_nodes(space).ravel()] = values
         return function
 
     def _constant(self, vector: NDArray[np.float64]) -> Any:
@@ -244,7 +245,7 @@ class Element:
 
     def _ds(self, rows: NDArray[np.int32]) -> Any:
         entities = self.reference.facet_entities[rows]
-        tags = versions.meshtags(self.mesh, self.dimension - 1, entities, 1)
+        tags = dolfinx_compat.meshtags(self.mesh, self.dimension - 1, entities, 1)
         return ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
 
     def _load(self, form: Any) -> NDArray[np.float64]:
@@ -252,7 +253,7 @@ class Element:
 
     @staticmethod
     def _assembled(form: Any) -> NDArray[np.float64]:
-        return fem.assemble_vector(versions.compile_form(form)).array.copy()
+        return fem.assemble_vector(dolfinx_compat.compile_form(form)).array.copy()
 
 
 def _scipy(matrix: PETSc.Mat) -> sparse.csr_matrix:

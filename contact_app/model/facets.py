@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.quadratic import FACETS
 
 LATTICE = 12
@@ -27,9 +27,9 @@ RULE = 8
 def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Weights (q,), hats (q, vertices), shapes (q, nodes) and their slopes (q, d - 1, nodes)."""
     name, _, order = FACETS[dimension, nodes]
-    points, weights = versions.quadrature(name, RULE)
-    values = [versions.lagrange_values(name, p, points) for p in (1, order)]
-    return weights, values[0], values[1], versions.lagrange_slopes(name, order, points)
+    points, weights = dolfinx_compat.quadrature(name, RULE)
+    values = [dolfinx_compat.lagrange_values(name, p, points) for p in (1, order)]
+    return weights, values[0], values[1], dolfinx_compat.lagrange_slopes(name, order, points)
 
 
 @cache
@@ -41,14 +41,14 @@ def shapes_on_lattice(dimension: int, nodes: int) -> NDArray[np.float64]:
     points = points.reshape(-1, dimension - 1)
     if name == "triangle":
         points = points[points.sum(axis=1) <= 1.0 + 1e-9]
-    return versions.lagrange_values(name, order, points)
+    return dolfinx_compat.lagrange_values(name, order, points)
 
 
 @cache
 def hats_at_nodes(dimension: int, nodes: int) -> NDArray[np.float64]:
     """Values of the hat functions at the nodes of a facet, (vertices, nodes)."""
     name, _, order = FACETS[dimension, nodes]
-    return versions.lagrange_values(name, 1, versions.lagrange_nodes(name, order)[0]).T
+    return dolfinx_compat.lagrange_values(name, 1, dolfinx_compat.lagrange_nodes(name, order)[0]).T
 
 
 def moments(x: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:

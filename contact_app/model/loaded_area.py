@@ -16,8 +16,7 @@ from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.facets import moments
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
-from meshes import Partition
-from meshes import dolfinx_compat as versions
+from meshes import Partition, dolfinx_compat
 from meshes.quadratic import FACETS
 
 SAMPLES = 8
@@ -76,4 +75,4 @@ def _inner_points(dimension: int, nodes: int) -> NDArray[np.float64]:
     points = points.reshape(-1, dimension - 1)
     if name == "triangle":
         points = points[points.sum(axis=1) < 1.0 - 1e-9]
-    return versions.lagrange_values(name, order, points)
+    return dolfinx_compat.lagrange_values(name, order, points)

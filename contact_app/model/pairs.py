@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.planes import on_planes
 from contact_app.scene.scene import Scene
-from meshes import Partition, Reference
-from meshes import dolfinx_compat as versions
+from meshes import Partition, Reference, dolfinx_compat
 from meshes.mortar import NEGLIGIBLE, MeanGaps, Surface
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -90,9 +89,9 @@ def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
 def _behind(reference: Reference, rows: NDArray[np.int32]) -> NDArray[np.float64]:
     """Middle of the cell behind each facet, (rows, 3)."""
     topology = reference.mesh.topology
-    links, offsets = versions.adjacency(topology.connectivity(topology.dim - 1, topology.dim))
+    links, offsets = dolfinx_compat.adjacency(topology.connectivity(topology.dim - 1, topology.dim))
     cells = links[offsets[reference.facet_entities[rows]]]
-    return reference.points[versions.cell_nodes(reference.mesh)[cells]].mean(axis=1)
+    return reference.points[dolfinx_compat.cell_nodes(reference.mesh)[cells]].mean(axis=1)
 
 
 def owned_rows(exchange: NodeExchange, found: MeanGaps, source: int) -> ContactRows:

@@ -10,6 +10,7 @@ of a few, d is a sum of those of earlier cases, and the multipliers begin with t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,13 +103,20 @@ class CaseModels:
     ----------
     scene
         With its cases or steps.
+    outlines
+        Those of `outlines_of_cases`, or others with fewer contact rows to begin with.
     """
 
     keeps_subdomains = False
 
-    def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        comm: MPI.Intracomm,
+        outlines: Mapping[str, Outline | None] | None = None,
+    ) -> None:
         self._scene, self._comm = scene, comm
-        self._outlines: dict[str, Outline | None] = {}
+        self._outlines = dict(outlines or {})
         self._model: Model | None = None
         self._patches: Patches | None = None
         self._earlier: list[_Earlier] = []

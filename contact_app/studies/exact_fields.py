@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.scene.material import CellMaterials
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.subdomains import vtk_shapes
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def relative_errors(
     sums = np.zeros(4)
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         reference, degree = s.reference, s.reference.degree
-        points, weights = versions.quadrature(reference.cell, 2 * degree + 4)
+        points, weights = dolfinx_compat.quadrature(reference.cell, 2 * degree + 4)
         values, slopes = vtk_shapes(reference.cell, degree, points)
         x = s.points()[reference.cells][..., :d]
         u = solved.solution.displacements[cls][:, column].reshape(-1, d)[reference.cells]

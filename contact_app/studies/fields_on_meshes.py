@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.scene.material import Material
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.quadratic import VERTICES
 from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
 
@@ -120,7 +120,7 @@ class Cloud:
         At the points of a quadrature rule of a degree.
         """
         finest, d = self._finest, self._finest.dimension
-        points, weights = versions.quadrature(finest.cell, rule)
+        points, weights = dolfinx_compat.quadrature(finest.cell, rule)
         values, slopes = vtk_shapes(finest.cell, finest.degree, points)
         for start in range(0, len(finest.cells), BATCH):
             rows = slice(start, start + BATCH)
@@ -137,10 +137,10 @@ def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> spar
     vertices, local = np.unique(mesh.cells[:, :corners], return_inverse=True)
     local = local.reshape(-1, corners)
     order = np.argsort(vtk_order(mesh.cell, 1))
-    grid = versions.create_mesh(
+    grid = dolfinx_compat.create_mesh(
         local[:, order].astype(np.int64), mesh.points[vertices][:, :d].copy(), mesh.cell
     )
-    cell = versions.original_cells(grid)[versions.cells_at(grid, at)]
+    cell = dolfinx_compat.original_cells(grid)[dolfinx_compat.cells_at(grid, at)]
     x = mesh.points[mesh.cells[cell]][..., :d]
     place = vtk_places(mesh.cell, mesh.degree, x, at[:, :d])
     values = vtk_shapes(mesh.cell, mesh.degree, place)[0]

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from contact_app.forms import Contact, ContactProblem
 from contact_app.run.answer import solve
 from contact_app.scene.obstacles import Plane
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 
 TURNS = 3
 
@@ -47,7 +47,7 @@ def perturbed_cube(cells: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     inside = ((points > 1e-9) & (points < 1.0 - 1e-9)).all(axis=1)
     rng = np.random.default_rng(0)
     points[inside] += MOVED / cells * rng.uniform(-1.0, 1.0, (int(inside.sum()), 3))
-    return points, versions.cell_nodes(box).astype(np.int64)
+    return points, dolfinx_compat.cell_nodes(box).astype(np.int64)
 
 
 def bricks(cells: int) -> Any:
@@ -58,7 +58,7 @@ def bricks(cells: int) -> Any:
 
 def form_problem(mesh: Any) -> ContactProblem:
     """The cube as forms."""
-    V = versions.vector_space(mesh, 1, 3)
+    V = dolfinx_compat.vector_space(mesh, 1, 3)
 
     def facets(axis: int, place: float) -> NDArray[np.int32]:
         return dolfinx.mesh.locate_entities_boundary(
@@ -69,11 +69,13 @@ def form_problem(mesh: Any) -> ContactProblem:
     lam = YOUNG * POISSON / (1 + POISSON) / (1 - 2 * POISSON)
     strain, test = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
     stress = lam * ufl.tr(strain) * ufl.Identity(3) + YOUNG / (1 + POISSON) * strain
-    top = versions.meshtags(mesh, 2, facets(2, 1.0), 1)
+    top = dolfinx_compat.meshtags(mesh, 2, facets(2, 1.0), 1)
     ds = ufl.Measure("ds", domain=mesh, subdomain_data=top)
     push = fem.Constant(mesh, np.array([0.0, 0.0, -PRESSURE]))
     foot = fem.locate_dofs_topological(V, 2, facets(2, 0.0))
-    wall = Contact(versions.meshtags(mesh, 2, facets(0, 1.0), 1), 1, Plane((1, 0, 0), (-1, 0, 0)))
+    wall = Contact(
+        dolfinx_compat.meshtags(mesh, 2, facets(0, 1.0), 1), 1, Plane((1, 0, 0), (-1, 0, 0))
+    )
     return ContactProblem(
         ufl.inner(stress, test) * ufl.dx(metadata={"quadrature_degree": 2}),
         ufl.inner(push, v) * ds(1),
@@ -103,7 +105,7 @@ def scene_of(mesh: dict[str, Any], method: str) -> dict[str, Any]:
 def measure(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
     """Processor seconds (the fewest of some turns), operator applications and energies."""
     points, tetrahedra = perturbed_cube(cells)
-    problem = form_problem(versions.create_mesh(tetrahedra, points, "tetrahedron"))
+    problem = form_problem(dolfinx_compat.create_mesh(tetrahedra, points, "tetrahedron"))
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / "cube.vtu"
         meshio.write(file, meshio.Mesh(points, [("tetra", tetrahedra)]))

@@ -26,7 +26,7 @@ from contact_app.model.assembly import quadrature_degree
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Scene
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.subdomains import VTK_ORDER
 from meshes.unstructured import CellMesh
 from solver.tfeti.subdomain.kernels import rigid_motions
@@ -124,8 +124,8 @@ def assemble(
     if scene.contacts and has_averaged_rows(body) and not nodal:
         raise UnsuitableError("its contact is kept in the mean about vertices, which is no bound")
     mesh = _mesh(body, comm)
-    space = versions.vector_space(mesh, body.degree, d)
-    matrix = assemble_matrix(versions.compile_form(_stiffness(scene, body, mesh, space)))
+    space = dolfinx_compat.vector_space(mesh, body.degree, d)
+    matrix = assemble_matrix(dolfinx_compat.compile_form(_stiffness(scene, body, mesh, space)))
     matrix.assemble()
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     owned = space.dofmap.index_map.size_local
@@ -173,7 +173,9 @@ def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
         cells, points = (
             np.array_split(rows, comm.size)[comm.rank] for rows in (box.cells, box.points)
         )
-        return versions.create_mesh(cells[:, VTK_ORDER[box.cell]], points, box.cell, comm=comm)
+        return dolfinx_compat.create_mesh(
+            cells[:, VTK_ORDER[box.cell]], points, box.cell, comm=comm
+        )
     if not isinstance(box, Box):
         raise UnsuitableError("its mesh is no box and has no straight cells")
     corners = [np.array(box.lower), np.array(box.upper)]
@@ -199,10 +201,10 @@ def _moduli(scene: Scene, body: Body, mesh: Any) -> list[Any]:
     if not isinstance(body.mesh, CellMesh):
         raise UnsuitableError("it has several materials and no mesh file")
     count = mesh.topology.index_map(mesh.topology.dim).size_local
-    tags = body.mesh.tags_at(versions.original_cells(mesh)[:count])
+    tags = body.mesh.tags_at(dolfinx_compat.original_cells(mesh)[:count])
     found = []
     for modulus in moduli.T:
-        function = fem.Function(versions.cellwise_scalars(mesh))
+        function = fem.Function(dolfinx_compat.cellwise_scalars(mesh))
         function.x.array[:count] = modulus[tags]
         function.x.scatter_forward()
         found.append(function)
@@ -227,7 +229,9 @@ def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> NDArray[np.float64
         forms.append(push * _facets(body, mesh, pressure.boundary))
     for total in scene.total_loads:
         ds = _facets(body, mesh, total.boundary)
-        area = mesh.comm.allreduce(fem.assemble_scalar(versions.compile_form(constant(1.0) * ds)))
+        area = mesh.comm.allreduce(
+            fem.assemble_scalar(dolfinx_compat.compile_form(constant(1.0) * ds))
+        )
         forms.append(ufl.inner(constant(np.array(total.force) / area), v) * ds)
     return np.sum([_assembled(form) for form in forms], axis=0)
 
@@ -238,7 +242,7 @@ def _facets(body: Body, mesh: Any, boundary: str) -> Any:
     facets = dmesh.locate_entities_boundary(
         mesh, dimension, lambda x: _on(body, boundary, np.ascontiguousarray(x.T))
     )
-    tags = versions.meshtags(mesh, dimension, facets, 1)
+    tags = dolfinx_compat.meshtags(mesh, dimension, facets, 1)
     return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
 
 
@@ -272,7 +276,7 @@ def _vector(comm: MPI.Intracomm, owned: int, d: int) -> PETSc.Vec:
 
 
 def _assembled(form: Any) -> NDArray[np.float64]:
-    vector = assemble_vector(versions.compile_form(form))
+    vector = assemble_vector(dolfinx_compat.compile_form(form))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     values = vector.array.copy()
     vector.destroy()

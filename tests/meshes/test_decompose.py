@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from meshes import BoxShape, Partition, decompose, graph
-from meshes import dolfinx_compat as versions
+from meshes import BoxShape, Partition, decompose, dolfinx_compat, graph
 from meshes.box_cells import BoxCells
 from meshes.cells import Cells
 from meshes.load_balance import dealt
@@ -146,8 +145,10 @@ def test_planes_cut_equal_parts(parts: int) -> None:
 def test_graded_meshes_are_cut_along_their_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     even = BoxShape((0.0,) * 3, (1.0,) * 3, (4, 4, 4), "tetrahedron").cell_mesh()
     asked: list[int] = []
-    scotch = versions.scotch_parts
-    monkeypatch.setattr(versions, "scotch_parts", lambda g, n: asked.append(n) or scotch(g, n))
+    scotch = dolfinx_compat.scotch_parts
+    monkeypatch.setattr(
+        dolfinx_compat, "scotch_parts", lambda g, n: asked.append(n) or scotch(g, n)
+    )
     assert decompose([even], 5, MPI.COMM_SELF).count == 5
     assert not asked
     graded = replace(even, points=even.points**3)

@@ -4,16 +4,16 @@ import pytest
 import ufl
 from dolfinx import fem
 
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
 def _volume(edge: float) -> float:
     """Of a tetrahedron, by dolfinx."""
-    mesh = versions.create_mesh(np.array([[0, 1, 2, 3]]), edge * CORNERS, "tetrahedron")
-    space = versions.scalar_space(mesh, 1)
-    load = fem.assemble_vector(versions.compile_form(ufl.TestFunction(space) * ufl.dx))
+    mesh = dolfinx_compat.create_mesh(np.array([[0, 1, 2, 3]]), edge * CORNERS, "tetrahedron")
+    space = dolfinx_compat.scalar_space(mesh, 1)
+    load = fem.assemble_vector(dolfinx_compat.compile_form(ufl.TestFunction(space) * ufl.dx))
     return float(load.array.sum())
 
 

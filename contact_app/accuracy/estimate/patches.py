@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.model.assembly import Element
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from meshes.quadratic import VERTICES, node_vertices
 from meshes.subdomains import vtk_order
 
@@ -136,7 +136,7 @@ class Cells:
         reference = element.reference
         self.dimension = d = element.dimension
         self.cell, self.degree = reference.cell, reference.degree
-        self.geometry = versions.cell_nodes(element.mesh)
+        self.geometry = dolfinx_compat.cell_nodes(element.mesh)
         self.nodes = reference.cells[:, np.argsort(vtk_order(self.cell, self.degree))]
         self.vertices, corners = np.unique(
             self.geometry[:, : VERTICES[self.cell]], return_inverse=True
@@ -163,11 +163,11 @@ class Cells:
     def table(self, rule: int) -> Table:
         """Shape functions at the points of a rule of a degree."""
         if rule not in self._tables:
-            points, weights = versions.quadrature(self.cell, rule)
+            points, weights = dolfinx_compat.quadrature(self.cell, rule)
             order = 1 if self.geometry.shape[1] == VERTICES[self.cell] else 2
             shapes = (
-                (versions.lagrange_values(self.cell, p, points),
-                 versions.lagrange_slopes(self.cell, p, points))
+                (dolfinx_compat.lagrange_values(self.cell, p, points),
+                 dolfinx_compat.lagrange_slopes(self.cell, p, points))
                 for p in (self.degree, order)
             )  # fmt: skip
             (values, slopes), (places, tangents) = shapes
@@ -192,10 +192,10 @@ class Cells:
         """
         if self.cell not in SUPERCONVERGENT:
             return None
-        points, weights = versions.quadrature(self.cell, rule)
+        points, weights = dolfinx_compat.quadrature(self.cell, rule)
         values = np.ones((len(points), 1))
         if self.degree == 2:
-            values = versions.lagrange_values(self.cell, 1, points)
+            values = dolfinx_compat.lagrange_values(self.cell, 1, points)
         return np.linalg.qr(np.sqrt(weights)[:, None] * values)[0]
 
     @cached_property
@@ -313,11 +313,11 @@ class Cells:
         """
         mesh, d, reference = self.element.mesh, self.dimension, self.element.reference
         mesh.topology.create_connectivity(d - 1, d)
-        links, offsets = versions.adjacency(mesh.topology.connectivity(d - 1, d))
+        links, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
         cell = links[offsets[reference.facet_entities]]
         name = FACETS[self.cell]
-        points = versions.lagrange_nodes(name, self.degree)[0]
-        slopes = versions.lagrange_slopes(name, 2 if reference.curved else 1, points)
+        points = dolfinx_compat.lagrange_nodes(name, self.degree)[0]
+        slopes = dolfinx_compat.lagrange_slopes(name, 2 if reference.curved else 1, points)
         x = self.places[reference.facets]
         along = np.einsum("vrk,fki->fvri", slopes, x[:, : slopes.shape[2]])
         if d == 2:

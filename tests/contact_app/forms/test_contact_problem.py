@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import contact_app
 from contact_app import Contact, ContactProblem, Plane
-from meshes import dolfinx_compat as versions
+from meshes import dolfinx_compat
 from tests import form_problems as problems
 from tests.ranks import execute
 
@@ -346,7 +346,7 @@ def test_facets_that_stand_for_circles() -> None:
     radius = np.linalg.norm(points[cells].mean(axis=1), axis=1)
     shaft = np.unique(cells[radius < 10.0])
     points[shaft] *= 1.001
-    mesh = versions.create_mesh(cells, points, "quadrilateral")
+    mesh = dolfinx_compat.create_mesh(cells, points, "quadrilateral")
     V = problems.vector_space(mesh, 1)
     at = {
         tag: lambda x, r=r: np.isclose(np.hypot(x[0], x[1]), r, atol=1e-6)

@@ -226,12 +226,17 @@ def test_contact_rows_serve_all_cases() -> None:
     assert counts["weak"] == counts["strong"] == len(few)
 
 
-def test_rows_left_out_join_where_a_case_crosses_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With too small an estimate of how far bodies move, the answer asks for more rows."""
-    monkeypatch.setattr("contact_app.model.candidates.SAFETY", 1e-3)
+def test_rows_left_out_join_where_a_case_crosses_them() -> None:
+    """Of a model without contact rows, the answer asks for those that it crosses."""
     made = far_wall()
-    cases = all_cases(made, 4)
-    monkeypatch.undo()
+    scene = scenes.build(made, 4)
+    estimated = outlines_of_cases(scene, MPI.COMM_WORLD)
+    none = {
+        name: known and known.with_needed(np.zeros_like(known.needed))
+        for name, known in estimated.items()
+    }
+    models = CaseModels(scene, MPI.COMM_WORLD, none)
+    cases = {case.name: solve_scene(scene.under(case), cases=models) for case in scene.cases}
     for name, solved in cases.items():
         alone = solve_scene(scenes.build(single(made, name), 4))
         assert solved.summary["solution"]["energy"] == pytest.approx(

@@ -98,15 +98,15 @@ def test_simplices_are_those_of_dolfinx(cell: str) -> None:
     from dolfinx import mesh as dmesh
     from mpi4py import MPI
 
-    from meshes import dolfinx_compat as versions
+    from meshes import dolfinx_compat
 
     d = 3 if cell == "tetrahedron" else 2
     make = dmesh.create_box if d == 3 else dmesh.create_rectangle
     mesh = make(MPI.COMM_SELF, [np.zeros(d), np.ones(d)], [2] * d, getattr(dmesh.CellType, cell))
-    space = versions.vector_space(mesh, 1, d)
+    space = dolfinx_compat.vector_space(mesh, 1, d)
     function = fem.Function(space)
     function.x.array[:] = np.random.default_rng(1).normal(size=len(function.x.array))
-    cells = versions.cell_nodes(mesh)
+    cells = dolfinx_compat.cell_nodes(mesh)
     centres = mesh.geometry.x[cells].mean(axis=1)
     expected = function.eval(centres, np.arange(len(cells), dtype=np.int32))
     fine = 8 if d == 3 else 6  # centres of simplices of 2 cells: multiples of 1/8, 1/6
