@@ -22,7 +22,17 @@ LEAST = 1e-4
 
 
 class LeavesInStepError(NoEquilibriumError):
-    """A body leaves in a load step; the text names the step and its factor."""
+    """A body leaves in a load step; the text names the step and its factor.
+
+    Attributes
+    ----------
+    share
+        Of the step, in [0, 1], from which on the body leaves.
+    """
+
+    def __init__(self, text: str, share: float) -> None:
+        super().__init__(text)
+        self.share = share
 
 
 def leaving_in_step(
@@ -59,5 +69,7 @@ def leaving_in_step(
             leaves, error = share, earlier
         share = 0.5 * (stands + leaves)
     said = str(error).removeprefix(f"{scene.source}: ")
-    where = f"from its factor {0.5 * (stands + leaves):.3g} on" if stands else "from its start on"
-    return LeavesInStepError(f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {said}")
+    found = 0.5 * (stands + leaves) if stands else 0.0
+    where = f"from its factor {found:.3g} on" if stands else "from its start on"
+    text = f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {said}"
+    return LeavesInStepError(text, found)

@@ -21,7 +21,8 @@ the answer beside those of the theory. How each is measured:
 * Confined column: resultant of the wall that is squeezed against.
 * Rod on a rough floor: mean displacement of its end, and the distance from there of the farthest
   node that slips.
-* Load histories: `contact_app.studies.history_cases`.
+* Load histories: `contact_app.studies.history_cases`, and the block on an incline:
+  `contact_app.studies.incline`.
 
 Meshes of round bodies are coarse ones drawn in Gmsh (``meshes/samples/coarse``), every edge halved
 so often as a size asks for, new nodes put on the circle or ball (`refine_on_sphere`).
@@ -51,6 +52,7 @@ from contact_app.scene.scene import Scene
 from contact_app.studies.exact_fields import lame_ring, relative_errors
 from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
 from contact_app.studies.history_cases import cattaneo, graded_block, rod_cycle
+from contact_app.studies.incline import incline
 from contact_app.studies.refine_on_sphere import refined_round
 from meshes import CellMesh
 
@@ -442,6 +444,13 @@ CASES = (
         "and F/s = 50 slip. The theory is that of a bar; errors settle near what it leaves out, "
         "the shear over the height.",
         _rough_rod, _boxes((50, 1), (100, 1), (200, 2), (400, 4)),
+    ),
+    Case(
+        "incline", "A block on an incline, pushed up it",
+        "μ = 0.4, α = 20°: it rests up to tan α = μ, slides up from "
+        "F/G = (tan α + μ)/(1 - μ tan α) on, and is solved at 0.999 of that. Statics alone decide: "
+        "right on every mesh, the limits to the accuracy of their search, 1e-6.",
+        None, _boxes((4, 1), (16, 4), (64, 16)), history=incline,
     ),
     Case(
         "rod_cycle", "The rod pulled, released, pushed and pulled again",

@@ -108,3 +108,10 @@ def test_the_rim_of_a_pressed_contact_slips_under_a_push() -> None:
     assert stick < 0.03, row
     assert tractions < 0.04, row
     assert back < 0.05, row
+
+
+def test_a_block_on_an_incline_slides_where_statics_say() -> None:
+    (case,) = find(["incline"])
+    (row,) = study(case, [box(4, 1)])
+    assert row.certified
+    assert max(errors(row)) < 2e-6, row
