@@ -262,18 +262,13 @@ class ConditionReader:
     def _refuse_beside_friction(self, path: Place) -> None:
         """Refuse what does not know of friction."""
         configuration = self.keys.configuration
-        other: tuple[Place, str] | None = None
-        if configuration.accuracy is not None:
-            other = ("accuracy",), "an accuracy"
-        elif configuration.certificate.guaranteed:
-            other = ("certificate", "guaranteed"), "a guaranteed bound"
-        elif configuration.solver.tolerance == "auto":
-            other = ("solver", "tolerance"), "an automatic tolerance"
-        if other is not None:
+        if configuration.certificate.guaranteed:
             self.keys.fail(
                 path,
-                f"does not go together with {other[1]} ({configuration.where(other[0])}): its "
-                "estimate of the error knows nothing of friction tractions; leave one of them out",
+                "does not go together with a guaranteed bound "
+                f"({configuration.where(('certificate', 'guaranteed'))}): the bound rests on the "
+                "least energy, and with Coulomb's friction the answer is that of no energy; leave "
+                "one of them out",
             )
         if configuration.solver.method == "primal":
             self.keys.fail(

@@ -135,7 +135,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class _Answer:
+class AnswerOnMesh:
     """What a mesh's answer leaves behind: nodal values, energy, estimate."""
 
     case: Case
@@ -144,6 +144,7 @@ class _Answer:
 
     @cached_property
     def energy(self) -> float:
+        """J(u_h)."""
         return float(self.solved.summary["solution"]["energy"])
 
     @cached_property
@@ -198,7 +199,7 @@ class _Answer:
                 field = halved(field, self.case.cell in ("triangle", "tetrahedron"))
         return field
 
-    def error_to(self, fine: _Answer) -> float:
+    def error_to(self, fine: AnswerOnMesh) -> float:
         """‖u_f - u_h‖; with mean dilatation the distance of the stresses, over C⁻¹."""
         if self.case.mean_dilatation:
             difference = fine.stresses(fine.displacement, fine.cells)
@@ -328,10 +329,10 @@ def sweep(case: Case) -> Sweep:
     return Sweep(tuple(rows), reference, float(np.log2(errors[-2] / errors[-1])))
 
 
-def estimated_answer(case: Case, cells: int) -> _Answer:
+def estimated_answer(case: Case, cells: int) -> AnswerOnMesh:
     """The solved case on a mesh of so many cells, with what its error is measured by."""
     scene = case.scene_of(cells, f"solver.tolerance={TOLERANCE}")
-    return _Answer(case, cells, solve_scene(scene, MPI.COMM_SELF))
+    return AnswerOnMesh(case, cells, solve_scene(scene, MPI.COMM_SELF))
 
 
 @dataclass(frozen=True)
@@ -378,11 +379,11 @@ def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
     of such cells tells.
     """
     degree = solved.model.scene.bodies[0].degree
-    answer = _Answer(replace(case, degree=degree), 0, solved)
+    answer = AnswerOnMesh(replace(case, degree=degree), 0, solved)
     if case.conforming:
         error = (2.0 * max(answer.energy - known.energy, 0.0)) ** 0.5
     else:
-        finer = _Answer(answer.case, 0, solve_scene(_halved_cells(solved.model.scene)))
+        finer = AnswerOnMesh(answer.case, 0, solve_scene(_halved_cells(solved.model.scene)))
         on_finer = answer.on((len(finer.displacement) - 1) // degree)
         error = finer.product(finer.displacement - on_finer) ** 0.5
         error /= (1.0 - 4.0 ** -FASTEST[degree]) ** 0.5

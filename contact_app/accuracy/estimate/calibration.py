@@ -40,11 +40,12 @@ def conforms(scene: Scene) -> bool:
 
     Boxes have the same shape on all meshes, flat obstacles touch no deeper between nodes than at
     them; mean dilatation has another energy, and bodies that touch each other do so on the average.
+    With Coulomb friction the answer minimises no energy, and that of Tresca's takes |w| at nodes.
     """
     boxes = all(isinstance(body.mesh, Box) for body in scene.bodies)
     flat = all(isinstance(contact.obstacle, Plane) for contact in scene.contacts)
     averaged = any(body.mean_dilatation for body in scene.bodies)
-    return boxes and flat and not scene.pairs and not averaged
+    return boxes and flat and not (scene.pairs or averaged or scene.has_friction)
 
 
 @dataclass

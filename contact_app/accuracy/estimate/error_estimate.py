@@ -39,10 +39,10 @@ from contact_app.accuracy.estimate.stress_recovery import (
     apply,
     at_cells,
 )
+from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
 from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Accuracy, Solution
-from solver.tfeti.dual_operator import interface_slices
 
 Array = NDArray[np.float64]
 
@@ -225,16 +225,3 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
         round_off=float(errors[2]),
         bodies=tuple((float(mesh), float(error)) for mesh, error in bodies.T),
     )
-
-
-def touching_nodes(model: Model, solution: Solution) -> list[NDArray[np.bool_]]:
-    """Nodes that an obstacle or another body pushes, (nodes, members) of each class."""
-    problem = model.problem
-    pushing = np.where(problem.inequality, solution.multiplier, 0.0)
-    forces = problem.constraint_forces(pushing)
-    touching = []
-    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
-        pushed = np.zeros((cls.unknowns, cls.members), bool)
-        pushed[cls.interface] = forces[part].reshape(cls.members, -1).T != 0.0
-        touching.append(pushed.reshape(-1, problem.dimension, cls.members).any(axis=1))
-    return touching

@@ -38,6 +38,7 @@ from contact_app.accuracy.estimate.patch_fits import (
     QuadraticFits,
 )
 from contact_app.accuracy.estimate.patches import Cells, Table
+from contact_app.accuracy.estimate.touching import Touching
 from contact_app.accuracy.estimate.tractions import SHEARS, Surface
 from contact_app.model.model import Model
 
@@ -231,16 +232,12 @@ class StressRecovery:
             result.append(stress.reshape(-1, u.shape[1], s))
         return result
 
-    def __call__(
-        self, displacements: Sequence[Array], touching: Sequence[NDArray[np.bool_]]
-    ) -> list[Array]:
+    def __call__(self, displacements: Sequence[Array], touching: Touching) -> list[Array]:
         """σ* at nodes, (nodes, members, components) of each class.
 
         Parameters
         ----------
         displacements : one (n, members) array a class
-        touching : one (nodes, members) array a class
-            Nodes that an obstacle or another body pushes.
         """
         return self.meeting(self.patches.surface.changes(self.model, touching), displacements)
 

@@ -1,8 +1,10 @@
 """The tractions that are known on the surface of bodies, and stresses at its nodes that meet them.
 
 On the surface σ n is the traction where one is given, zero where nothing is, and has no part along
-the surface where the body touches without friction. At a node the known tractions of the facets
-about it are equations C σ = t for its stress. Of a stress that does not meet them the smallest
+the surface where the body touches without friction. Where it slides with friction of direction d,
+the part along the surface is -μ (n·σn) d by Coulomb's law and s d by Tresca's; where it sticks,
+that part is not known (`touching`). At a node the known tractions of the facets about it are
+equations C σ = t for its stress. Of a stress that does not meet them the smallest
 change is made that does, in the least squares where they contradict each other, as at the edge of a
 load: σ becomes σ + q - P σ with P = (CᵀC)⁺ CᵀC and q = (CᵀC)⁺ Cᵀt.
 """
@@ -10,6 +12,7 @@ load: σ becomes σ + q - P σ with P = (CᵀC)⁺ CᵀC and q = (CᵀC)⁺ Cᵀ
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +20,17 @@ from scipy import sparse
 
 from contact_app.accuracy.estimate.patch_fits import WEAK, Copies
 from contact_app.accuracy.estimate.patches import Cells
+from contact_app.accuracy.estimate.touching import Touching
 from contact_app.model.boundaries import boundary_facets
 from contact_app.model.model import Model
+from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.scene import Scene
 from meshes import Subdomain
 
 Array = NDArray[np.float64]
+
+FAINT = 1e-3
+"""Share of the friction force of a facet below which that of a node tells no direction."""
 
 SHEARS = ((0, 1), (1, 2), (0, 2))
 """Components of a stress in space after the normal ones, in the plane the first of them."""
@@ -60,21 +68,19 @@ class Surface:
         facets = subdomain.reference.facets[subdomain.exterior]
         return np.searchsorted(self._nodes[cls], facets.ravel())
 
-    def changes(self, model: Model, touching: Sequence[NDArray[np.bool_]]) -> Array:
+    def changes(self, model: Model, touching: Touching) -> Array:
         """P and q at copies of the nodes on the bodies' surfaces, (copies, s² + s) (collective).
 
         Parameters
         ----------
         model
             With the loads.
-        touching : one (nodes, members) array a class
-            Nodes that an obstacle or another body pushes.
         """
         s = model.scene.dimension * (model.scene.dimension + 1) // 2
         places, equations = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
         for subdomain, (cls, column) in self._subdomains:
             if len(subdomain.exterior):
-                touch = touching[cls][:, column]
+                touch = OnSubdomain.of(touching, cls, column)
                 equations.append(_equations(model, subdomain, self._cells[cls].normals, touch))
                 at = self._facet_nodes(subdomain, cls) * self._copies.shapes[cls][1]
                 places.append(self._copies.starts[cls] + at + column)
@@ -108,9 +114,31 @@ class Surface:
             values[own[row], member] = before - taken[..., 0] + mine[:, s * s :]
 
 
-def _equations(
-    model: Model, subdomain: Subdomain, normals: Array, touch: NDArray[np.bool_]
-) -> Array:
+@dataclass(frozen=True, eq=False)
+class OnSubdomain:
+    """What touches at the nodes of one subdomain.
+
+    Attributes
+    ----------
+    pushed : (nodes,)
+    friction
+        Number, sticking nodes (nodes,) and forces (nodes, dimension) of contacts with friction.
+    """
+
+    pushed: NDArray[np.bool_]
+    friction: tuple[tuple[int, NDArray[np.bool_], Array], ...]
+
+    @classmethod
+    def of(cls, touching: Touching, number: int, column: int) -> OnSubdomain:
+        """That of one member of a class."""
+        friction = tuple(
+            (found.contact, found.sticks[number][:, column], found.forces[number][:, column])
+            for found in touching.friction
+        )
+        return cls(touching.pushed[number][:, column], friction)
+
+
+def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubdomain) -> Array:
     """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).
 
     Row by row CᵀC and Cᵀt of C σ = t.
@@ -138,12 +166,13 @@ def _equations(
 
 
 def _known_tractions(
-    model: Model, subdomain: Subdomain, normal: Array, touch: NDArray[np.bool_]
+    model: Model, subdomain: Subdomain, normal: Array, touch: OnSubdomain
 ) -> tuple[Array, Array]:
-    """Projectors to the known parts of the traction at the nodes of facets, and the traction.
+    """The linear maps K of what is known of the traction t at the nodes of facets, K t = K load.
 
-    All of it but the components that are held, that of tied boundaries, and where a node of the
-    facet is pushed by an obstacle the part along the normal.
+    K is a projector: to all of t but the components that are held, that of tied boundaries, and
+    where a node of the facet is pushed the part along the normal. Where it slides with Coulomb
+    friction K also adds μ (n·t) d to the part along the surface.
 
     Returns
     -------
@@ -154,27 +183,15 @@ def _known_tractions(
     def rows_on(boundary: str) -> NDArray[np.int32]:
         return boundary_facets(subdomain, scene.bodies[number], boundary)
 
-    load = np.zeros(normal.shape)
+    load = _given_tractions(model, subdomain, normal)
     known = np.broadcast_to(np.eye(d), (*normal.shape, d)).copy()
-    for traction in scene.tractions:
-        if traction.body == number:
-            load[rows_on(traction.boundary)] += traction.vector
-    for pressure in scene.pressures:
-        if pressure.body == number:
-            rows = rows_on(pressure.boundary)
-            load[rows] -= pressure.value * normal[rows]
-    for linear in model.linear:
-        if linear.body == number:
-            rows = rows_on(linear.boundary)
-            load[rows] += linear.at(subdomain.points()[subdomain.reference.facets[rows]], d)
-    pushed = touch[subdomain.reference.facets].any(axis=1)
-    sides = [(t.body, t.boundary) for t in scene.touching]
-    sides += [(pair.other, pair.other_boundary) for pair in scene.pairs]
-    for body, boundary in sides:
-        if body == number:
+    pushed = touch.pushed[subdomain.reference.facets].any(axis=1)
+    for touching in scene.touching:
+        for boundary in _sides(touching, number):
             rows = rows_on(boundary)
             n = normal[rows[pushed[rows]]]
             known[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
+    _meet_friction(scene, subdomain, normal, touch, (known, load))
     for body, boundary in tied_sides(scene):
         if body == number:
             known[rows_on(boundary)] = 0.0
@@ -184,3 +201,79 @@ def _known_tractions(
             free = np.array([value is None for value in condition.values], float)
             known[rows] = free[:, None] * known[rows]
     return known, load
+
+
+def _given_tractions(model: Model, subdomain: Subdomain, normal: Array) -> Array:
+    """The loads at the nodes of facets, (facets, nodes, dimension)."""
+    scene, d, number = model.scene, normal.shape[-1], subdomain.body
+    load = np.zeros(normal.shape)
+    for traction in scene.tractions:
+        if traction.body == number:
+            load[boundary_facets(subdomain, scene.bodies[number], traction.boundary)] += (
+                traction.vector
+            )
+    for pressure in scene.pressures:
+        if pressure.body == number:
+            rows = boundary_facets(subdomain, scene.bodies[number], pressure.boundary)
+            load[rows] -= pressure.value * normal[rows]
+    for linear in model.linear:
+        if linear.body == number:
+            rows = boundary_facets(subdomain, scene.bodies[number], linear.boundary)
+            load[rows] += linear.at(subdomain.points()[subdomain.reference.facets[rows]], d)
+    return load
+
+
+def _sides(touching: Contact | BodyContact, body: int) -> list[str]:
+    """Boundaries of a body that belong to a contact."""
+    sides = [(touching.body, touching.boundary)]
+    if isinstance(touching, BodyContact):
+        sides.append((touching.other, touching.other_boundary))
+    return [boundary for of, boundary in sides if of == body]
+
+
+def _meet_friction(
+    scene: Scene,
+    subdomain: Subdomain,
+    normal: Array,
+    touch: OnSubdomain,
+    found: tuple[Array, Array],
+) -> None:
+    """Change what is known of tractions, and their values, where friction acts, in place.
+
+    A facet with a node that sticks has friction that is not known. Nodes without a friction force
+    of their own take the direction of their facet, as at the edge of the contact.
+    """
+    known, load = found
+    facets, stuck = subdomain.reference.facets, []
+    for number, sticks, forces in touch.friction:
+        touching = scene.touching[number]
+        assert touching.friction is not None
+        for boundary in _sides(touching, subdomain.body):
+            rows = boundary_facets(subdomain, scene.bodies[subdomain.body], boundary)
+            held = sticks[facets[rows]].any(axis=1)
+            stuck.append(rows[held])
+            slides = rows[~held & forces[facets[rows]].any(axis=(1, 2))]
+            along = _directions(forces[facets[slides]], normal[slides])
+            if touching.friction.tresca is not None:
+                load[slides] += touching.friction.tresca * along
+            else:
+                mu = touching.friction.coulomb or 0.0
+                known[slides] += mu * along[..., :, None] * normal[slides][..., None, :]
+    for rows in stuck:
+        n = normal[rows]
+        known[rows] = n[..., :, None] * (n[..., None, :] @ known[rows])
+
+
+def _directions(forces: Array, normal: Array) -> Array:
+    """Unit vectors of friction forces at the nodes of facets, (facets, nodes, dimension).
+
+    Nodes whose force is nearly nothing, as at the vertices of triangles of degree 2, or against
+    that of the facet, as at the edge of the contact of a pair, take the direction of the facet.
+    """
+    along = forces - np.einsum("fki,fki->fk", forces, normal)[..., None] * normal
+    mean = along.sum(axis=1, keepdims=True)
+    with_it = np.einsum("fki,fki->fk", along, np.broadcast_to(mean, along.shape))
+    least = FAINT * np.einsum("fki,fki->f", mean, mean)
+    chosen = np.where((with_it > least[:, None])[..., None], along, mean)
+    size = np.linalg.norm(chosen, axis=2, keepdims=True)
+    return np.divide(chosen, size, out=np.zeros_like(chosen), where=size > 0.0)

@@ -51,6 +51,7 @@ from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
 from contact_app.machine.memory import available_bytes, needed_bytes
+from contact_app.results.friction import dissipated_work
 from contact_app.scene.bodies import Box
 from contact_app.scene.scene import Decomposition, Scene
 from meshes.graded import graded_box
@@ -457,8 +458,14 @@ def comparable(levels: Sequence[Level]) -> list[float]:
 
 
 def _measured(solved: SolvedScene) -> Measured:
-    """What an answer says of its error, before any correction."""
-    return measured(solved.accuracy, solved.solution.measures.energy, solved.model.scene)
+    """What an answer says of its error, before any correction (collective).
+
+    With friction of given limits an answer minimises J(u) + Σ s |w|: the work of friction counts.
+    """
+    energy, scene = solved.solution.measures.energy, solved.model.scene
+    if scene.has_friction:
+        energy += dissipated_work(solved.model.problem, solved.solution)
+    return measured(solved.accuracy, energy, scene)
 
 
 def _crossed(solved: SolvedScene) -> float:

@@ -1,10 +1,11 @@
 """The answer on one mesh as the start on the next.
 
 What the solver looks for are forces of rows, of contact, of held nodes and of gluing, and each mesh
-and decomposition has its own; what meshes have in common are tractions. Three of the last answer
+and decomposition has its own; what meshes have in common are tractions. Those of the last answer
 are known at its nodes:
 
-- the contact pressure;
+- the contact pressure, and with friction the traction along the surface, which also tells where
+  the next mesh begins with sticking and sliding points;
 - the traction that holds held nodes, their reactions over their share of the boundary, which has in
   it what a clamped edge makes singular;
 - inside, where subdomains of the next mesh may meet, that of the recovered stress, which is
@@ -48,7 +49,8 @@ class LastLevel:
     Parameters
     ----------
     values
-        At nodes: recovered stress, traction on what is held, contact pressure.
+        At nodes: recovered stress, with friction its traction, traction on what is held, contact
+        pressure.
     """
 
     def __init__(self, values: PointValues) -> None:
@@ -60,6 +62,7 @@ class LastLevel:
         model = solved.model
         parts = (
             solved.estimator.stresses(solved.solution),
+            _friction(solved),
             _reactions(solved),
             _pressures(solved),
         )
@@ -74,9 +77,16 @@ class LastLevel:
         if problem.coarse is not None:
             problem.B.apply(self._forces(model), multiplier)
         body = np.array([touching.body for touching in model.scene.touching], np.int64)
-        pressure, pressed = self._values.at(contact.points, body[contact.sources])[:, -2:].T
-        force = np.where(pressed > INSIDE, np.maximum(pressure, 0.0), 0.0) * _areas(model)
+        at, areas = self._values.at(contact.points, body[contact.sources]), _areas(model)
+        pressure, pressed = at[:, -2:].T
+        force = np.where(pressed > INSIDE, np.maximum(pressure, 0.0), 0.0) * areas
         multiplier[problem.inequality] = force / contact.spread
+        friction = problem.system.friction
+        if friction is not None:  # the laws cut it to its limits
+            d = model.scene.dimension
+            rows, place = friction.rows, friction.places(contact)
+            along = np.einsum("ki,ki->k", at[place, -2 - 2 * d : -2 - d], rows.normals[:, :d])
+            multiplier[problem.tangential] = along * areas[place] / rows.spread
         return multiplier
 
     def _forces(self, model: Model) -> Array:
@@ -156,7 +166,7 @@ def _reactions(solved: SolvedScene) -> list[Array]:
     model, problem = solved.model, solved.model.problem
     d, exchange = model.scene.dimension, model.node_exchange
     contact = problem.constraint_forces(
-        np.where(problem.inequality, solved.solution.multiplier, 0.0)
+        np.where(problem.conditional, solved.solution.multiplier, 0.0)
     )
     missing = []
     for cls, part, load, u in zip(
@@ -180,6 +190,12 @@ def _reactions(solved: SolvedScene) -> list[Array]:
     force, share = sums[:, :d], sums[:, d:]
     some = share > NONE * share.max(initial=0.0)
     return _spread(model, np.divide(force, share, out=np.zeros_like(force), where=some))
+
+
+def _friction(solved: SolvedScene) -> list[Array]:
+    """Friction traction at nodes, (nodes, members, d) of each class, or (…, 0) without friction."""
+    traction = solved.nodes.friction_traction
+    return _spread(solved.model, traction[:, : traction.shape[1] * solved.model.scene.has_friction])
 
 
 def _pressures(solved: SolvedScene) -> list[Array]:

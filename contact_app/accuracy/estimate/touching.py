@@ -1,0 +1,95 @@
+"""Where bodies touch, and what is known of the friction traction there.
+
+Where a point slides, the traction along the surface has the size of its slip limit and the
+direction of the friction force: μ times the pressure, which is a linear condition on the stress, or
+a given force per area. Where a point sticks, friction is a reaction, of which nothing is known
+beforehand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.model import Model
+from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionAtNodes:
+    """Friction of one contact at the nodes of each class, on both sides of a pair.
+
+    Attributes
+    ----------
+    contact
+        Number among those of `Scene.touching`.
+    sticks : one (nodes, members) array a class
+        Nodes with a point that sticks.
+    forces : one (nodes, members, dimension) array a class
+        Friction forces of points that slide, on the body of the node.
+    """
+
+    contact: int
+    sticks: list[NDArray[np.bool_]]
+    forces: list[Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """What touches at the nodes of each class.
+
+    Attributes
+    ----------
+    pushed : one (nodes, members) array a class
+        Nodes that an obstacle or another body pushes.
+    friction
+        Of each contact that has friction.
+    """
+
+    pushed: list[NDArray[np.bool_]]
+    friction: tuple[FrictionAtNodes, ...] = ()
+
+
+def touching_nodes(model: Model, solution: Solution) -> Touching:
+    """What touches in an answer (collective)."""
+    problem = model.problem
+    pushing = np.where(problem.inequality, solution.multiplier, 0.0)
+    pushed = [(force != 0.0).any(axis=2) for force in _at_nodes(problem, pushing)]
+    found = [
+        _friction(problem, solution, number)
+        for number, contact in enumerate(model.scene.touching)
+        if contact.friction is not None
+    ]
+    return Touching(pushed, tuple(found))
+
+
+def _friction(problem: DualProblem, solution: Solution, number: int) -> FrictionAtNodes:
+    """Friction of one contact (collective)."""
+    points, rows = problem.friction, problem.system.friction
+    sliding, held = np.zeros((2, problem.size))
+    if points is not None and rows is not None:
+        slides = points.sliding(solution.multiplier)[points.rows[points.first]]
+        mine = rows.rows.sources[points.first] == number
+        at_limit = points.rows[(mine & slides)[points.point]]
+        sliding[at_limit] = solution.multiplier[at_limit]
+        # that a point sticks shows by its normal row, also where its friction force is zero
+        held[points.normals[points.first[mine & ~slides]]] = 1.0
+    sticks = [(reach != 0.0).any(axis=2) for reach in _at_nodes(problem, held)]
+    return FrictionAtNodes(number, sticks, [-force for force in _at_nodes(problem, sliding)])
+
+
+def _at_nodes(problem: DualProblem, multiplier: Array) -> list[Array]:
+    """Bᵀ λ at the nodes of each class, (nodes, members, dimension)."""
+    forces = problem.constraint_forces(multiplier)
+    result = []
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        nodal = np.zeros((cls.unknowns, cls.members))
+        nodal[cls.interface] = forces[part].reshape(cls.members, -1).T
+        result.append(nodal.reshape(-1, problem.dimension, cls.members).swapaxes(1, 2))
+    return result
