@@ -32,7 +32,6 @@ from solver.contact.solution import Solution
 from solver.contact.stopping import Assess, stopping_rule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
-from solver.qp.smalbe import SMALBE
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.answers import answer_of_iterate, answer_of_state
 from solver.tfeti.methods.by_active_sets import METHOD, solve_from_first_set
@@ -71,7 +70,6 @@ def solve(
     assess: Assess | None = None,
     start: NDArray[np.float64] | None = None,
     active_sets: ActiveSetOptions | None = None,
-    smalbe: SMALBE | None = None,
 ) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it (collective).
 
@@ -84,8 +82,8 @@ def solve(
         Estimates the errors of an answer; an automatic tolerance needs it.
     start : (dual,)
         Multipliers to begin with; the paper's algorithm begins at zero.
-    active_sets, smalbe
-        Options of the active-set loop, and of SMALBE-M where the sets do not settle.
+    active_sets
+        Options of the active-set loop.
     """
     rule = stopping_rule(options, assess)
     if problem.factored and problem.comm.allreduce(problem.size) == 0:
@@ -99,10 +97,7 @@ def solve(
     )
     contact_rows = problem.comm.allreduce(int(problem.inequality.sum()))
     monitor = with_bounds(monitor, contact_rows)
-    task = Task(
-        problem, rule, inner, monitor, checkpoint, active_sets or ActiveSetOptions(),
-        smalbe or SMALBE(),
-    )  # fmt: skip
+    task = Task(problem, rule, inner, monitor, checkpoint, active_sets or ActiveSetOptions())
     found = _solved(task, options.method, start)
     if checkpoint is not None and found.reason is not Reason.STOPPED:
         active = problem.inequality & (found.multiplier > 0.0)

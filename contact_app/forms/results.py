@@ -17,6 +17,7 @@ from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
 from contact_app.results.alternation import LINES, Lines, alternation
+from contact_app.results.resultants import joined, summed
 from contact_app.run.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
@@ -161,24 +162,15 @@ def contact_records(
     """The list `contacts` of the summary (collective)."""
     records = []
     for contact, nodes in zip(model.contacts, found, strict=True):
-        x = owners.points
-        sums = np.concatenate([
-            [nodes.shares.sum(), nodes.areas.sum(), (nodes.carriers & ~nodes.closed).sum(),
-             (nodes.carriers & nodes.closed).sum()],
-            nodes.shares @ x, nodes.forces.sum(axis=0),
-            (np.cross(x, nodes.forces) + nodes.moments).sum(axis=0),
-        ])  # fmt: skip
-        share, area, left, closed, *rest = model.parts.comm.allreduce(sums)
-        weighted, force, moment = np.array(rest).reshape(3, 3)
-        point = weighted / share
-        moment = moment - np.cross(point, force)
+        comm, carriers, closed = model.parts.comm, nodes.carriers, nodes.carriers & nodes.closed
+        resultant = summed(comm, owners.points, carriers, nodes.forces, nodes.shares, nodes.moments)
+        counts = np.array([nodes.areas.sum(), (carriers & ~closed).sum(), closed.sum()])
+        area, left, shut = comm.allreduce(counts)
         records.append({
             "on": contact.on, "with": contact.other,
-            "force": force.tolist(),
-            "moment": float(moment[2]) if model.parts.dimension == 2 else moment.tolist(),
-            "point": point.tolist(), "area": float(area),
+            **joined([resultant], model.parts.dimension), "area": float(area),
             "max_pressure": largest(model.parts.comm, nodes.pressure),
-            "nodes": {"open": int(left), "stick": 0, "slip": int(closed)},
+            "nodes": {"open": int(left), "stick": 0, "slip": int(shut)},
         })  # fmt: skip
     return records
 
@@ -190,7 +182,7 @@ def reaction_records(
 
     Where several conditions hold a component of a node, the first has the reaction.
     """
-    d, comm, x = model.parts.dimension, model.parts.comm, owners.points
+    d, comm = model.parts.dimension, model.parts.comm
     force = np.zeros((owners.count, 3))
     force[:, :d] = _force_of_conditions(model, solution, owners)
     taken, records = np.zeros((owners.count, 3), bool), []
@@ -201,17 +193,8 @@ def reaction_records(
         mine = np.where(holds & ~taken, force, 0.0)
         taken |= holds
         on = holds.any(axis=1)
-        sums = np.concatenate([
-            [on.sum()], x[on].sum(axis=0), mine.sum(axis=0), np.cross(x, mine).sum(axis=0),
-        ])  # fmt: skip
-        count, *rest = comm.allreduce(sums)
-        middle, total, moment = np.array(rest).reshape(3, 3)
-        point = middle / max(count, 1.0)
-        moment = moment - np.cross(point, total)
-        records.append({
-            "on": f"bcs[{number}]", "force": total.tolist(),
-            "moment": float(moment[2]) if d == 2 else moment.tolist(), "point": point.tolist(),
-        })  # fmt: skip
+        resultant = summed(comm, owners.points, on, mine, np.zeros(owners.count))
+        records.append({"on": f"bcs[{number}]", **joined([resultant], d)})
     return records
 
 

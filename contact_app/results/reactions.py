@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, boundary_nodes
@@ -28,7 +27,7 @@ from contact_app.model.equilibrium import body_frame
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.results.mirror import whole
-from contact_app.results.resultants import Resultant, joined
+from contact_app.results.resultants import Resultant, joined, summed
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
 from solver.contact.row_kinds import RowKind
@@ -79,7 +78,7 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
         taken |= holds
         shares = exchange.to_owners(copies.weight)
         weights = np.bincount(place, shares, minlength=size).astype(float)
-        found.append(_summed(model.comm, nodes.points, on, mine, weights))
+        found.append(summed(model.comm, nodes.points, on, mine, weights))
     return found
 
 
@@ -173,18 +172,3 @@ def _residual(model: Model, solution: Solution, held: list[_Copies]) -> Array:
             result[start + local] = own.reshape(-1, d)
         start += len(s.nodes)
     return result
-
-
-def _summed(
-    comm: MPI.Intracomm, points: Array, on: NDArray[np.bool_], forces: Array, weights: Array
-) -> Resultant:
-    """Sums over the nodes of all ranks (collective)."""
-    sums = np.concatenate([
-        [weights.sum(), on.sum()], weights @ points, points[on].sum(axis=0),
-        forces.sum(axis=0), np.cross(points, forces).sum(axis=0),
-    ])  # fmt: skip
-    area, count, *rest = comm.allreduce(sums)
-    weighted, plain, force, moment = np.array(rest).reshape(4, 3)
-    weight = area if area > 0.0 else count
-    point = (weighted if area > 0.0 else plain) / max(weight, 1e-300)
-    return Resultant(force, moment - np.cross(point, force), point, float(weight))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.results.mirror import Image
@@ -54,3 +55,35 @@ def joined(pieces: Sequence[Resultant], dimension: int) -> dict[str, Any]:
         "moment": float(moment[2]) if dimension == 2 else [float(v) for v in moment],
         "point": [float(v) for v in point],
     }
+
+
+def summed(
+    comm: MPI.Intracomm,
+    points: Array,
+    on: NDArray[np.bool_],
+    forces: Array,
+    weights: Array,
+    moments: Array | None = None,
+) -> Resultant:
+    """The resultant of forces at the nodes of all ranks (collective).
+
+    Parameters
+    ----------
+    points, forces : (nodes, 3)
+    on : (nodes,)
+        Nodes whose mean is the point where there are no weights.
+    weights : (nodes,)
+        Shares of the area.
+    moments : (nodes, 3)
+        About each node.
+    """
+    turned = np.cross(points, forces) + (0.0 if moments is None else moments)
+    sums = np.concatenate([
+        [weights.sum(), on.sum()], weights @ points, points[on].sum(axis=0),
+        forces.sum(axis=0), turned.sum(axis=0),
+    ])  # fmt: skip
+    area, count, *rest = comm.allreduce(sums)
+    weighted, plain, force, moment = np.array(rest).reshape(4, 3)
+    weight = area if area > 0.0 else count
+    point = (weighted if area > 0.0 else plain) / max(weight, 1e-300)
+    return Resultant(force, moment - np.cross(point, force), point, float(weight))

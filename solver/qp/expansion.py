@@ -149,16 +149,12 @@ class SafeguardedCG:
     ----------
     kappa : float
         κ, the part of the standard expansion's guaranteed decrease that is asked for.
-    reach : float
-        Multiple of the CG step that is projected. 1 is the CG step; 1.5 halves the products for
-        obstacle problems that start inside the box, and gains nothing elsewhere.
     standard : float
         Length of the standard expansion's segment in units of 1/‖A‖.
     """
 
     name: str = "projcg-safe"
     kappa: float = 1e-3
-    reach: float = 1.0
     standard: float = 1.9
 
     def prepare(self, it: Iterate) -> None:
@@ -172,7 +168,7 @@ class SafeguardedCG:
         if math.isinf(alpha_cg):
             alpha_cg = alpha_f + 10.0 / it.largest
         half = alpha_f * (it.slope - 0.5 * alpha_f * it.curvature)  # δ
-        slope, product = it.half_step_and_aim(alpha_f, self.reach * alpha_cg)
+        slope, product = it.half_step_and_aim(alpha_f, alpha_cg)
         if product == 0.0:  # no free component is left that could move
             it.restart()
             return

@@ -147,9 +147,6 @@ class SMALBE:
         happens where few rows carry the load (a body on the edge of its support); 1 keeps ρ.
     recompute_gradient : bool
         Spend one product on the gradient at each outer iteration, as the paper counts.
-    scaled_residual : bool
-        Measure ‖Cx - c‖ in units of the gradient, by ‖A‖/‖C‖, so that the test does not depend
-        on the units of A and C; False compares it with ‖b‖ as it is (paper).
     """
 
     inner: MPRGP = field(default_factory=MPRGP)
@@ -160,14 +157,13 @@ class SMALBE:
     max_outer: int = 500
     growth: float = 4.0
     recompute_gradient: bool = False
-    scaled_residual: bool = True
 
     @classmethod
     def paper(cls, inner: MPRGP | None = None) -> SMALBE:
         """The paper's rule (section 5.1): ρ = 1.1‖A‖, M = 100‖A‖, divided by 10.
 
-        Its "η = 1.1‖A‖" is ρ. The residual stays scaled: the paper's plain comparison of ‖Cx‖
-        with ‖b‖ depends on the units (``scaled_residual=False`` has it).
+        Its "η = 1.1‖A‖" is ρ. The paper compares ‖Cx‖ with ‖b‖ as it is, which depends on the
+        units; here ‖Cx - c‖ is scaled by ‖A‖/‖C‖.
         """
         return cls(inner or MPRGP(), 1.1, 100.0, 10.0, growth=1.0, recompute_gradient=True)
 
@@ -292,10 +288,9 @@ class OuterIterations:
         self._rules, self._problem, self._hooks = rules, problem, hooks
         qp, equalities, right = problem.qp, problem.equalities, problem.right
         self._multiplier, self._next_multiplier = multiplier, multiplier.copy()
-        ratio = problem.norm / problem.C_norm
+        self._to_gradient = ratio = problem.norm / problem.C_norm  # units of ‖Cx - c‖ to those of g
         self._rho = restart.rho if restart else rules.rho * problem.norm / problem.C_norm**2
         self._M = restart.M if restart else rules.M * ratio
-        self._to_gradient = ratio if rules.scaled_residual else 1.0
         self._change = np.zeros(qp.size)
         self._transposed = np.zeros(qp.size)  # Cᵀ multiplier
         equalities.apply_transpose(multiplier, self._transposed)

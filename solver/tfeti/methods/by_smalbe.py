@@ -95,10 +95,9 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
     x0, multiplier0 = start.homogenised(problem) if start else (None, None)
     saver = Saver(task.checkpoint, counts)
     sets = _ActiveSetsBetween(replace(task, inner=inner), saver)
-    rules = replace(task.smalbe, inner=inner)
     frozen = _Frozen(
         problem,
-        rules,
+        SMALBE(inner),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
         Hooks(task.monitor, lambda state: saver.after(sets.spent)(state), lambda: saver.due),
     )

@@ -9,7 +9,6 @@ from solver.contact.checkpoint import Checkpoint
 from solver.contact.stopping import StoppingRule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor
-from solver.qp.smalbe import SMALBE
 from solver.tfeti.dual import DualProblem
 
 
@@ -27,8 +26,8 @@ class Task:
         Sees each step; may stop the solve.
     checkpoint
         Where the state is saved, and where a stopped solve goes on from.
-    active_sets, smalbe
-        Options of the algorithms.
+    active_sets
+        Options of the active-set loop.
     """
 
     problem: DualProblem
@@ -37,4 +36,3 @@ class Task:
     monitor: Monitor | None = None
     checkpoint: Checkpoint | None = None
     active_sets: ActiveSetOptions = field(default_factory=ActiveSetOptions)
-    smalbe: SMALBE = field(default_factory=SMALBE)
