@@ -22,9 +22,9 @@ from solver.primal.cycle import Cycle, truncated_cycle
 from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
 from solver.primal.first_set import FirstSet, find_first_set
 from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
-from solver.primal.merged import MergedSystem, bodies_alone, merge
+from solver.primal.merged import MergedSystem, bodies_alone, merge, multiply
 from solver.primal.projector import Projector
-from solver.primal.rigid_space import RigidSpace, floating_bodies
+from solver.primal.rigid_space import RigidSpace, floating_motions
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
@@ -126,8 +126,8 @@ class Multigrid:
         else:
             self._seconds, self.direct, self.thin = earlier._seconds, earlier.direct, earlier.thin
             self.hierarchy_of_levels = earlier.hierarchy_of_levels
-        self.floating = floating_bodies(self.system)
-        self.u = self.system.at_rest
+        self.floating = floating_motions(self.system)
+        self.begin_at(self.system.at_rest)
         self._cycle: Cycle | None = None if earlier is None else earlier._cycle
         self._truncated = np.zeros(len(self.system.rows), bool)
         if earlier is not None:
@@ -144,6 +144,16 @@ class Multigrid:
     def contact_rows(self) -> Mask:
         """Which rows of B are contact rows, (dual,)."""
         return self.problem.inequality
+
+    def begin_at(self, u: Array, left: Array | None = None) -> None:
+        """Where the next set begins: a displacement and, where it is known, f - K u."""
+        self.u, self._left = u, left
+
+    def left(self) -> Array:
+        """f - K u where the next set begins (collective)."""
+        if self._left is None:
+            self._left = self.system.load - multiply(self.system.K, self.u)
+        return self._left
 
     def first_set(self) -> FirstSet:
         """Contact on coarse levels; all rows where these have levels of their own (collective)."""
@@ -247,14 +257,14 @@ class PrimalSet:
             raise NotImplementedError("multigrid has no prescribed tractions")
         active = statuses.active[system.rows] | system.equality
         self._projector = projector = Projector(system, active)
-        jumps = (system.multiply(system.C, backend.u) - system.c)[projector.rows]
-        self._start = backend.u - projector.lifting(jumps)
-        self._left = system.load - system.multiply(system.K, self._start)
-        operator = _ProjectedStiffness(system, projector)
+        jumps = (multiply(system.C, backend.u) - system.c)[projector.rows]
+        lifting = -projector.lifting(jumps)
         self._rigid = rigid = RigidSpace(system, projector, backend.floating)
+        self._start = backend.u + lifting
         if not rigid.empty:
-            self._start = self._start + rigid.balance(projector.apply_transpose(self._left))
-            self._left = system.load - system.multiply(system.K, self._start)
+            self._start += rigid.balance(backend.left(), lifting)
+        self._left = system.load - multiply(system.K, self._start)
+        operator = _ProjectedStiffness(system, projector)
         self._preconditioner = self._made()
         rhs = projector.apply_transpose(self._left)
         if system.has_rigid_bodies and rigid.leaves(rhs, system.load):
@@ -353,10 +363,10 @@ class PrimalSet:
         problem = system.problem
         assert it.image is not None
         u, left = self._start + it.x, self._left - it.image
-        backend.u = u
+        backend.begin_at(u, left)
         multiplier = np.zeros(len(system.rows))
         multiplier[self._projector.rows] = self._projector.multipliers(left)
-        jumps = system.multiply(system.C, u) - system.c
+        jumps = multiply(system.C, u) - system.c
         moved = np.zeros(problem.bodies.count)
         np.maximum.at(moved, system.body, np.abs(u))
         lengths = body_lengths(problem.bodies, largest(system.comm, moved), problem.free_lengths)
@@ -392,7 +402,7 @@ class _ProjectedStiffness:
 
     def apply(self, x: Vector, out: Vector) -> None:
         """Put the product into out."""
-        self.image = self._system.multiply(self._system.K, x)
+        self.image = multiply(self._system.K, x)
         out[:] = self._projector.apply_transpose(self.image)
 
 

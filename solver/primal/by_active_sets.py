@@ -71,7 +71,7 @@ def _solve(
         active = problem.inequality & (guess > 0.0)
     else:
         first = backend.first_set()
-        backend.u = first.u
+        backend.begin_at(first.u)
         active = backend.system.stretch(first.active.astype(float)) > 0.5
         active &= problem.inequality
     saver = Saver(task.checkpoint).after(before)

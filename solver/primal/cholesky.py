@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
 
 from solver.openmp import one_openmp_thread
+from solver.tfeti.constraints.matrix import local_rows
+from solver.vectors import on_arrays
+
+Array = NDArray[np.float64]
 
 
 def factored(matrix: PETSc.Mat) -> PETSc.PC:
@@ -26,3 +34,54 @@ def factored(matrix: PETSc.Mat) -> PETSc.PC:
     except PETSc.Error as error:
         raise ArithmeticError("a sparse matrix has no Cholesky factor") from error
     return pc
+
+
+class SmallInverse:
+    """The inverse of a matrix that is small beside K; every rank has the whole factor.
+
+    A factor that ranks share would cost more messages than work. A diagonal matrix needs none of
+    either.
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix has no factor.
+    """
+
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        self._comm: MPI.Intracomm = matrix.comm.tompi4py()
+        own, first = local_rows(matrix), matrix.getOwnershipRange()[0]
+        rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
+        coupled = self._comm.allreduce(int((own.indices != first + rows).any()))
+        self._diagonal: Array | None = None
+        if not coupled:
+            self._diagonal = own.diagonal(first)
+            return
+        if self._comm.size > 1:
+            matrix = gathered(self._comm, own)
+        self._counts = np.array(self._comm.allgather(own.shape[0]))
+        self._mine = slice(first, first + own.shape[0])
+        self._pc = factored(matrix)
+        self._right, self._left = matrix.createVecs()
+
+    def apply(self, values: Array) -> Array:
+        """The product with this rank's values (collective)."""
+        if self._diagonal is not None:
+            return values / self._diagonal
+        every = values
+        if self._comm.size > 1:
+            every = np.empty(self._counts.sum())
+            self._comm.Allgatherv(np.ascontiguousarray(values), [every, self._counts])
+        out = np.empty_like(every)
+        on_arrays(self._pc.apply, self._right, every, self._left, out)
+        return out[self._mine]
+
+
+def gathered(comm: MPI.Intracomm, own: sparse.csr_matrix) -> PETSc.Mat:
+    """A matrix of this rank alone from all ranks' rows (collective)."""
+    whole = sparse.vstack(comm.allgather(own), format="csr")
+    whole.sort_indices()
+    begins, places = (part.astype(PETSc.IntType) for part in (whole.indptr, whole.indices))
+    return PETSc.Mat().createAIJ(
+        whole.shape, csr=(begins, places, whole.data), comm=PETSc.COMM_SELF
+    )

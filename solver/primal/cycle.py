@@ -22,7 +22,7 @@ from petsc4py import PETSc
 
 from solver.primal.hierarchy import Hierarchy, MultigridOptions, galerkin, lent_options
 from solver.primal.projector import Projector
-from solver.tfeti.constraints.matrix import lent
+from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
 
@@ -45,6 +45,7 @@ class Cycle:
         options: MultigridOptions,
     ) -> None:
         self.comm = operators[0].comm
+        self._residual, self._correction = operators[0].createVecs()
         self._pc = pc = PETSc.PC().create(self.comm)
         prefix = "contact_cycle_"
         pc.setOptionsPrefix(prefix)
@@ -71,8 +72,7 @@ class Cycle:
 
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction into out."""
-        with lent(self.comm, residual, out) as (x, y):
-            self._pc.apply(x, y)
+        on_arrays(self._pc.apply, self._residual, residual, self._correction, out)
 
 
 def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:

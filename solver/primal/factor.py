@@ -21,11 +21,12 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from solver.primal.cholesky import factored
-from solver.primal.merged import MergedSystem, chosen_rows
+from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.thin import THIN
 from solver.tfeti.constraints.matrix import lent
 from solver.tfeti.subdomain.costs import factor_seconds
+from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
 
@@ -114,11 +115,11 @@ class Factor:
         near = NEAR + spread_supports(system)
         matrix = with_springs(system.K, system.C, weights, near * system.diagonal)
         self._pc = factored(matrix)
+        self._residual, self._correction = matrix.createVecs()
 
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction into out."""
-        with lent(self.comm, residual, out) as (x, y):
-            self._pc.apply(x, y)
+        on_arrays(self._pc.apply, self._residual, residual, self._correction, out)
 
 
 FAINT = 1e-8
@@ -139,7 +140,7 @@ def row_stiffness(system: MergedSystem) -> Array:
     Rigid bodies count as held. Zero for rows that hold rigid motions in the mean: over many nodes
     they would fill a matrix.
     """
-    flexible = system.multiply(squared_rows(system), system.flexibility)
+    flexible = multiply(squared_rows(system), system.flexibility)
     stiff = np.divide(1.0, flexible, out=np.zeros_like(flexible), where=flexible > 0.0)
     if system.has_rigid_bodies:  # rows between these and held unknowns meet no stiffness
         top = system.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
@@ -154,9 +155,9 @@ def spread_supports(system: MergedSystem) -> Array:
     squared entries are: the motion is held, and hardly anything else is stiffened (collective).
     """
     squares = squared_rows(system)
-    sums = system.multiply(squares, np.ones(system.size))
+    sums = multiply(squares, np.ones(system.size))
     shares = np.divide(1.0, sums, out=np.zeros_like(sums), where=system.wide_supports)
-    return SPREAD * system.multiply_transposed(squares, shares)
+    return SPREAD * multiply_transposed(squares, shares)
 
 
 def squared_rows(system: MergedSystem) -> PETSc.Mat:

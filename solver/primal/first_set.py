@@ -22,7 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.primal.cholesky import factored
+from solver.primal.cholesky import factored, gathered
 from solver.primal.cycle import Cycle
 from solver.primal.factor import (
     change_springs,
@@ -32,9 +32,9 @@ from solver.primal.factor import (
     with_springs,
 )
 from solver.primal.hierarchy import Hierarchy, galerkin
-from solver.primal.merged import MergedSystem
+from solver.primal.merged import MergedSystem, multiply, multiply_transposed
 from solver.primal.rigid_bodies import with_motions
-from solver.tfeti.constraints.matrix import lent
+from solver.tfeti.constraints.matrix import lent, local_rows
 
 SMALL = 1e-2
 """Share of the largest stiffness of a level that an unknown counts as if it had at least.
@@ -94,30 +94,31 @@ def find_first_set(
 ) -> FirstSet:
     """The rows that press on coarse levels (collective)."""
     options = options or FirstSetOptions()
-    springs = system.multiply_transposed(squared_rows(system), row_stiffness(system))
+    springs = multiply_transposed(squared_rows(system), row_stiffness(system))
     hierarchy, A = with_motions(system, hierarchy, _with_supports(system, hierarchy), springs)
     P = hierarchy.prolongations
+    rows = _Rows(system.comm, system.c, system.equality, row_stiffness(system))
     start = system.at_rest
     if not P:  # the problem is coarse itself
-        level = _Level(system, A[0], system.C, system.load, options)
+        level = _Level(rows, A[0], system.C, system.load, options)
         x = level.minimise(np.zeros(system.size), options.exact_steps, level.by_factor)
         return FirstSet(level.pressed(x) | system.equality, x)
-    Q, loads = [system.C], [system.load - system.multiply(system.K, start)]
+    Q, loads = [system.C], [system.load - multiply(system.K, start)]
     for prolongation in P:
         Q.append(Q[-1].matMult(prolongation))
-        loads.append(system.multiply_transposed(prolongation, loads[-1]))
+        loads.append(multiply_transposed(prolongation, loads[-1]))
     depth = len(P)
     while depth > 1 and A[depth - 1].getSize()[0] <= options.largest:
         depth -= 1
     x, pressed = np.zeros(len(loads[depth])), system.equality
     for k in range(depth, 0, -1):
-        level = _Level(system, A[k], Q[k], loads[k], options)
+        level = _Level(rows, A[k], Q[k], loads[k], options)
         if k == depth and A[k].getSize()[0] <= options.largest:
-            x = level.minimise(x, options.exact_steps, level.by_factor)
+            x = level.on_every_rank()
         else:
             x = level.minimise(x, options.steps, level.by_cycle(hierarchy, k))
         pressed = level.pressed(x)
-        x = system.multiply(P[k - 1], x)
+        x = multiply(P[k - 1], x)
     return FirstSet(pressed | system.equality, start + x)
 
 
@@ -140,52 +141,84 @@ def _with_supports(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc
     return result
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The contact and tied rows of a problem.
+
+    Attributes
+    ----------
+    c, stiffness : (rows,)
+        Right-hand side, and stiffness of the springs.
+    equality : (rows,)
+        Which hold with equality.
+    """
+
+    comm: MPI.Intracomm
+    c: Array
+    equality: NDArray[np.bool_]
+    stiffness: Array
+
+    def everywhere(self) -> _Rows:
+        """All rows, on a rank of its own (collective)."""
+        every = [
+            np.concatenate(self.comm.allgather(own))
+            for own in (self.c, self.equality, self.stiffness)
+        ]
+        return _Rows(MPI.COMM_SELF, *every)
+
+
 class _Level:
     """The problem with springs on one level."""
 
     def __init__(
-        self,
-        system: MergedSystem,
-        A: PETSc.Mat,
-        Q: PETSc.Mat,
-        load: Array,
-        options: FirstSetOptions,
+        self, rows: _Rows, A: PETSc.Mat, Q: PETSc.Mat, load: Array, options: FirstSetOptions
     ) -> None:
-        self.system, self.A, self.Q, self.load, self.options = system, A, Q, load, options
-        self.s = row_stiffness(system)
+        self.rows, self.A, self.Q, self.load, self.options = rows, A, Q, load, options
+        self.comm, self.s = rows.comm, rows.stiffness
         stiff = np.asarray(A.getDiagonal().getArray())
-        most = system.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
+        most = self.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
         self.near = options.near * np.maximum(stiff, SMALL * most)
         self._cycle: Cycle | None = None
         self._sprung: tuple[PETSc.Mat, Array] | None = None
 
     def pressed(self, x: Array) -> NDArray[np.bool_]:
         """Rows whose spring presses, (rows,)."""
-        jump = self.system.multiply(self.Q, x) - self.system.c
-        return np.asarray(jump > 0.0)
+        return np.asarray(multiply(self.Q, x) > self.rows.c)
+
+    def on_every_rank(self) -> Array:
+        """The solution by factors; every rank solves the whole problem (collective).
+
+        A small problem that ranks share costs more messages than work.
+        """
+        comm, options = self.comm, self.options
+        if comm.size == 1:
+            return self.minimise(np.zeros(len(self.load)), options.exact_steps, self.by_factor)
+        A, Q = (gathered(comm, local_rows(matrix)) for matrix in (self.A, self.Q))
+        load = np.concatenate(comm.allgather(self.load))
+        x = _Level(self.rows.everywhere(), A, Q, load, options).on_every_rank()
+        return x[slice(*self.A.getOwnershipRange())].copy()
 
     def minimise(self, x: Array, steps: int, solve: Solve) -> Array:
         """Newton's method."""
-        system = self.system
-        jump = system.multiply(self.Q, x) - system.c
-        Ax = system.multiply(self.A, x)
+        jump = multiply(self.Q, x) - self.rows.c
+        Ax = multiply(self.A, x)
         for _ in range(steps):
             weights = self._weights(jump)
             gradient = Ax - self.load + self.near * x
-            gradient += system.multiply_transposed(self.Q, weights * jump)
+            gradient += multiply_transposed(self.Q, weights * jump)
             step = solve(self._hessian(weights), -gradient)
-            image, product = system.multiply(self.Q, step), system.multiply(self.A, step)
+            image, product = multiply(self.Q, step), multiply(self.A, step)
             length = self._length(jump, image, float(step @ (Ax - self.load + self.near * x)),
                                   float(step @ (product + self.near * step)))  # fmt: skip
             x, jump, Ax = x + length * step, jump + length * image, Ax + length * product
             settled = bool((self._weights(jump) == weights).all()) and abs(length - 1.0) < 1e-3
-            if system.comm.allreduce(settled, op=MPI.LAND):
+            if self.comm.allreduce(settled, op=MPI.LAND):
                 break
         return x
 
     def _weights(self, jump: Array) -> Array:
         """Stiffness of each spring, (rows,)."""
-        stiff = (jump > 0.0) | self.system.equality
+        stiff = (jump > 0.0) | self.rows.equality
         return np.where(stiff, self.s, self.options.faint * self.s)
 
     def _hessian(self, weights: Array) -> PETSc.Mat:
@@ -199,30 +232,37 @@ class _Level:
         return matrix
 
     def _length(self, jump: Array, image: Array, slope: float, bent: float) -> float:
-        """The minimum along a step: the root of a piecewise linear, increasing function."""
-        comm = self.system.comm
-        slope, bent = (float(v) for v in comm.allreduce(np.array([slope, bent])))
+        """The minimum along a step: the root of a piecewise linear, increasing function.
 
-        def rising(t: float) -> float:
+        Newton's method finds it once it comes to the right piece; bisection leads there.
+        """
+        slope, bent = (float(v) for v in self.comm.allreduce(np.array([slope, bent])))
+
+        def rising(t: float) -> tuple[float, float]:
+            """Value and slope."""
             at = jump + t * image
-            push = float(comm.allreduce(float(image @ (self._weights(at) * at))))
-            return slope + bent * t + push
+            pulls = self._weights(at) * image
+            push, stiff = self.comm.allreduce(np.array([pulls @ at, pulls @ image]))
+            return slope + bent * t + float(push), bent + float(stiff)
 
-        begin = abs(rising(0.0))
-        if abs(rising(1.0)) <= 1e-9 * begin:
-            return 1.0
-        low, high = 0.0, 1.0
-        while rising(high) < 0.0 and high < 1e6:
-            low, high = high, 2.0 * high
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if rising(middle) < 0.0 else (low, middle)
-        return 0.5 * (low + high)
+        small = 1e-9 * abs(rising(0.0)[0])
+        low, high, t = 0.0, np.inf, 1.0
+        for _ in range(60):
+            value, steep = rising(t)
+            if abs(value) <= small:
+                break
+            low, high = (t, high) if value < 0.0 else (low, t)
+            newton = t - value / steep if steep > 0.0 else np.inf
+            if low < newton < high and newton < 1e6:
+                t = newton
+            else:
+                t = 0.5 * (low + high) if high < np.inf else 2.0 * t
+        return t
 
     def by_factor(self, matrix: PETSc.Mat, loads: Array) -> Array:
         """A Newton step on the coarsest level."""
         out, pc = np.empty_like(loads), factored(matrix)
-        with lent(self.system.comm, loads, out) as (x, y):
+        with lent(self.comm, loads, out) as (x, y):
             pc.apply(x, y)
         pc.destroy()
         return out
@@ -235,16 +275,16 @@ class _Level:
                 # without springs on the levels below: these cost more than the steps they save
                 operators = [matrix.copy(), *hierarchy.operators[k + 1 :]]
                 self._cycle = Cycle(operators, hierarchy.prolongations[k:], hierarchy.options)
-            return _conjugate_gradients(self.system, matrix, loads, self._cycle, self.options)
+            return _conjugate_gradients(matrix, loads, self._cycle, self.options)
 
         return solve
 
 
 def _conjugate_gradients(
-    system: MergedSystem, matrix: PETSc.Mat, loads: Array, cycle: Cycle, options: FirstSetOptions
+    matrix: PETSc.Mat, loads: Array, cycle: Cycle, options: FirstSetOptions
 ) -> Array:
     """A few steps from zero; in the norm of the preconditioner (collective)."""
-    comm = system.comm
+    comm = cycle.comm.tompi4py()
     x, residual, z = np.zeros_like(loads), loads.copy(), np.empty_like(loads)
     cycle.apply(residual, z)
     direction, square = z.copy(), comm.allreduce(float(residual @ z))
@@ -252,7 +292,7 @@ def _conjugate_gradients(
     if not square > 0.0:
         return x
     for _ in range(options.iterations):
-        product = system.multiply(matrix, direction)
+        product = multiply(matrix, direction)
         curvature = comm.allreduce(float(direction @ product))
         if not curvature > 0.0:
             break

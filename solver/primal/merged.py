@@ -26,6 +26,7 @@ from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions
+from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
 
@@ -194,20 +195,6 @@ class MergedSystem:
         result[self.rows] = values
         return result
 
-    def multiply(self, matrix: PETSc.Mat, x: Array) -> Array:
-        """A product with one of the matrices."""
-        out = np.empty(matrix.getLocalSize()[0])
-        with lent(self.comm, x, out) as (source, target):
-            matrix.mult(source, target)
-        return out
-
-    def multiply_transposed(self, matrix: PETSc.Mat, x: Array) -> Array:
-        """A product with the transpose of one of the matrices."""
-        out = np.empty(matrix.getLocalSize()[1])
-        with lent(self.comm, x, out) as (source, target):
-            matrix.multTranspose(source, target)
-        return out
-
     def summed(self, parts: Sequence[Array]) -> Array:
         """Vectors (n, members) of each class summed over all copies, (unknowns,) (collective)."""
         d = self.problem.dimension
@@ -226,6 +213,34 @@ class MergedSystem:
         d = self.problem.dimension
         here = self.at_copies(u)
         return [np.asfortranarray(here[self.nodes.unknowns(at, d)].T) for at in self.nodes.copies]
+
+
+def multiply(matrix: PETSc.Mat, x: Array) -> Array:
+    """A product on local parts (collective)."""
+    out = np.empty(matrix.getLocalSize()[0])
+    right, left = vectors_of(matrix)
+    on_arrays(matrix.mult, right, np.ascontiguousarray(x), left, out)
+    return out
+
+
+def multiply_transposed(matrix: PETSc.Mat, x: Array) -> Array:
+    """A product with the transpose (collective)."""
+    out = np.empty(matrix.getLocalSize()[1])
+    right, left = vectors_of(matrix)
+    on_arrays(matrix.multTranspose, left, np.ascontiguousarray(x), right, out)
+    return out
+
+
+def vectors_of(matrix: PETSc.Mat) -> tuple[PETSc.Vec, PETSc.Vec]:
+    """Vectors of the size of a matrix's columns and rows, which only lend their shape.
+
+    They are made once: to make one is collective.
+    """
+    kept: tuple[PETSc.Vec, PETSc.Vec] | None = matrix.getAttr("vectors")
+    if kept is None:
+        kept = matrix.createVecs()
+        matrix.setAttr("vectors", kept)
+    return kept
 
 
 def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
@@ -446,10 +461,3 @@ def bodies_alone(system: MergedSystem, values: Array) -> Array:
     """Sums of values (unknowns,) by body, (bodies,) (collective)."""
     count = system.problem.bodies.count
     return np.asarray(system.comm.allreduce(np.bincount(system.body, values, count)))
-
-
-def split_motions(system: MergedSystem, bodies: Sequence[int]) -> Array:
-    """Rigid motions of some bodies, a column each motion of each body, (unknowns, columns)."""
-    return np.concatenate(
-        [np.where(system.body[:, None] == b, system.rigid, 0.0) for b in bodies], axis=1
-    )

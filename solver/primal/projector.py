@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.primal.cholesky import factored
-from solver.primal.merged import MergedSystem, chosen_rows
+from solver.primal.cholesky import SmallInverse
+from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
 from solver.primal.rigid_bodies import RowsOfMotions
 from solver.tfeti.constraints.matrix import lent
 
@@ -62,29 +62,16 @@ class Projector:
         stiffless = diagonal.getArray() == 0.0
         diagonal.getArray()[stiffless] = 1.0
         self.S.setDiagonal(diagonal)
-        self._factor = self._factored()
+        self._inverse_of_rows = SmallInverse(self.S)
         self._of_motions: RowsOfMotions | None = None
         if system.has_rigid_bodies:
             self._of_motions = RowsOfMotions(system, self.C, stiffless)
-
-    def _factored(self) -> PETSc.PC:
-        if not self._is_diagonal():
-            return factored(self.S)
-        pc = PETSc.PC().create(self.system.comm)
-        pc.setOperators(self.S)
-        pc.setType("jacobi")
-        pc.setUp()
-        return pc
-
-    def _is_diagonal(self) -> bool:
-        entries, rows = self.S.getInfo()["nz_used"], self.S.getLocalSize()[0]
-        return bool(self.system.comm.allreduce(int(entries > rows)) == 0)
 
     def multipliers(self, residual: Array) -> Array:
         """λ of the active rows in equilibrium with a residual (unknowns,), (active,)."""
         if self.empty:
             return np.zeros(0)
-        result = self._solve(self.system.multiply(self.C, self._inverse * residual))
+        result = self._inverse_of_rows.apply(multiply(self.C, self._inverse * residual))
         if self._of_motions is not None:
             self._of_motions.add_multipliers(result, residual - self.forces(result))
         return result
@@ -93,13 +80,13 @@ class Projector:
         """C_Aᵀ λ, (unknowns,)."""
         if self.empty:
             return np.zeros(self.system.size)
-        return self.system.multiply_transposed(self.C, multipliers)
+        return multiply_transposed(self.C, multipliers)
 
     def apply(self, u: Array) -> Array:
         """Π u."""
         if self.empty:
             return u
-        return u - self.lifting(self.system.multiply(self.C, u))
+        return u - self.lifting(multiply(self.C, u))
 
     def apply_transpose(self, residual: Array) -> Array:
         """Πᵀ r."""
@@ -112,10 +99,10 @@ class Projector:
         if self.empty:
             return np.zeros(self.system.size)
         if self._of_motions is None:
-            return self.system.multiply(self.Ct, self._solve(jumps))
+            return multiply(self.Ct, self._inverse_of_rows.apply(jumps))
         motions = self._of_motions.lifting(jumps)
-        left = jumps - self.system.multiply(self.C, motions)
-        return motions + self.system.multiply(self.Ct, self._solve(left))
+        left = jumps - multiply(self.C, motions)
+        return motions + multiply(self.Ct, self._inverse_of_rows.apply(left))
 
     def truncating(self, P: PETSc.Mat) -> PETSc.Mat:
         """E in Π P ≈ P - E for a prolongation P: D⁻¹ C_Aᵀ X with X near S⁻¹ C_A P.
@@ -141,12 +128,6 @@ class Projector:
         if len(sums):
             sums[:] = np.add.reduceat(np.abs(values), begins[:-1])
         return sums
-
-    def _solve(self, values: Array) -> Array:
-        out = np.empty_like(values)
-        with lent(self.system.comm, values, out) as (x, y):
-            self._factor.apply(x, y)
-        return out
 
 
 def _scale(matrix: PETSc.Mat, weights: Array) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.primal.merged import MergedSystem, split_motions
+from solver.primal.merged import MergedSystem, multiply
 from solver.primal.projector import Projector
 
 Array = NDArray[np.float64]
@@ -30,8 +30,14 @@ do not stop it."""
 SINGULAR = 1e-13
 """Energy of a motion, over that of the largest, below which it is none but rounding errors."""
 
-FULL = 3
-"""Bodies up to which W is stored as a full matrix: that of more is mostly zeros."""
+LEAST = 0.1
+"""Energy of the motion with the largest that counts at least; in the norm of D motions have one."""
+
+ROUNDING = 1e-14
+"""Magnitude of K w over the root of K below which it is rounding errors alone."""
+
+FULL = 18
+"""Motions up to which W is stored as a full matrix: that of more is mostly zeros."""
 
 UNBALANCED = 1e-8
 """Work of a residual on a motion without energy, over that of the magnitudes of the load."""
@@ -40,16 +46,24 @@ MOST = 50
 """Bodies up to which the space has elastic ones: its matrix is dense."""
 
 
-def floating_bodies(system: MergedSystem) -> list[int]:
-    """Bodies that held unknowns alone do not hold (collective)."""
-    rigid, body, result = system.rigid, system.body, []
-    for number in range(system.problem.bodies.count):
-        rows = rigid[system.held & (body == number)]
-        values = np.linalg.eigvalsh(system.comm.allreduce(rows.T @ rows))
-        scale = system.comm.allreduce(float(np.sum(rigid[body == number] ** 2)))
-        if values[0] <= HELD * max(values[-1], 1e-6 * scale):
-            result.append(number)
-    return result
+def floating_motions(system: MergedSystem) -> Array:
+    """Rigid motions of bodies that held unknowns do not stop, (unknowns, motions) (collective).
+
+    Where more than `MOST` bodies have such, those of rigid bodies alone.
+    """
+    rigid, bodies, found = system.rigid, system.problem.bodies, {}
+    for number in range(bodies.count):
+        own = system.body == number
+        rows, count = rigid[system.held & own], rigid.shape[1]
+        gram = np.append(rows.T @ rows, np.sum(rigid[own] ** 2))
+        gram = system.comm.allreduce(gram)
+        values, vectors = np.linalg.eigh(gram[:-1].reshape(count, count))
+        free = values <= HELD * max(values[-1], 1e-6 * gram[-1])
+        if free.any():
+            found[number] = np.where((own & ~system.held)[:, None], rigid @ vectors[:, free], 0.0)
+    if len(found) > MOST:
+        found = {number: found[number] for number in found if bodies.rigid[number]}
+    return np.concatenate([np.zeros((system.size, 0)), *found.values()], axis=1)
 
 
 class RigidSpace:
@@ -57,34 +71,30 @@ class RigidSpace:
 
     Parameters
     ----------
-    bodies
-        Whose rigid motions it has.
+    motions : (unknowns, motions)
+        R, from `floating_motions`.
     """
 
-    def __init__(self, system: MergedSystem, projector: Projector, bodies: list[int]) -> None:
+    def __init__(self, system: MergedSystem, projector: Projector, motions: Array) -> None:
         self._comm = system.comm
-        if len(bodies) > MOST:
-            bodies = [body for body in bodies if system.problem.bodies.rigid[body]]
-        self.empty = not bodies
+        self.empty = motions.shape[1] == 0
         if self.empty:
             return
-        columns, images = [], []
-        for motion in split_motions(system, bodies).T:
-            w = np.where(system.held, 0.0, motion)
-            before = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
-            w = projector.apply(np.ascontiguousarray(w))
-            after = self._comm.allreduce(float(np.sum(system.diagonal * w**2)))
-            w *= 1.0 / np.sqrt(after) if after > SINGULAR * before else 0.0
-            image = system.multiply(system.K, w)
-            image[np.abs(image) < 1e-14 * system.diagonal.max()] = 0.0
-            columns.append(w)
-            images.append(image)
-        W, self._KWt = np.column_stack(columns), sparse.csr_matrix(np.stack(images))
+        W = np.empty(motions.shape, order="F")
+        for k, motion in enumerate(motions.T):
+            W[:, k] = projector.apply(np.ascontiguousarray(motion))
+        norms = [np.einsum("i,ij,ij->j", system.diagonal, R, R) for R in (motions, W)]
+        before, after = self._comm.allreduce(np.stack(norms))
+        some = after > SINGULAR * before
+        W *= np.divide(1.0, np.sqrt(after), out=np.zeros_like(after), where=some)
+        images = np.stack([multiply(system.K, w) for w in W.T])
+        images[np.abs(images) < ROUNDING * np.sqrt(system.diagonal.max(initial=0.0))] = 0.0
+        self._KWt = sparse.csr_matrix(images)
         energy = self._comm.allreduce(self._KWt @ W)
-        self._W = W if len(bodies) <= FULL else sparse.csr_matrix(W)
+        self._W = W if W.shape[1] <= FULL else sparse.csr_matrix(W)
         self._Wt = self._W.T
         values, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
-        some = values > SINGULAR * max(values[-1], 0.0)
+        some = values > SINGULAR * max(values[-1], LEAST)
         self._inverse = vectors[:, some] / values[some] @ vectors[:, some].T
         self._free = vectors[:, ~some]
 
@@ -104,9 +114,10 @@ class RigidSpace:
         scale = self._comm.allreduce(abs(self._Wt) @ np.abs(load))
         return bool(np.abs(self._free.T @ work).max() > UNBALANCED * scale.max(initial=0.0))
 
-    def balance(self, residual: Array) -> Array:
-        """Q r, where the space is not empty."""
-        return np.asarray(self._W @ (self._inverse @ self._comm.allreduce(self._Wt @ residual)))
+    def balance(self, residual: Array, moved: Array) -> Array:
+        """Q (r - K v) for a displacement v (unknowns,), where the space is not empty."""
+        work = self._comm.allreduce(self._Wt @ residual - self._KWt @ moved)
+        return np.asarray(self._W @ (self._inverse @ work))
 
     def correct(self, residual: Array, z: Array) -> Array:
         """(I - Q K) z + Q r."""
