@@ -9,8 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from contact_app.errors import CouldNotRunError
+from contact_app.studies.fused import mesh_of
 
 SCRIPT = Path(__file__).parents[2] / "meshes" / "samples" / "make_parts.py"
+
+FUSED = ("bolted_flange", "hub_on_shaft", "pin_in_lug")
+"""Parts of two bodies that the script also draws as one."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,10 @@ class Meshes:
         if self.factor is not None and self.directory is not None:
             self.directory.mkdir(parents=True, exist_ok=True)
             _draw(scene.stem, self.factor, self.directory)
+            if scene.stem in FUSED:
+                fused = mesh_of(self.directory / scene.name).parent
+                fused.mkdir(exist_ok=True)
+                _draw(scene.stem, self.factor, fused, "--fused")
         return self.directory
 
 
@@ -58,8 +66,9 @@ def drawn(factor: float, directory: Path) -> Meshes:
     return Meshes(f"{factor:g}", directory / f"{factor:g}", factor)
 
 
-def _draw(part: str, factor: float, directory: Path) -> None:
-    command = [sys.executable, str(SCRIPT), part, "--factor", str(factor), "--to", str(directory)]
+def _draw(part: str, factor: float, directory: Path, *more: str) -> None:
+    command = [sys.executable, str(SCRIPT), part, *more, "--factor", str(factor)]
+    command += ["--to", str(directory)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]

@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 from contact_app.model.assembly import quadrature_degree
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.scene.bodies import Body, Box
+from contact_app.scene.conditions import TotalLoad
 from contact_app.scene.scene import Scene
 from meshes import dolfinx_compat
 from meshes.subdomains import VTK_ORDER
@@ -110,13 +111,11 @@ def assemble(
     Raises
     ------
     UnsuitableError
-        More than one body, curved cells, total moments, or a node with two contact rows.
+        More than one body, curved cells, or a node with two contact rows.
     """
     if len(scene.bodies) != 1:
         raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
     body, d = scene.bodies[0], scene.dimension
-    if any(any(load.moment) or load.at is not None for load in scene.total_loads):
-        raise UnsuitableError("it has a total moment")
     if scene.temperatures:
         raise UnsuitableError("it has a temperature")
     if body.mean_dilatation:
@@ -229,11 +228,40 @@ def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> NDArray[np.float64
         forms.append(push * _facets(body, mesh, pressure.boundary))
     for total in scene.total_loads:
         ds = _facets(body, mesh, total.boundary)
-        area = mesh.comm.allreduce(
-            fem.assemble_scalar(dolfinx_compat.compile_form(constant(1.0) * ds))
-        )
-        forms.append(ufl.inner(constant(np.array(total.force) / area), v) * ds)
+        forms.append(ufl.inner(_traction_of(total, mesh, ds), v) * ds)
     return np.sum([_assembled(form) for form in forms], axis=0)
+
+
+def _traction_of(total: TotalLoad, mesh: Any, ds: Any) -> Any:
+    """The traction that adds up to a force and a moment, linear in the place (collective).
+
+    Its formula is in `contact_app.model.total_loads`.
+    """
+    d = mesh.geometry.dim
+    place = ufl.SpatialCoordinate(mesh)
+
+    def constant(value: Any) -> Any:
+        return fem.Constant(mesh, np.asarray(value, dtype=PETSc.ScalarType))
+
+    def integral(value: Any) -> float:
+        form = dolfinx_compat.compile_form(constant(1.0) * value * ds)
+        return float(np.real(mesh.comm.allreduce(fem.assemble_scalar(form))))
+
+    area = integral(1.0)
+    uniform = np.array(total.force) / area
+    if not any(total.moment) and total.at is None:
+        return constant(uniform)
+    centre = np.zeros(3)
+    centre[:d] = [integral(place[i]) / area for i in range(d)]
+    away = [place[i] - constant(centre[i]) for i in range(d)]
+    second = np.zeros((3, 3))
+    second[:d, :d] = [[integral(a * b) for a in away] for b in away]
+    force = np.array([*total.force, *(0.0,) * (3 - d)])
+    arm = np.zeros(3) if total.at is None else np.array(total.at) - centre
+    moment = np.array(total.moment) + np.cross(arm, force)
+    turn = np.linalg.lstsq(np.trace(second) * np.eye(3) - second, moment, rcond=None)[0]
+    turned = ufl.cross(constant(turn), ufl.as_vector([*away, *([0.0] * (3 - d))]))
+    return constant(uniform) + ufl.as_vector([turned[i] for i in range(d)])
 
 
 def _facets(body: Body, mesh: Any, boundary: str) -> Any:

@@ -2,7 +2,8 @@
 
 Those beside this file are as coarse as a tutorial allows; ``--size`` is the size of cells near
 contact, ``--factor`` gives it as a multiple of the part's own, ``--order 2`` gives cells with nodes
-amid their edges, which follow the round boundaries.
+amid their edges, which follow the round boundaries, ``--fused`` draws the two bodies of a part as
+one.
 Needs Gmsh's Python module, as ``make.py`` does. Lengths are in millimetres.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import gmsh
@@ -19,39 +21,44 @@ HERE = Path(__file__).parent
 Box = tuple[float, float, float, float, float, float]
 
 
-def pin_in_lug(size: float) -> None:
+def pin_in_lug(size: float, fused: bool = False) -> None:
     """A lug of thickness 10 with an eye of radius 10.02 on a pin of radius 10."""
+    radius = 10.0 if fused else 10.02
     occ = gmsh.model.occ
     eye = occ.addCylinder(0, -5, 0, 0, 10, 0, 20)
     shank = occ.addBox(-60, -5, -15, 60, 10, 30)
     (body, _) = occ.fuse([(3, eye)], [(3, shank)])
-    hole = occ.addCylinder(0, -5, 0, 0, 10, 0, 10.02)
+    hole = occ.addCylinder(0, -5, 0, 0, 10, 0, radius)
     (found, _) = occ.cut(body, [(3, hole)])
     lug = found[0][1]
     pin = occ.addCylinder(0, -9, 0, 0, 18, 0, 10)
+    if fused:
+        lug, pin = fuse(lug, pin)
     occ.synchronize()
-    bore = _round(lug, 10.02, 1)
-    _name(3, {"lug": [lug], "pin": [pin]})
-    _name(2, {
-        "bore": bore, "shaft": _round(pin, 10.0, 1), "pull": _flat(lug, 0, -60),
-        "ends": _flat(pin, 1, -9) + _flat(pin, 1, 9),
+    bore = cylindrical(lug, radius, 1)
+    name_groups(3, {"lug": [lug], "pin": [pin]})
+    name_groups(2, {
+        "bore": bore, "shaft": cylindrical(pin, 10.0, 1), "pull": flat(lug, 0, -60),
+        "ends": flat(pin, 1, -9) + flat(pin, 1, 9),
     })  # fmt: skip
-    _sizes([_near(bore, size, 4 * size, 0.5, 25)])
+    make_mesh([near(bore, size, 4 * size, 0.5, 25)])
 
 
-def bolted_flange(size: float) -> None:
+def bolted_flange(size: float, fused: bool = False) -> None:
     """Two T-stubs, flange on flange, with two bolt holes each; washers of radius 11 about them."""
     upper, lower = _stub(1), _stub(-1)
+    if fused:
+        upper, lower = fuse(upper, lower)
     gmsh.model.occ.synchronize()
-    _drop_loose_faces()
-    _name(3, {"upper": [upper], "lower": [lower]})
-    under, over = _flat(upper, 2, 0), _flat(lower, 2, 0)
-    _name(2, {
-        "under": under, "over": over, "pull": _flat(upper, 2, 52), "foot": _flat(lower, 2, -52),
-        "upper_washers": _as_wide(_flat(upper, 2, 12), 22.0),
-        "lower_washers": _as_wide(_flat(lower, 2, -12), 22.0),
+    drop_loose_faces()
+    name_groups(3, {"upper": [upper], "lower": [lower]})
+    under, over = flat(upper, 2, 0), flat(lower, 2, 0)
+    name_groups(2, {
+        "under": under, "over": over, "pull": flat(upper, 2, 52), "foot": flat(lower, 2, -52),
+        "upper_washers": as_wide(flat(upper, 2, 12), 22.0),
+        "lower_washers": as_wide(flat(lower, 2, -12), 22.0),
     })  # fmt: skip
-    _sizes([_near(under, size, 2.5 * size, 4, 40), _near(over, 1.25 * size, 2.5 * size, 4, 40)])
+    make_mesh([near(under, size, 2.5 * size, 4, 40), near(over, 1.25 * size, 2.5 * size, 4, 40)])
 
 
 def ball_in_grooves(size: float) -> None:
@@ -63,13 +70,13 @@ def ball_in_grooves(size: float) -> None:
     lower, upper = _race(-1), _race(1)
     ball = occ.addSphere(0, 0, 0, 5)
     occ.synchronize()
-    _name(3, {"ball": [ball], "lower": [lower], "upper": [upper]})
-    _name(2, {
-        "skin": _surfaces(ball), "lower_groove": _round(lower, 5.2, 1, (0, 0, 0.2)),
-        "upper_groove": _round(upper, 5.2, 1, (0, 0, -0.2)), "foot": _flat(lower, 2, -9),
-        "top": _flat(upper, 2, 9),
+    name_groups(3, {"ball": [ball], "lower": [lower], "upper": [upper]})
+    name_groups(2, {
+        "skin": surfaces(ball), "lower_groove": cylindrical(lower, 5.2, 1, (0, 0, 0.2)),
+        "upper_groove": cylindrical(upper, 5.2, 1, (0, 0, -0.2)), "foot": flat(lower, 2, -9),
+        "top": flat(upper, 2, 9),
     })  # fmt: skip
-    _sizes([_in_box((-1.75, -0.32, z - 0.3, 1.75, 0.32, z + 0.3), size, 1.6) for z in (-5, 5)])
+    make_mesh([in_box((-1.75, -0.32, z - 0.3, 1.75, 0.32, z + 0.3), size, 1.6) for z in (-5, 5)])
 
 
 def pillow_block(size: float) -> None:
@@ -90,21 +97,22 @@ def pillow_block(size: float) -> None:
     (found, _) = occ.fragment(body, discs)
     block = next(tag for dimension, tag in found if dimension == 3)
     occ.synchronize()
-    _drop_loose_faces()
-    bottom, lining = _flat(block, 2, 0), _round(block, 16, 1, (0, 0, 45))
+    drop_loose_faces()
+    bottom, lining = flat(block, 2, 0), cylindrical(block, 16, 1, (0, 0, 45))
     heights = {face: gmsh.model.occ.getCenterOfMass(2, face)[2] for face in lining}
-    _name(3, {"block": [block]})
-    _name(2, {
+    name_groups(3, {"block": [block]})
+    name_groups(2, {
         "base": bottom, "crown": [f for f, z in heights.items() if z > 45.0],
         "sole": [f for f, z in heights.items() if z < 45.0],
-        "holes": [f for x in (-47, 47) for f in _round(block, 5.5, 2, (x, 0, 0))],
-        "washers": _as_wide(_flat(block, 2, 15), 20.0),
+        "holes": [f for x in (-47, 47) for f in cylindrical(block, 5.5, 2, (x, 0, 0))],
+        "washers": as_wide(flat(block, 2, 15), 20.0),
     })  # fmt: skip
-    _sizes([_near(bottom, size, 2 * size, 5, 40)])
+    make_mesh([near(bottom, size, 2 * size, 5, 40)])
 
 
-def hub_on_shaft(size: float) -> None:
+def hub_on_shaft(size: float, fused: bool = False) -> None:
     """A hub with four holes and a bore of radius 19.98 on a shaft of radius 20."""
+    radius = 20.0 if fused else 19.98
     occ = gmsh.model.occ
     shaft = occ.addCylinder(0, 0, -40, 0, 0, 80, 20)
     hub = occ.addCylinder(0, 0, -15, 0, 0, 30, 40)
@@ -112,17 +120,25 @@ def hub_on_shaft(size: float) -> None:
         (31 * math.cos(a), 31 * math.sin(a)) for a in (0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
     ]
     tools = [occ.addCylinder(x, y, -15, 0, 0, 30, 4) for x, y in places]
-    tools.append(occ.addCylinder(0, 0, -15, 0, 0, 30, 19.98))
+    tools.append(occ.addCylinder(0, 0, -15, 0, 0, 30, radius))
     (found, _) = occ.cut([(3, hub)], [(3, tool) for tool in tools])
     hub = found[0][1]
+    if fused:
+        hub, shaft = fuse(hub, shaft)
     occ.synchronize()
-    bore = _round(hub, 19.98, 2)
-    holes = [f for x, y in places for f in _round(hub, 4, 2, (x, y, 0))]
-    _name(3, {"hub": [hub], "shaft": [shaft]})
-    _name(2, {
-        "bore": bore, "seat": _round(shaft, 20, 2), "end": _flat(shaft, 2, -40), "holes": holes,
+    bore = cylindrical(hub, radius, 2)
+    holes = [f for x, y in places for f in cylindrical(hub, 4, 2, (x, y, 0))]
+    name_groups(3, {"hub": [hub], "shaft": [shaft]})
+    name_groups(2, {
+        "bore": bore, "seat": cylindrical(shaft, 20, 2), "end": flat(shaft, 2, -40), "holes": holes,
     })  # fmt: skip
-    _sizes([_near(bore, size, 3 * size, 0.5, 25), _near(holes, min(size, 2.5), 3 * size, 0.3, 14)])
+    make_mesh([near(bore, size, 3 * size, 0.5, 25), near(holes, min(size, 2.5), 3 * size, 0.3, 14)])
+
+
+def fuse(first: int, second: int) -> list[int]:
+    """Two volumes with a common face, so that one mesh goes through both."""
+    _, pieces = gmsh.model.occ.fragment([(3, first)], [(3, second)])
+    return [pieces[0][0][1], pieces[1][0][1]]
 
 
 def _stub(side: int) -> int:
@@ -147,24 +163,24 @@ def _race(side: int) -> int:
     return found[0][1]
 
 
-def _drop_loose_faces() -> None:
+def drop_loose_faces() -> None:
     """Remove what is left of the washers' discs over the holes: faces of no volume."""
     for face in gmsh.model.getEntities(2):
         if not len(gmsh.model.getAdjacencies(*face)[0]):
             gmsh.model.removeEntities([face], recursive=True)
 
 
-def _surfaces(volume: int) -> list[int]:
+def surfaces(volume: int) -> list[int]:
     """Faces of a volume."""
     return [abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False)]
 
 
-def _round(
+def cylindrical(
     volume: int, radius: float, axis: int, centre: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> list[int]:
     """Faces of a volume on a cylinder about a line along an axis."""
     found = []
-    for face in _surfaces(volume):
+    for face in surfaces(volume):
         if gmsh.model.getType(2, face) == "Cylinder":
             lower, upper = gmsh.model.getParametrizationBounds(2, face)
             middle = [0.5 * (a + b) for a, b in zip(lower, upper, strict=True)]
@@ -177,29 +193,34 @@ def _round(
     return found
 
 
-def _flat(volume: int, axis: int, at: float) -> list[int]:
+def flat(volume: int, axis: int, at: float) -> list[int]:
     """Faces of a volume in a plane across an axis."""
-    boxes = {face: gmsh.model.getBoundingBox(2, face) for face in _surfaces(volume)}
+    boxes = {face: gmsh.model.getBoundingBox(2, face) for face in surfaces(volume)}
     return [
         f for f, box in boxes.items() if max(abs(box[axis] - at), abs(box[axis + 3] - at)) < 1e-4
     ]
 
 
-def _as_wide(faces: list[int], width: float) -> list[int]:
+def as_wide(faces: list[int], width: float) -> list[int]:
     """Those of some faces that are so wide along x."""
     boxes = {face: gmsh.model.getBoundingBox(2, face) for face in faces}
     return [face for face, box in boxes.items() if abs(box[3] - box[0] - width) < 0.1]
 
 
-def _name(dimension: int, groups: dict[str, list[int]]) -> None:
-    """Make physical groups; raises where one is empty."""
+def name_groups(dimension: int, groups: dict[str, list[int]]) -> None:
+    """Make physical groups; raises where one is empty.
+
+    Faces between two volumes are none of their boundaries.
+    """
     for name, tags in groups.items():
         if not tags:
             raise ValueError(f"no face of the part is its {name}")
+        if dimension == 2 and all(len(gmsh.model.getAdjacencies(2, t)[0]) > 1 for t in tags):
+            continue
         gmsh.model.addPhysicalGroup(dimension, tags, name=name)
 
 
-def _near(faces: list[int], fine: float, coarse: float, begin: float, end: float) -> int:
+def near(faces: list[int], fine: float, coarse: float, begin: float, end: float) -> int:
     """Sizes of cells that grow with the distance from some faces, between two distances."""
     field = gmsh.model.mesh.field
     distance, sizes = field.add("Distance"), field.add("Threshold")
@@ -212,7 +233,7 @@ def _near(faces: list[int], fine: float, coarse: float, begin: float, end: float
     return sizes
 
 
-def _in_box(box: Box, fine: float, coarse: float) -> int:
+def in_box(box: Box, fine: float, coarse: float) -> int:
     """Sizes of cells inside a box, and away from it."""
     field = gmsh.model.mesh.field
     sizes = field.add("Box")
@@ -223,7 +244,7 @@ def _in_box(box: Box, fine: float, coarse: float) -> int:
     return sizes
 
 
-def _sizes(fields: list[int]) -> None:
+def make_mesh(fields: list[int]) -> None:
     """Let the smallest of some sizes decide, and make the mesh."""
     smallest = gmsh.model.mesh.field.add("Min")
     gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
@@ -243,14 +264,21 @@ PARTS: dict[str, tuple[Callable[[float], None], float, int]] = {
 }
 """What draws each part, and the size near contact and the order of the cells beside this file."""
 
+FUSED = {
+    "bolted_flange": partial(bolted_flange, fused=True),
+    "hub_on_shaft": partial(hub_on_shaft, fused=True),
+    "pin_in_lug": partial(pin_in_lug, fused=True),
+}
+"""Both bodies as one, without play and with one mesh through both."""
 
-def draw(name: str, size: float, order: int, file: Path) -> int:
-    """Draw a part, write its mesh; how many nodes it has."""
+
+def draw_with(make: Callable[[float], None], size: float, order: int, file: Path) -> int:
+    """Draw a part by a function, write its mesh; how many nodes it has."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.model.add(name)
-    PARTS[name][0](size)
+    gmsh.model.add(file.stem)
+    make(size)
     gmsh.model.mesh.setOrder(order)
     if order == 2:
         gmsh.model.mesh.optimize("HighOrder")
@@ -268,12 +296,17 @@ def main() -> None:
     sizes.add_argument("--size", type=float, help="size of the cells near contact")
     sizes.add_argument("--factor", type=float, default=1.0, help="multiple of the part's own size")
     parser.add_argument("--order", type=int, choices=(1, 2), help="of the cells")
+    parser.add_argument("--fused", action="store_true", help="two bodies as one, of first order")
     parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
     given = parser.parse_args()
     for name in given.names or PARTS:
         file = given.to / f"{name}.msh"
-        _, size, order = PARTS[name]
-        nodes = draw(name, given.size or given.factor * size, given.order or order, file)
+        make, size, order = PARTS[name]
+        if given.fused:
+            if name not in FUSED:
+                parser.error(f"{name} has no fused form; these have: {', '.join(FUSED)}")
+            make, order = FUSED[name], 1
+        nodes = draw_with(make, given.size or given.factor * size, given.order or order, file)
         print(f"{file}: {nodes:,} nodes")
 
 

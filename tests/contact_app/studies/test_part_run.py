@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from contact_app.studies import part_run, parts, peers
 from contact_app.studies.glued import glued_matrix
+from contact_app.studies.undecomposed import UnsuitableError
 from solver.primal.merged import merge
 from solver.tfeti.constraints.matrix import local_rows
 from solver.tfeti.subdomain.kernels import rigid_motions
@@ -73,3 +75,42 @@ def test_glued_bodies_move_rigidly_together_and_in_no_other_way() -> None:
     slid_across = np.where(system.body == 0, motions[:, 1], 0.0)
     for motion in (slid, slid_across):
         assert abs(springs @ motion).max() > 0.1 * abs(springs).max()
+
+
+def test_peers_take_moments_at_remote_points(tmp_path: Path) -> None:
+    file = meshfiles.write(meshfiles.block("tetrahedron", 2), tmp_path / "block.msh")
+    made = two_materials("tetrahedron", file)
+    made["conditions"].append(
+        {"on": "block.x+", "total_force": [1, 2, -3], "total_moment": [5, 7, -4], "at": [2, 1, 3]}
+    )
+    row, _, _ = peers.solve(scenes.build(made), "tao-bnls", 1e-10)
+    assert row["energy"] == pytest.approx(solve(made).summary["solution"]["energy"], rel=1e-8)
+
+
+def test_two_bodies_are_set_beside_one_mesh_through_both(tmp_path: Path) -> None:
+    file = meshfiles.write(meshfiles.block("tetrahedron", 2), tmp_path / "block.msh")
+    (tmp_path / "fused").mkdir()
+    (tmp_path / "fused" / "block.msh").write_bytes(file.read_bytes())
+    one = two_materials("tetrahedron", file)
+    one["contacts"] = []
+    between = {"between": {"where": "abs(x - 0.5) < 1e-9"}}
+    pair = {
+        **one,
+        "bodies": [
+            {"name": name, "mesh": {"file": file.name, "group": name}, "boundaries": between,
+             "material": one["bodies"][0]["material"][name]}
+            for name in ("soft", "hard")
+        ],
+        "conditions": [{"on": "soft.x-", "displacement": [0, 0, 0]},
+                       {"on": "hard.x+", "total_force": [3, 1, -60]}],
+        "contacts": [{"on": "soft.between", "against": "hard.between"}],
+    }  # fmt: skip
+    scene = tmp_path / "pair.yaml"
+    scene.write_text(json.dumps(pair))
+    row = part_run.peer(scene, [], "linear-gamg", 1e-10)
+    one["conditions"] = [{"on": "block.x-", "displacement": [0, 0, 0]},
+                         {"on": "block.x+", "total_force": [3, 1, -60]}]  # fmt: skip
+    assert row["used"] == "linear-gamg, fused"
+    assert row["energy"] == pytest.approx(solve(one).summary["solution"]["energy"], rel=1e-8)
+    with pytest.raises(UnsuitableError, match="2 bodies"):
+        part_run.peer(scene, [], "tao-bnls", 1e-10)
