@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from contact_app.machine.memory import ROWS_PER_DOF, needed_bytes, surface_bytes
-from contact_app.scene import configuration as c
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import (
     BodyContact,
@@ -25,6 +24,7 @@ from contact_app.scene.conditions import (
     TotalLoad,
     Traction,
 )
+from contact_app.scene.configuration import Configuration
 from contact_app.scene.keys import Keys
 from contact_app.scene.load_factors import read_cases, read_steps
 from contact_app.scene.read_bodies import read_bodies
@@ -32,13 +32,15 @@ from contact_app.scene.read_conditions import ConditionReader
 from contact_app.scene.read_rigid import read_rigid_bodies, refuse_with_rigid
 from contact_app.scene.rigid import RigidLoad, RigidMotion
 from contact_app.scene.scene import Decomposition, OutputOptions, Scene, Section
+from contact_app.scene.schema.bodies import Body as BodyKeys
+from contact_app.scene.schema.options import Section as SectionKeys
 
 if TYPE_CHECKING:
     from solver.contact.options import SolverOptions
 
 
 def build_scene(
-    configuration: c.Configuration, surface_only: bool = False, memory: float | None = None
+    configuration: Configuration, surface_only: bool = False, memory: float | None = None
 ) -> Scene:
     """Resolve a configuration.
 
@@ -127,7 +129,7 @@ def _refuse_with_loadings(keys: Keys, scene: Scene) -> None:
         )
 
 
-def _solver_options(configuration: c.Configuration) -> SolverOptions:
+def _solver_options(configuration: Configuration) -> SolverOptions:
     """With an accuracy the solver follows the mesh, unless a tolerance is given."""
     from solver.contact.options import SolverOptions  # with PETSc, which reading needs not
 
@@ -153,7 +155,7 @@ def _output(keys: Keys, bodies: tuple[Body, ...]) -> OutputOptions:
     return OutputOptions(given.xdmf, given.vtu, fields, probes, sections)
 
 
-def _section(keys: Keys, bodies: tuple[Body, ...], name: str, given: c.Section) -> Section:
+def _section(keys: Keys, bodies: tuple[Body, ...], name: str, given: SectionKeys) -> Section:
     names, path = [body.name for body in bodies], ("output", "sections", name)
     if given.inside not in names:
         keys.fail((*path, "in"), f"is {given.inside}; the bodies are {', '.join(names)}")
@@ -162,7 +164,7 @@ def _section(keys: Keys, bodies: tuple[Body, ...], name: str, given: c.Section) 
     return Section(name, names.index(given.inside), given.inside, point, normal)
 
 
-def _places(configuration: c.Configuration) -> dict[str, str]:
+def _places(configuration: Configuration) -> dict[str, str]:
     """Where conditions, contacts and the decomposition stand in the file."""
     keys = [("conditions", i) for i in range(len(configuration.conditions))]
     keys += [("contacts", i) for i in range(len(configuration.contacts))]
@@ -241,7 +243,7 @@ def _check_memory(
         i, given = [
             (i, body)
             for i, body in enumerate(keys.configuration.bodies)
-            if isinstance(body, c.Body)
+            if isinstance(body, BodyKeys)
         ][largest]
         key = ("box", "cells") if given.mesh.box else ("file",)
         keys.fail(

@@ -7,7 +7,7 @@ from typing import NoReturn
 
 from contact_app.errors import ConfigurationError
 from contact_app.machine.memory import available_bytes
-from contact_app.scene import configuration as c
+from contact_app.scene.configuration import Configuration
 
 Place = tuple[str | int, ...]
 """Where a value stands: keys and positions from the top of the file."""
@@ -27,7 +27,7 @@ class Keys:
         Bytes the scene may take.
     """
 
-    def __init__(self, configuration: c.Configuration, memory: float | None = None) -> None:
+    def __init__(self, configuration: Configuration, memory: float | None = None) -> None:
         self.configuration = configuration
         self.memory = available_bytes() if memory is None else memory
         self.dimension, self.plane = configuration.space

@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from contact_app.machine.memory import needed_bytes
-from contact_app.scene import configuration as c
 from contact_app.scene.bodies import CELLS, MOTION_NAMES, Body, BodyMesh, Box
 from contact_app.scene.expressions import Expression, ExpressionError
 from contact_app.scene.keys import Keys, Place
 from contact_app.scene.material import Material
+from contact_app.scene.schema import bodies as c
 
 SHORTEST_EDGE = 1e-15
 """Shortest edge of a cell; dolfinx takes boxes a few times shorter for empty."""

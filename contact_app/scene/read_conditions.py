@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 
-from contact_app.scene import configuration as c
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import (
     BodyContact,
@@ -23,6 +22,7 @@ from contact_app.scene.keys import Keys, Place
 from contact_app.scene.obstacles import SHAPES
 from contact_app.scene.read_rigid import RigidReader, read_moment, read_obstacle
 from contact_app.scene.rigid import RigidBody, RigidLoad, RigidMotion
+from contact_app.scene.schema import conditions as c
 
 Condition = (
     DisplacementCondition | Traction | Pressure | BodyForce | TotalLoad | Temperature

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from contact_app.scene import configuration as c
 from contact_app.scene.keys import Keys, Place, Vector
 from contact_app.scene.obstacles import SHAPES, Obstacle, Sphere
 from contact_app.scene.rigid import TURNS, RigidBody, RigidLoad, RigidMotion
 from contact_app.scene.scene import Scene
+from contact_app.scene.schema import bodies as b
+from contact_app.scene.schema import conditions as c
 
 RIGID_KEYS = ("displacement", "rotation", "total_force", "total_moment")
 
@@ -18,11 +19,11 @@ def read_rigid_bodies(keys: Keys) -> tuple[RigidBody, ...]:
     return tuple(
         _body(keys, body, ("bodies", i))
         for i, body in enumerate(keys.configuration.bodies)
-        if isinstance(body, c.RigidBody)
+        if isinstance(body, b.RigidBody)
     )
 
 
-def _body(keys: Keys, body: c.RigidBody, path: Place) -> RigidBody:
+def _body(keys: Keys, body: b.RigidBody, path: Place) -> RigidBody:
     several = len(body.rigid) > 1
     obstacles = tuple(
         read_obstacle(keys, given, (*path, "rigid", *((k,) if several else ())))
@@ -39,7 +40,7 @@ def _reference(obstacle: Obstacle) -> Vector:
     return point
 
 
-def read_obstacle(keys: Keys, given: c.Obstacle, path: Place) -> Obstacle:
+def read_obstacle(keys: Keys, given: b.Obstacle, path: Place) -> Obstacle:
     """One obstacle of exactly one shape."""
     known = given.known_keys()
     kinds = [key for key in known if getattr(given, key) is not None]

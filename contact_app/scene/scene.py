@@ -27,7 +27,6 @@ from contact_app.scene.conditions import (
     TotalLoad,
     Traction,
 )
-from contact_app.scene.configuration import FIELDS
 from contact_app.scene.obstacles import kind_of
 from contact_app.scene.rigid import (
     Placement,
@@ -36,6 +35,7 @@ from contact_app.scene.rigid import (
     RigidMotion,
     held_components,
 )
+from contact_app.scene.schema.options import FIELDS
 
 if TYPE_CHECKING:
     from solver.contact.options import SolverOptions

@@ -26,8 +26,9 @@ import numpy as np
 from contact_app.errors import ConfigurationError
 from contact_app.scene.bodies import CELLS, Box
 from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import Body, load
+from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
+from contact_app.scene.schema.bodies import Body
 from contact_app.studies.chart_store import Kept
 from contact_app.studies.frontier import frontier
 from contact_app.studies.peers import METHODS

@@ -9,7 +9,7 @@ from typing import Any
 
 from contact_app.results.history import COLUMNS
 from contact_app.run.solve import solve_scene
-from contact_app.scene.configuration import FIELDS
+from contact_app.scene.schema.options import FIELDS
 from tests import scenes
 
 MANUAL = (Path(__file__).parents[3] / "docs" / "guide" / "results.md").read_text()

@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from contact_app.scene.configuration import RigidBody, load
+from contact_app.scene.configuration import load
+from contact_app.scene.schema.bodies import RigidBody
 from tests.contact_app.test_cli import contact_app
 
 CONFIGS = sorted((Path(__file__).parents[3] / "configs").glob("*.yaml"))

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
 from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import EXPANSIONS, FIELDS, Configuration, Solver, load
+from contact_app.scene.configuration import Configuration, load
+from contact_app.scene.schema.options import EXPANSIONS, FIELDS, Solver
 from solver.contact.options import SolverOptions
 from solver.qp.expansion import expansion_names
 

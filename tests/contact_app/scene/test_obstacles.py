@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_app.errors import ConfigurationError
-from contact_app.scene import configuration, obstacles
+from contact_app.scene import obstacles
 from contact_app.scene.obstacles import Cylinder, Obstacle, Plane, Sphere
+from contact_app.scene.schema import bodies
 
 SHAPES: dict[str, Obstacle] = {
     "plane": Plane((1.0, 2.0, 3.0), (0.0, 0.0, 5.0)),
@@ -88,10 +89,10 @@ def test_the_middle_has_no_normal(shape: Obstacle, point: tuple, told: str) -> N
 
 
 def test_keys_of_the_configuration_are_fields_of_the_classes() -> None:
-    assert set(obstacles.SHAPES) == set(configuration.Obstacle.known_keys())
+    assert set(obstacles.SHAPES) == set(bodies.Obstacle.known_keys())
     for key, shape in obstacles.SHAPES.items():
         fields = {field.name for field in dataclasses.fields(shape)}
-        section = getattr(configuration, shape.__name__)
+        section = getattr(bodies, shape.__name__)
         assert fields == set(section.known_keys()), key
         assert set(shape.directions) <= fields
 

@@ -1,0 +1,67 @@
+"""What all sections of a scene file have in common: numbers, and what an unknown key is told."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+# Beyond these no unit of measurement leads, and products of a few such numbers stay finite.
+LARGEST, SMALLEST = 1e50, 1e-50
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Numbers = Annotated[list[Number], Field(min_length=1, max_length=3)]
+Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_length=3)]
+
+
+class Model(BaseModel):
+    """Base of all sections: unknown keys are errors with the nearest right one."""
+
+    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            allowed = cls.known_keys()
+            for key in data:
+                if key not in allowed:
+                    near = difflib.get_close_matches(str(key), allowed, 1, 0.5)
+                    hint = f"did you mean {near[0]}? " if near else ""
+                    raise PydanticCustomError(
+                        "unknown_key",
+                        "is an unknown key; {hint}allowed: {allowed}",
+                        {"key": key, "hint": hint, "allowed": ", ".join(allowed)},
+                    )
+        return data
+
+    @classmethod
+    def known_keys(cls) -> list[str]:
+        """The keys of this section, as they are typed."""
+        return [f.alias or name for name, f in cls.model_fields.items()]
+
+
+def told(value: Any, allowed: str) -> PydanticCustomError:
+    """The error of a value of which one sentence says what is allowed."""
+    return PydanticCustomError(
+        "told", "is {value}; allowed: {allowed}", {"value": shown(value), "allowed": allowed}
+    )
+
+
+def checked(value: Any, check: Callable[[Any], Any], allowed: str) -> Any:
+    """A value that passes a check, else the error that says what is allowed."""
+    try:
+        return check(value)
+    except ValidationError:
+        raise told(value, allowed) from None
+
+
+def shown(value: Any) -> str:
+    """A value as messages show it."""
+    text = "empty" if value is None else repr(value) if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
