@@ -105,6 +105,11 @@ def refuse_same_side(
 
 def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.bool_]:
     """Which pairs of neighbours list the nodes of their facet in the same order, (pairs,)."""
+    table = np.array(FACETS[cell])
+    if table.shape[1] <= 3:  # two orders of two or three nodes: even and odd
+        odd = np.stack([_is_odd(cells[:, list(facet)]) for facet in table], axis=1)
+        own, other = (odd[topology.pairs[:, k], topology.pair_facets[:, k]] for k in range(2))
+        return np.asarray(own == other)
     return np.concatenate(
         [
             ~_opposite(cells, cell, topology.pairs[i : i + BATCH],
@@ -114,6 +119,12 @@ def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArr
     )  # fmt: skip
 
 
+def _is_odd(nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether it takes an odd number of swaps to sort two or three nodes, (facets,)."""
+    a, b, c = nodes[:, 0], nodes[:, 1], nodes[:, -1]
+    return np.asarray(a > b if nodes.shape[1] == 2 else (a > b) ^ (b > c) ^ (a > c))
+
+
 def _opposite(
     cells: NDArray[np.int64], cell: str, pairs: NDArray[np.int64], facets: NDArray[np.int8]
 ) -> NDArray[np.bool_]:
@@ -121,8 +132,6 @@ def _opposite(
     table = np.array(FACETS[cell])
     a, b = (np.take_along_axis(cells[pairs[:, k]], table[facets[:, k]], axis=1) for k in range(2))
     size = table.shape[1]
-    if size == 2:
-        return np.asarray(a[:, 0] == b[:, 1])
     start = np.argmax(b == a[:, :1], axis=1)
     opposite = np.ones(len(a), bool)
     rows = np.arange(len(a))

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from meshes.connected import connected
+from meshes.crossing import Boxes, meeting
 from meshes.orientation import refuse_crowded, refuse_same_side
 from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
@@ -357,13 +358,12 @@ def _same_place(
     cell: str,
 ) -> tuple[NDArray[np.int64], int]:
     """Number of each used node when nodes at one place are one; and how many were too many."""
-    local = np.searchsorted(used, cells)
-    edges = points[local[:, np.array(EDGES[cell])]]
-    lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
+    local = np.empty(used[-1] + 1, np.int64)
+    local[used] = np.arange(len(used))
+    lengths = _edge_lengths(_at_vertices(points, local[cells]), cell)
     size = float(np.ptp(points, axis=0).max())
     shortest = float(lengths[lengths > SAME_PLACE * size].min(initial=size))
-    reach = min(SAME_PLACE * size, SAME_PLACE_EDGE * shortest)
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    pairs = _pairs_within(points, min(SAME_PLACE * size, SAME_PLACE_EDGE * shortest))
     count = len(points)
     if len(pairs) == 0:
         return np.arange(count), 0
@@ -375,20 +375,67 @@ def _same_place(
     return renumber[label], count - number
 
 
+def _pairs_within(points: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
+    """Pairs of points (points, d) no farther from each other than `reach`, (pairs, 2).
+
+    Their shadows on a line of no special direction are as near, and so are those between them: only
+    points whose shadow has one so near beside it are looked at.
+    """
+    line = np.array([0.56, 0.61, 0.56])[: points.shape[1]]
+    shadow = points @ (line / np.linalg.norm(line))
+    order = np.argsort(shadow)
+    near = np.diff(shadow[order]) <= reach + 1e-14 * float(np.abs(shadow).max(initial=0.0))
+    some = order[np.append(near, False) | np.append(False, near)]
+    pairs = cKDTree(points[some]).query_pairs(reach, output_type="ndarray")
+    return np.asarray(some[pairs], np.int64)
+
+
+def _at_vertices(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Coordinates of the vertices of cells, (d, vertices, cells): passes over cells are long."""
+    return np.take(np.ascontiguousarray(points.T), cells.T, axis=1)
+
+
+def _edge_lengths(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+    """Lengths (edges, cells) of the edges of cells with vertices (d, vertices, cells)."""
+    first, second = np.array(EDGES[cell]).T
+    along = vertices[:, second] - vertices[:, first]
+    return np.asarray(np.sqrt(np.einsum("dec,dec->ec", along, along)))
+
+
+def _corner_jacobians(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+    """Jacobians (corners, cells) of cells with vertices (d, vertices, cells)."""
+    result = np.empty((len(CORNERS[cell]), vertices.shape[2]))
+    for jacobian, (origin, *others) in zip(result, CORNERS[cell], strict=True):
+        along = vertices[:, others] - vertices[:, [origin]]
+        jacobian[:] = _determinants(np.moveaxis(along, (1, 2), (0, 1))[None])[0]
+    return result
+
+
 def _once(
     cells: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Cells without repetitions, the row each given cell has among them, repetitions."""
+    if _all_differ(cells):
+        return cells, np.arange(len(cells)), 0
     ordered = np.sort(cells, axis=1)
     order = np.lexsort(ordered.T[::-1])
     new = np.ones(len(cells), bool)
     new[1:] = (ordered[order][1:] != ordered[order][:-1]).any(axis=1)
-    if new.all():
-        return cells, np.arange(len(cells)), 0
     leader = np.empty(len(cells), np.int64)
     leader[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]  # lexsort is stable
     kept = np.unique(leader)
     return cells[kept], np.searchsorted(kept, leader), len(cells) - len(kept)
+
+
+def _all_differ(cells: NDArray[np.int64]) -> bool:
+    """Whether no two cells have the same nodes; False also where this is in doubt.
+
+    Cells with the same nodes have the same sum of numbers drawn for the nodes.
+    """
+    count = int(cells.max(initial=0)) + 1
+    drawn = np.random.default_rng(0).integers(0, 2**63, count, np.uint64)
+    sums = np.sort(drawn[cells].sum(axis=1))
+    return not bool((sums[1:] == sums[:-1]).any())
 
 
 def _turn(
@@ -398,13 +445,11 @@ def _turn(
     number: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
     """Turn cells that are inside out (in place) and say which; refuse empty and folded ones."""
-    edges = points[cells[:, np.array(EDGES[cell])]]
-    lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
-    longest, shortest = lengths.max(axis=1), lengths.min(axis=1)
-    corners = points[cells[:, np.array(CORNERS[cell])]]
-    jacobian = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1])
-    least = EMPTY * longest[:, None] ** points.shape[1]
-    empty = (np.abs(jacobian) <= least).any(axis=1)
+    vertices = _at_vertices(points, cells)
+    lengths = _edge_lengths(vertices, cell)
+    longest, shortest = lengths.max(axis=0), lengths.min(axis=0)
+    jacobian = _corner_jacobians(vertices, cell)
+    empty = (np.abs(jacobian) <= EMPTY * longest ** points.shape[1]).any(axis=0)
     _refuse(points, cells, empty, f"{cell}s without volume, or with a flat corner", number)
     if shortest.min() < SHORTEST_EDGE:
         raise MeshError(
@@ -414,8 +459,8 @@ def _turn(
     slender = longest > LONGEST_CELL * shortest
     what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
     _refuse(points, cells, slender, what, number)
-    inside_out = (jacobian < 0.0).all(axis=1)
-    folded = (jacobian < 0.0).any(axis=1) & ~inside_out
+    inside_out = (jacobian < 0.0).all(axis=0)
+    folded = (jacobian < 0.0).any(axis=0) & ~inside_out
     what = f"{cell}s folded into themselves, or with their nodes in another order than the format's"
     _refuse(points, cells, folded, what, number)
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
@@ -446,12 +491,13 @@ def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:
     corners = points[facets]
     centre = corners.mean(axis=1)
     radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-    near = cKDTree(points[surface]).query_ball_point(centre, radius * (1.0 + HANGING))
-    count = np.fromiter(map(len, near), np.int64, len(near))
-    row = np.repeat(np.arange(len(facets)), count)
-    node = surface[np.concatenate([np.asarray(n, np.int64) for n in near])]
-    other = (facets[row] != node[:, None]).all(axis=1)
-    row, node = row[other], node[other]
+    room = HANGING * radius[:, None]
+    boxes = Boxes(corners.min(axis=1) - room, corners.max(axis=1) + room)
+    found = [np.zeros((2, 0), np.int64)]
+    for node, row in meeting(Boxes(points[surface], points[surface]), boxes):
+        other = (facets[row] != surface[node, None]).all(axis=1)
+        found.append(np.stack([row[other], surface[node[other]]]))
+    row, node = np.concatenate(found, axis=1)
     split = ((0, 1),) if facets.shape[1] == 2 else ((0, 1, 2), (0, 2, 3))[: facets.shape[1] - 2]
     on = np.zeros(len(row), bool)
     for part in split:
