@@ -28,17 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from meshes.mortar import (
-    NEGLIGIBLE,
-    WEAK,
-    MeanGaps,
-    Multipliers,
-    Overlaps,
-    Surface,
-    frames,
-    give,
-    overlaps,
-)
+from meshes.contact_surface import Surface, frames
+from meshes.facet_overlaps import Overlaps, overlaps
+from meshes.mortar import NEGLIGIBLE, WEAK, MeanGaps, Multipliers, give
 
 
 @dataclass(frozen=True, eq=False)

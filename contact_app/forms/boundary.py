@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_app.forms.parts import Parts
 from contact_app.model.facets import moments
 from meshes import dolfinx_compat
-from meshes.mortar import Surface
+from meshes.contact_surface import Surface
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from contact_app.forms.parts import Parts
 from contact_app.model.averaged_rows import rows_about_vertices
 from contact_app.model.pairs import owned_rows
 from meshes import dolfinx_compat
-from meshes.mortar import SurfacesApartError, mean_gaps
+from meshes.facet_overlaps import SurfacesApartError
+from meshes.mortar import mean_gaps
 from solver.tfeti.constraints.conditions import (
     ContactRows,
     ContradictionError,

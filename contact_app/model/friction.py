@@ -26,7 +26,7 @@ from contact_app.model.pairs import gather_surface, owned_rows
 from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.scene import Scene
 from meshes import Partition
-from meshes.mortar import Surface
+from meshes.contact_surface import Surface
 from meshes.ties import Decided, mean_jumps
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from contact_app.model.planes import on_planes
 from contact_app.scene.scene import Scene
 from meshes import Partition, Reference, dolfinx_compat
-from meshes.mortar import NEGLIGIBLE, MeanGaps, Surface
+from meshes.contact_surface import Surface
+from meshes.mortar import NEGLIGIBLE, MeanGaps
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
 

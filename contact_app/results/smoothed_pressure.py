@@ -28,7 +28,7 @@ from contact_app.model.boundaries import facets_of
 from contact_app.model.model import Model
 from contact_app.model.pairs import gather_surface
 from contact_app.scene.conditions import BodyContact
-from meshes.mortar import Surface
+from meshes.contact_surface import Surface
 
 Array = NDArray[np.float64]
 

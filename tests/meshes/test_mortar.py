@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from meshes.mortar import MeanGaps, Surface, SurfacesApartError, clip, mean_gaps
+from meshes.contact_surface import Surface
+from meshes.facet_overlaps import SurfacesApartError, clip
+from meshes.mortar import MeanGaps, mean_gaps
 from tests import mortar_reference
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()

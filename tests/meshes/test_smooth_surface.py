@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshes.mortar import Surface, mean_gaps
+from meshes.contact_surface import Surface
+from meshes.mortar import mean_gaps
 
 RADIUS, FACETS = 10.0, 12
 

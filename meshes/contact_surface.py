@@ -1,0 +1,159 @@
+"""One side of a contact: its facets, oriented, with the frame of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.quadratic import FACETS
+from meshes.smooth_surface import bulges
+
+STRAIGHT = 1e-9
+"""Distance of a middle from that of its vertices, over the size of facets, that is round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One side of a contact.
+
+    Attributes
+    ----------
+    dimension
+        2 for lines, 3 for triangles and quadrilaterals.
+    nodes : (facets, nodes a facet)
+        Global nodes: the vertices, anticlockwise seen from outside; of the second order also the
+        middles of the edges that start in each vertex, and of a quadrilateral its own.
+    points : (facets, nodes a facet, 3)
+        Coordinates.
+    normals : (facets, 3)
+        Outward unit normal of the vertices; of a warped quadrilateral that of its diagonals.
+    bulge : (facets, v, v) or None
+        Where the facets stand for a smooth surface: its height over them is ½ φᵀ bulge φ.
+    """
+
+    dimension: int
+    nodes: NDArray[np.int64]
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    bulge: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        dimension: int,
+        nodes: NDArray[np.int64],
+        points: NDArray[np.float64],
+        inside: NDArray[np.float64],
+    ) -> Surface:
+        """Order and orient facets.
+
+        Parameters
+        ----------
+        nodes, points
+            As the attributes, the vertices first, otherwise in any order.
+        inside : (facets, 3)
+            A point of the body behind each facet.
+        """
+        order = np.lexsort(np.sort(nodes, axis=1).T)
+        nodes, points, inside = nodes[order], points[order], inside[order]
+        v = FACETS[dimension, nodes.shape[1]].vertices
+        place = np.tile(np.arange(nodes.shape[1]), (len(nodes), 1))
+        if v == 4:
+            place[:, :v] = _around(points[:, :v])
+        normals = _normals(np.take_along_axis(points, place[:, :v, None], axis=1))
+        inward = np.einsum("ij,ij->i", normals, points[:, :v].mean(axis=1) - inside) < 0.0
+        normals[inward] *= -1.0
+        place[inward, :v] = place[inward, v - 1 :: -1]
+        if nodes.shape[1] > v:
+            vertices = np.take_along_axis(points, place[:, :v, None], axis=1)
+            place[:, v:] = v + _middles(vertices, points[:, v:])
+        return cls(
+            dimension,
+            np.take_along_axis(nodes, place, axis=1),
+            np.take_along_axis(points, place[..., None], axis=1),
+            normals,
+        )
+
+    def smooth(self) -> Surface:
+        """The same with the heights of the smooth surface; as it is where edges are curved."""
+        v = self.vertices.shape[1]
+        if is_curved(self.points, v):
+            return self
+        return replace(self, bulge=bulges(self.nodes[:, :v], self.vertices, self.normals))
+
+    def height(
+        self, facets: NDArray[np.int64], hats: NDArray[np.float64]
+    ) -> NDArray[np.float64] | float:
+        """Of the smooth surface over points of facets (q,) with hats (q, v)."""
+        if self.bulge is None:
+            return 0.0
+        return 0.5 * np.einsum("qa,qab,qb->q", hats, self.bulge[facets], hats)
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """Coordinates of the vertices, (facets, vertices, 3)."""
+        return self.points[:, : FACETS[self.dimension, self.nodes.shape[1]].vertices]
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """Mean of the vertices of each facet, (facets, 3)."""
+        return self.vertices.mean(axis=1)
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Largest distance of a vertex from the centre, (facets,)."""
+        away = self.vertices - self.centres[:, None]
+        return np.linalg.norm(away, axis=2).max(axis=1)
+
+
+def frames(surface: Surface) -> NDArray[np.float64]:
+    """Orthonormal axes of each facet, tangents first, the normal last, (facets, d, 3)."""
+    normals = surface.normals
+    along = surface.vertices[:, 1] - surface.vertices[:, 0]
+    along = along - np.einsum("ij,ij->i", along, normals)[:, None] * normals
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    if surface.dimension == 2:
+        return np.stack([along, normals], axis=1)
+    return np.stack([along, np.cross(normals, along), normals], axis=1)
+
+
+def is_curved(nodes: NDArray[np.float64], v: int) -> bool:
+    """Whether any facet (n, nodes, d) with v vertices has a node off its middle."""
+    if nodes.shape[1] == v:
+        return False
+    corners = np.eye(v)
+    hats = np.concatenate([0.5 * (corners + np.roll(corners, -1, axis=0)), np.full((1, v), 1 / v)])
+    straight = np.einsum("mv,nvk->nmk", hats[: nodes.shape[1] - v], nodes[:, :v])
+    size = np.ptp(nodes[:, :v], axis=1).max(initial=0.0)
+    return bool(np.abs(nodes[:, v:] - straight).max(initial=0.0) > STRAIGHT * size)
+
+
+def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order in which vertices (n, 4) go round: the one whose diagonals span most area."""
+    orders = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]])
+    turned = points[:, orders]
+    diagonals = turned[:, :, 2:] - turned[:, :, :2]
+    area = np.linalg.norm(np.cross(diagonals[:, :, 0], diagonals[:, :, 1]), axis=-1)
+    return orders[np.argmax(area, axis=1)]
+
+
+def _middles(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Which of the further nodes (n, m, 3) is in the middle of each edge, and of all."""
+    wanted = 0.5 * (vertices + np.roll(vertices, -1, axis=1))
+    wanted = np.concatenate([wanted, vertices.mean(axis=1, keepdims=True)], axis=1)
+    wanted = wanted[:, [0] if vertices.shape[1] == 2 else range(points.shape[1])]
+    return np.linalg.norm(wanted[:, :, None] - points[:, None], axis=3).argmin(axis=2)
+
+
+def _normals(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals of facets (n, v, 3)."""
+    if vertices.shape[1] == 2:
+        along = vertices[:, 1] - vertices[:, 0]
+        normals = np.stack([along[:, 1], -along[:, 0], np.zeros(len(along))], axis=1)
+    elif vertices.shape[1] == 3:
+        normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+    else:
+        normals = np.cross(vertices[:, 2] - vertices[:, 0], vertices[:, 3] - vertices[:, 1])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)

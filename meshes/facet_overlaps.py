@@ -1,0 +1,319 @@
+"""Parts of two surfaces that face each other, and the integrals of a mortar method over them.
+
+Facets are taken for flat as `meshes.mortar` says: those of the other side are projected along the
+normal of each `on` facet, intersected with it, and integrated by Gauss points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from meshes import dolfinx_compat
+from meshes.contact_surface import Surface, frames, is_curved
+from meshes.quadratic import FACETS
+from meshes.subdomains import vtk_places, vtk_shapes
+
+FACING = 0.5
+"""Facets face each other if their normals are within 60° of opposite."""
+
+SLIVER = 1e-13
+"""Overlaps smaller than this, relative to the facets, are round-off."""
+
+QUERIES = 200_000
+"""Points asked of the tree at a time."""
+
+PAIRS = 50_000
+"""Pairs of facets intersected at a time; some kilobytes each."""
+
+
+class SurfacesApartError(ValueError):
+    """The two sides have nothing to do with each other; the message says why."""
+
+
+def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
+    """Integrals over the parts of two surfaces that face each other.
+
+    Parameters
+    ----------
+    tilted
+        Whether `Overlaps.tilt` is asked for.
+
+    Raises
+    ------
+    SurfacesApartError
+        The sides face the same way, or no facet of one projects onto one of the other.
+    """
+    i, j = _candidates(on, against)
+    cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
+    facing = cosine >= FACING
+    found = Overlaps.of(on, against, i[facing], j[facing], tilted)
+    if len(found.i) == 0:
+        turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0])
+        if len(turned.i):
+            raise SurfacesApartError(
+                "the two sides face the same way: their outward normals must point at each other"
+            )
+        raise SurfacesApartError(
+            "the two sides never meet: no facet of the first projects, along its normal, onto a "
+            "facet of the second that faces it"
+        )
+    return found
+
+
+def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of facets (on, against) near enough for their projections to overlap.
+
+    The facets looked for lie along the normal of an `on` facet, not farther than the nearest
+    point of facets within 60° of facing it can be. Trees of the other side's centres, one for
+    each size of facets, are asked at points along the normal, so that the work grows with the
+    gap over the size and not with its square.
+    """
+    centres, radii = on.centres, on.radii
+    middles, sizes = against.centres, against.radii
+    level = np.floor(np.log2(sizes / sizes.min() * (1.0 + 1e-9))).astype(int)
+    groups = [np.flatnonzero(level == k) for k in np.unique(level)]
+    trees = [cKDTree(middles[group]) for group in groups]
+    nearest = np.min([tree.query(centres)[0] for tree in trees], axis=0)
+    reach = 2.0 * (nearest + radii)
+    pairs: list[NDArray[np.int64]] = []
+    for group, tree in zip(groups, trees, strict=True):
+        across = radii + sizes[group].max()
+        steps = np.ceil(2.0 * reach / across).astype(np.int64) + 1
+        for part in np.array_split(np.arange(len(steps)), int(steps.sum()) // QUERIES + 1):
+            if len(part) == 0:
+                continue
+            which = np.repeat(part, steps[part])
+            nth = np.arange(len(which)) - np.repeat(np.cumsum(steps[part]) - steps[part],
+                                                    steps[part])  # fmt: skip
+            along = -reach[which] + nth * across[which]
+            asked = centres[which] + along[:, None] * on.normals[which]
+            hits = tree.query_ball_point(asked, 1.2 * across[which])
+            count = np.fromiter((len(h) for h in hits), np.int64, len(hits))
+            if count.sum() == 0:
+                continue
+            there = group[np.concatenate([np.asarray(h, np.int64) for h in hits if h])]
+            pairs.append(np.unique(np.stack([np.repeat(which, count), there], axis=1), axis=0))
+    joined = np.unique(np.concatenate(pairs), axis=0) if pairs else np.zeros((0, 2), np.int64)
+    return joined[:, 0], joined[:, 1]
+
+
+@dataclass(frozen=True, eq=False)
+class Overlaps:
+    """Integrals over the overlap of each pair of facets.
+
+    Attributes
+    ----------
+    i, j : (pairs,)
+        Facets of the two sides.
+    area : (pairs,)
+    own : (pairs, v, n), shared : (pairs, v, m), weight : (pairs, v), gap : (pairs, v)
+        ∫ φ_k N_l, ∫ φ_k N'_l with N' of the other side, ∫ φ_k and ∫ φ_k g; φ the shape functions
+        of the v vertices, N those of all nodes.
+    tilt : (pairs, v, d - 1, n)
+        ∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes where it is not asked for.
+    """
+
+    i: NDArray[np.int64]
+    j: NDArray[np.int64]
+    area: NDArray[np.float64]
+    own: NDArray[np.float64]
+    shared: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    tilt: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        on: Surface,
+        against: Surface,
+        i: NDArray[np.int64],
+        j: NDArray[np.int64],
+        tilted: bool = False,
+    ) -> Overlaps:
+        """The overlaps among pairs of facets (n,), (n,), sorted by i; others are dropped."""
+        parts = np.array_split(np.arange(len(i)), len(i) // PAIRS + 1)
+        found = [cls._some(on, against, i[part], j[part], tilted) for part in parts]
+        joined = zip(*(part.__dict__.values() for part in found), strict=True)
+        return cls(*(np.concatenate(values) for values in joined)).nearest_layer(on)
+
+    @classmethod
+    def _some(
+        cls,
+        on: Surface,
+        against: Surface,
+        i: NDArray[np.int64],
+        j: NDArray[np.int64],
+        tilted: bool,
+    ) -> Overlaps:
+        """Project, intersect, integrate."""
+        frame = frames(on)[i]
+        origin = on.centres[i][:, None]
+        here = np.einsum("pvk,pdk->pvd", on.points[i] - origin, frame)
+        there = np.einsum("pvk,pdk->pvd", against.points[j] - origin, frame)
+        apart = (here.max(axis=1) < there.min(axis=1)) | (there.max(axis=1) < here.min(axis=1))
+        near = ~apart[:, :-1].any(axis=1)  # by their boxes in the plane
+        here, there, i, j = here[near], there[near], i[near], j[near]
+        v, w = on.vertices.shape[1], against.vertices.shape[1]
+        flat, other = here[:, :v, :-1], there[:, :w, :-1]
+        linear = (here.shape[1], there.shape[1]) == (v, w) and on.bulge is None
+        curved = is_curved(here, v) or is_curved(there, w)
+        cut = _segments if on.dimension == 2 else _polygons
+        pair, x, weights = cut(flat, other, linear, curved)
+        plane = here[pair, :, :-1]
+        phi, mine, slopes = on_facets(plane, x, is_curved(here, v))
+        hats, theirs, _ = on_facets(there[pair, :, :-1], x, is_curved(there, w))
+        gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
+        gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
+        gap -= on.height(i[pair], phi) + against.height(j[pair], hats)
+        slopes = np.linalg.solve(slopes @ plane, slopes) if tilted else slopes[:, :0]
+        kept, start = np.unique(pair, return_index=True)
+
+        def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            weighted = values * weights.reshape(-1, *(1,) * (values.ndim - 1))
+            return np.add.reduceat(weighted, start) if len(start) else weighted[:0]
+
+        return cls(
+            i=i[kept],
+            j=j[kept],
+            area=integrate(np.ones(len(weights))),
+            own=integrate(phi[:, :, None] * mine[:, None, :]),
+            shared=integrate(phi[:, :, None] * theirs[:, None, :]),
+            weight=integrate(phi),
+            gap=integrate(phi * gap[:, None]),
+            tilt=integrate(phi[:, :, None, None] * (gap[:, None, None] * slopes)[:, None]),
+        )
+
+    def nearest_layer(self, on: Surface) -> Overlaps:
+        """Of facets one behind the other keep the layer nearest to each `on` facet."""
+        distance = np.abs(self.gap.sum(axis=1) / self.area)
+        nearest = np.full(len(on.nodes), np.inf)
+        np.minimum.at(nearest, self.i, distance)
+        keep = distance <= nearest[self.i] + 4.0 * on.radii[self.i]
+        return Overlaps(**{name: values[keep] for name, values in self.__dict__.items()})
+
+
+def _segments(
+    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight.
+
+    Two, which integrate degree 3, are enough for the second order, too, if it is straight.
+    """
+    at, share = np.polynomial.legendre.leggauss(5 if curved else 2)
+    lower = np.maximum(flat.min(axis=1), other.min(axis=1))[:, 0]
+    upper = np.minimum(flat.max(axis=1), other.max(axis=1))[:, 0]
+    size = np.ptp(flat, axis=1)[:, 0]
+    pair = np.flatnonzero(upper - lower > SLIVER * size)
+    half, middle = 0.5 * (upper - lower)[pair], 0.5 * (upper + lower)[pair]
+    x = middle[:, None] + half[:, None] * at
+    return np.repeat(pair, len(at)), x.reshape(-1, 1), (half[:, None] * share).ravel()
+
+
+def _polygons(
+    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Gauss points of the overlap of convex polygons (n, v, 2): pair, coordinates, weight."""
+    polygon, count = clip(flat, other)
+    pairs, parts = [], []
+    for k in range(1, polygon.shape[1] - 1):
+        have = np.flatnonzero(count > k + 1)
+        pairs.append(have)
+        parts.append(polygon[have][:, [0, k, k + 1]])
+    pair, triangle = np.concatenate(pairs), np.concatenate(parts)
+    edges = triangle[:, 1:] - triangle[:, :1]
+    area = 0.5 * np.abs(np.linalg.det(edges))
+    size = np.ptp(flat, axis=1).max(axis=1) ** 2
+    solid = area > SLIVER * size[pair]
+    order = np.argsort(pair[solid], kind="stable")
+    pair, triangle, area = pair[solid][order], triangle[solid][order], area[solid][order]
+    at, weights = dolfinx_compat.quadrature(
+        "triangle", 8 if curved else _degree(linear, flat, other)
+    )
+    x = triangle[:, :1] + at @ edges[solid][order]
+    w = 2.0 * area[:, None] * weights
+    return np.repeat(pair, len(weights)), x.reshape(-1, 2), w.ravel()
+
+
+def _degree(linear: bool, *polygons: NDArray[np.float64]) -> int:
+    """Degree the product of shape functions of both sides needs."""
+    if all(p.shape[1] == 3 for p in polygons):
+        return 2 if linear else 4
+    for p in polygons:
+        if p.shape[1] == 4:
+            skew = np.abs(p[:, 0] - p[:, 1] + p[:, 2] - p[:, 3]).max(initial=0.0)
+            if skew > 1e-12 * np.abs(p).max(initial=0.0):
+                return 8
+    return 4 if linear else 8
+
+
+def clip(
+    window: NDArray[np.float64], subject: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Intersect convex polygons pair by pair (Sutherland, Hodgman, CACM 17 (1974)).
+
+    Parameters
+    ----------
+    window : (n, v, 2)
+        Anticlockwise.
+    subject : (n, w, 2)
+
+    Returns
+    -------
+    Vertices (n, v + w, 2), of which the first `count` (n,) are meant.
+    """
+    n, v = window.shape[:2]
+    room = v + subject.shape[1]
+    polygon = np.zeros((n, room, 2))
+    polygon[:, : subject.shape[1]] = subject
+    count = np.full(n, subject.shape[1])
+    place = np.arange(room)
+    for edge in range(v):
+        start, end = window[:, edge, None], window[:, (edge + 1) % v, None]
+        along = end - start
+        away = polygon - start
+        side = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
+        valid = place < count[:, None]
+        following = np.where(place + 1 < count[:, None], place + 1, 0)
+        next_side = np.take_along_axis(side, following, axis=1)
+        next_point = np.take_along_axis(polygon, following[..., None], axis=1)
+        inside = side >= 0.0
+        crossing = valid & (inside != (next_side >= 0.0))
+        share = side / np.where(crossing, side - next_side, 1.0)
+        cut = polygon + share[..., None] * (next_point - polygon)
+        made = np.stack([polygon, cut], axis=2).reshape(n, 2 * room, 2)
+        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, 2 * room)
+        order = np.argsort(~keep, axis=1, kind="stable")[:, :room]
+        polygon = np.take_along_axis(made, order[..., None], axis=1)
+        count = np.minimum(keep.sum(axis=1), room)
+    return polygon, count
+
+
+def on_facets(
+    nodes: NDArray[np.float64], x: NDArray[np.float64], curved: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Hats of the vertices, and shape functions of all nodes, at points of the plane.
+
+    Parameters
+    ----------
+    nodes : (q, n, d - 1)
+        Projected nodes of the facet of each point.
+    x : (q, d - 1)
+    curved
+        Whether a node lies off the middle of its vertices.
+
+    Returns
+    -------
+    Values (q, v) and (q, n), and slopes of the latter in the reference facet (q, d - 1, n).
+    """
+    cell, vertices, degree = FACETS[x.shape[1] + 1, nodes.shape[1]]
+    if curved:
+        place = vtk_places(cell, degree, nodes, x)
+    else:
+        place = vtk_places(cell, 1, nodes[:, :vertices], x)
+    hats = vtk_shapes(cell, 1, place)
+    return hats[0], *(vtk_shapes(cell, degree, place) if degree > 1 else hats)
