@@ -1,0 +1,151 @@
+"""What the bodies of a scene are about a plane: halves of themselves, or images of one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.scene.bodies import Body, Box
+from contact_app.scene.scene import Mirror, Scene
+from meshes.symmetric_half import (
+    SAME,
+    AsymmetryError,
+    HalfSurface,
+    box_images,
+    half_box,
+    half_mesh,
+    mesh_images,
+)
+
+ALIKE = 1e-12
+"""Relative difference below which two numbers of a scene are the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """What a body is in a symmetric scene.
+
+    Attributes
+    ----------
+    body
+        What is left of it; None where it is left out as the image of another body.
+    surface
+        Beside its image.
+    kept
+        Number of the body that is kept: its own, or that of which it is the image.
+    """
+
+    body: Body | None
+    surface: HalfSurface
+    kept: int
+
+
+def middle_plane(scene: Scene, axis: int) -> Mirror:
+    """The middle of all bodies along an axis."""
+    ends, size = _ends(scene, axis), scene_size(scene)
+    at = 0.5 * float(ends[:, 0].min() + ends[:, 1].max())
+    for body, middle in zip(scene.bodies, ends.mean(axis=1), strict=True):
+        if isinstance(body.mesh, Box) and abs(middle - at) <= SAME * size:
+            return Mirror(axis, float(middle))  # a box has it exactly
+    return Mirror(axis, at)
+
+
+def _ends(scene: Scene, axis: int) -> NDArray[np.float64]:
+    """Where the bodies begin and end along an axis, (bodies, 2)."""
+    return np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in scene.bodies])
+
+
+def scene_size(scene: Scene) -> float:
+    """Longest side of the box about all bodies."""
+    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+
+
+def halves_about(scene: Scene, mirror: Mirror) -> list[Half]:
+    """What the bodies are: halves about the plane, or images of one another."""
+    size = scene_size(scene)
+    middles = _ends(scene, mirror.axis).mean(axis=1)
+    away = middles - mirror.at
+    boxes = np.array([isinstance(b.mesh, Box) for b in scene.bodies])
+    tolerance = np.where(boxes, ALIKE * max(size, *np.abs(middles)), SAME * size)
+    found: dict[int, Half] = {}
+    for k in np.flatnonzero(np.abs(away) <= tolerance):
+        half, surface = _half(scene.bodies[k], mirror)
+        found[int(k)] = Half(half, surface, int(k))
+    for k in np.flatnonzero(away < -tolerance):
+        image = _image(scene, int(k), mirror, set(found))
+        surfaces = _beside(scene.bodies[k], scene.bodies[image], mirror, size)
+        found[int(k)] = Half(scene.bodies[k], surfaces[0], int(k))
+        found[image] = Half(None, surfaces[1], int(k))
+    for k in range(len(scene.bodies)):
+        if k not in found:
+            raise _alone(scene.bodies[k], mirror)
+    return [found[k] for k in range(len(scene.bodies))]
+
+
+def _alone(body: Body, mirror: Mirror) -> AsymmetryError:
+    return AsymmetryError(
+        f"{body.name} is off the middle of all bodies, {'xyz'[mirror.axis]} = {mirror.at:g}, and "
+        "no other is its image"
+    )
+
+
+def _image(scene: Scene, number: int, mirror: Mirror, taken: set[int]) -> int:
+    """The body where the image of a body is."""
+    body, size = scene.bodies[number], scene_size(scene)
+    corners = np.array([body.mesh.lower, body.mesh.upper])
+    corners[:, mirror.axis] = 2.0 * mirror.at - corners[::-1, mirror.axis]
+    for k, other in enumerate(scene.bodies):
+        there = np.array([other.mesh.lower, other.mesh.upper])
+        near = np.abs(corners - there).max() <= SAME * size
+        if near and k not in taken and isinstance(other.mesh, Box) == isinstance(body.mesh, Box):
+            return k
+    raise _alone(body, mirror)
+
+
+def _beside(
+    body: Body, other: Body, mirror: Mirror, size: float
+) -> tuple[HalfSurface, HalfSurface]:
+    """The surfaces of a body and of its image."""
+    mesh, there, name = body.mesh, other.mesh, f"{body.name} and {other.name}"
+    if mesh.upper[mirror.axis] > mirror.at - SAME * size:
+        raise AsymmetryError(f"{name} meet at the plane they mirror about")
+    if body.degree != other.degree:
+        raise AsymmetryError(f"{name} are of different degree")
+    materials = [*body.materials, *other.materials]
+    kinds = tuple(np.array([materials.index(m) for m in b.materials]) for b in (body, other))
+    if isinstance(mesh, Box) and isinstance(there, Box):
+        if (mesh.cells, mesh.cell) != (there.cells, there.cell):
+            raise AsymmetryError(f"{name} have different cells")
+        if kinds[0] != kinds[1]:
+            raise AsymmetryError(f"{name} are of different materials")
+        return box_images(mesh.shape(body.degree), there.shape(body.degree), mirror.axis)
+    try:
+        return mesh_images(
+            mesh.shape(1), there.shape(1), body.degree, (kinds[0], kinds[1]), mirror.axis, mirror.at
+        )
+    except AsymmetryError as why:
+        raise AsymmetryError(f"{body.name} {why}") from None
+
+
+def _half(body: Body, mirror: Mirror) -> tuple[Body, HalfSurface]:
+    """The lower half of a body, and its surface."""
+    mesh, axis, at = body.mesh, mirror.axis, mirror.at
+    try:
+        if isinstance(mesh, Box):
+            surface = half_box(mesh.shape(body.degree), axis)
+            upper, cells = list(mesh.upper), list(mesh.cells)
+            upper[axis], cells[axis] = at, cells[axis] // 2
+            cut = f"{'xyz'[axis]}+"
+            half: Any = replace(mesh, upper=tuple(upper), cells=tuple(cells))
+        else:
+            cut = f"cut across {'xyz'[axis]}"
+            while cut in (*mesh.boundaries, *body.boundaries):
+                cut += "'"
+            alike = np.array([body.materials.index(m) for m in body.materials])
+            half, surface = half_mesh(mesh.shape(1), body.degree, alike, axis, at, cut)
+    except AsymmetryError as why:
+        raise AsymmetryError(f"{body.name} {why}") from None
+    return replace(body, mesh=half, cuts=(*body.cuts, cut)), surface

@@ -1,0 +1,91 @@
+"""Where a boundary of a symmetric body is: on its lower half, and on the image of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import sha1
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.scene.bodies import Body
+from meshes.symmetric_half import HalfSurface
+
+Bools = NDArray[np.bool_]
+Key = tuple[Any, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryPart:
+    """A boundary of a symmetric body, on the surface of its lower half and of the image of it.
+
+    Attributes
+    ----------
+    nodes, facets : (2, nodes), (2, facets)
+        Which belong to it in the half, and whose images do.
+    beside : (nodes,)
+        Nodes that do not lie on the plane.
+    samples : (2, points)
+        Whether further points are inside an expression.
+    """
+
+    nodes: Bools
+    facets: Bools
+    beside: Bools
+    samples: Bools
+
+    def key(self, image: bool = False) -> Key:
+        """What equals the key of another boundary if both are one; or that of its image."""
+        order = slice(None, None, -1) if image else slice(None)
+        parts = [np.packbits(m[order], axis=1) for m in (self.nodes, self.facets, self.samples)]
+        return tuple(sha1(p.tobytes(), usedforsecurity=False).digest() for p in parts)
+
+    def kept(self, by_facets: bool) -> bool:
+        """Whether what acts here acts on the half, too, or else is an image of what does."""
+        here, there = (self.facets if by_facets else self.nodes & self.beside).any(axis=1)
+        return bool(here or not there)
+
+
+def part_of(body: Body, surface: HalfSurface, boundary: str, samples: int) -> BoundaryPart:
+    """Where a boundary is on a symmetric body."""
+    beside, points = ~surface.on_plane, (surface.points, surface.images)
+    if boundary not in body.boundaries:
+        facets = np.stack(surface.sides[boundary])
+        nodes = np.zeros((2, len(beside)), bool)
+        for found, rows in zip(nodes, facets, strict=True):
+            found[surface.facets[rows]] = True
+        nodes |= nodes[::-1] & ~beside  # nodes on the plane are one
+        return BoundaryPart(nodes, facets, beside, np.zeros((2, 0), bool))
+    expression = body.boundaries[boundary]
+    own = np.ones(len(surface.facets), bool)
+    for name in body.cuts:
+        own &= ~np.any(surface.sides[name], axis=0)
+    both = list(zip(points, surface.of, strict=True))
+    nodes = np.stack([expression(x) & has for x, has in both])
+    nodes[1, ~beside] = nodes[0, ~beside]
+    facets = nodes[:, surface.facets].all(axis=2) & own
+    on_surface = np.zeros(len(beside), bool)
+    on_surface[surface.facets[own]] = True
+    between = np.zeros((2, 0), bool)
+    if samples:
+        shares = _shares(len(body.mesh.lower), body.mesh.cell, samples)
+        vertices = surface.facets[own][:, : shares.shape[1]]
+        places = [np.einsum("sv,fvi->fsi", shares, x[vertices]).reshape(-1, 3) for x in points]
+        both = list(zip(places, surface.of, strict=True))
+        between = np.stack([expression(x) & has for x, has in both])
+    return BoundaryPart(nodes & on_surface, facets, beside, between)
+
+
+def _shares(dimension: int, cell: str, count: int) -> NDArray[np.float64]:
+    """Shares of the vertices of a facet in points all over it, (points, vertices)."""
+    t = np.linspace(0.0, 1.0, count + 1)
+    line = np.stack([1.0 - t, t], axis=1)
+    if dimension == 2:
+        return line
+    if cell == "hexahedron":  # vertices anticlockwise
+        corners = np.einsum("si,tj->stij", line, line).reshape(-1, 4)
+        return corners[:, [0, 1, 3, 2]]
+    a, b = (g.ravel() for g in np.meshgrid(t, t))
+    inside = a + b <= 1.0 + 1e-9
+    return np.stack([1.0 - a - b, a, b], axis=1)[inside]

@@ -1,0 +1,276 @@
+"""Half the scene where the other half is its mirror image.
+
+With `symmetry: allow`, a scene whose meshes, loads, conditions and obstacles mirror about a plane
+across an axis, midway through every body, is modelled on the lower side of that plane alone: its
+cut face keeps the displacement across the plane at zero. The answer of the whole is the mirrored
+half: the energy of a scene is convex, so if u is a minimiser, so is the mean of u and its mirror
+image. Planes across several axes make a quarter or an eighth.
+
+Each body has to be its own mirror image, or that of another body, which is then left out: a box by
+its cells, a mesh from a file node by node and cell by cell (`meshes.symmetric_half`). Boundaries
+mirror where their nodes and facets do: what acts on one needs a counterpart on its image, whatever
+the two are called. What stands in the way along an axis is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.symmetry.bodies import Half, halves_about, middle_plane, scene_size
+from contact_app.model.symmetry.boundaries import BoundaryPart, part_of
+from contact_app.model.symmetry.items import Descriptions, Item, are_alike
+from contact_app.scene.bodies import Body, Box
+from contact_app.scene.conditions import (
+    BodyContact,
+    BodyForce,
+    Contact,
+    DisplacementCondition,
+    Pressure,
+    Temperature,
+    Traction,
+)
+from contact_app.scene.scene import Decomposition, Mirror, Scene
+from meshes.symmetric_half import SAME, AsymmetryError
+
+SAMPLES = {2: 32, 3: 8}
+"""Points along the edge of a facet at which expressions are compared where meshes are refined."""
+
+AT_CUT = "symmetry across"
+"""Source of the conditions that hold what is solved at a cut, before the name of the axis."""
+
+
+@dataclass(frozen=True)
+class Halving:
+    """A scene cut at its planes of symmetry.
+
+    Attributes
+    ----------
+    scene
+        What is left to model; its `mirrors` are the planes.
+    notes
+        Where it was cut, and why not elsewhere, a sentence an axis.
+    """
+
+    scene: Scene
+    notes: tuple[str, ...]
+
+
+def halved(scene: Scene) -> Halving:
+    """Cut a scene at each plane it mirrors about."""
+    notes = []
+    for axis in range(scene.dimension):
+        name, before = "xyz"[axis], [body.name for body in scene.bodies]
+        try:
+            scene = _cut(scene, axis)
+        except AsymmetryError as why:
+            notes.append(f"symmetry: none across {name}: {why}")
+            continue
+        at = scene.mirrors[-1].at
+        notes.append(
+            f"symmetry: the scene is symmetric about {name} = {at:g}: the part below is solved, "
+            "and the part above is written as its mirror image"
+        )
+        left = {body.name for body in scene.bodies}
+        notes += [
+            f"symmetry: {body} is the mirror image of another body and is not solved"
+            for body in before
+            if body not in left
+        ]
+    if scene.mirrors:
+        notes += [
+            f"symmetry: the {body.mesh.cell}s of {body.name} are made in the part that is solved; "
+            "those of the other part are their mirror images"
+            for body in scene.bodies
+            if isinstance(body.mesh, Box) and body.mesh.cell in ("triangle", "tetrahedron")
+        ]
+    return Halving(scene, tuple(notes))
+
+
+def _refuse_whole(scene: Scene) -> None:
+    """Raise where a scene has what acts on whole bodies or boundaries only."""
+    if scene.total_loads:
+        raise AsymmetryError(
+            f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
+        )
+    if scene.rigid_bodies:
+        raise AsymmetryError(f"{scene.rigid_bodies[0].name} is rigid")
+    if scene.ties:
+        raise AsymmetryError(f"{scene.ties[0].source} is tied")
+    for body in scene.bodies:
+        if body.hold:
+            raise AsymmetryError(f"{body.name} has rigid motions that are held on request")
+    rough = [contact for contact in scene.touching if contact.friction is not None]
+    if rough:
+        raise AsymmetryError(f"{rough[0].source} has friction")
+
+
+def _cut(scene: Scene, axis: int) -> Scene:
+    """The lower side of the middle of an axis; raises where the scene does not mirror about it."""
+    _refuse_whole(scene)
+    mirror = middle_plane(scene, axis)
+    halves = halves_about(scene, mirror)
+    left = [half.body for half in halves if half.body is not None]
+    number = np.cumsum([half.body is not None for half in halves]) - 1
+    parts: dict[tuple[int, str], BoundaryPart] = {}
+
+    def part(body: int, boundary: str) -> BoundaryPart:
+        if (body, boundary) not in parts:
+            samples = SAMPLES[scene.dimension] if scene.accuracy is not None else 0
+            found = part_of(scene.bodies[body], halves[body].surface, boundary, samples)
+            parts[body, boundary] = found
+        return parts[body, boundary]
+
+    for loaded in [scene.under(case) for case in scene.loadings] or [scene]:
+        _refuse_uneven_heat(loaded, mirror, [half.kept for half in halves])
+
+    def factors(item: Item) -> tuple[float, ...]:
+        if isinstance(item, Contact | BodyContact):
+            return ()
+        return tuple(case.of(item.name) for case in scene.loadings)
+
+    described = Descriptions(scene_size(scene), [half.kept for half in halves], part, factors)
+    _refuse_unpaired(scene, mirror, described)
+
+    def kept(items: Iterable[Any]) -> tuple[Any, ...]:
+        return tuple(
+            replace(item, **{key: int(number[getattr(item, key)]) for key in ("body", "other")
+                             if hasattr(item, key)})
+            for item in items
+            if _is_kept(item, scene, halves, part)
+        )  # fmt: skip
+
+    sections = tuple(
+        replace(
+            section,
+            body=int(number[halves[section.body].kept]),
+            across=section.across if halves[section.body].body else (*section.across, axis),
+        )
+        for section in scene.output.sections
+    )
+    held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
+    planes = [
+        DisplacementCondition(int(number[k]), half.body.cuts[-1], held, f"{AT_CUT} {'xyz'[axis]}")
+        for k, half in enumerate(halves)
+        if half.body is not None and all(half.surface.of)
+    ]
+    return replace(
+        scene,
+        bodies=tuple(left),
+        displacements=(*kept(scene.displacements), *planes),
+        tractions=kept(scene.tractions),
+        pressures=kept(scene.pressures),
+        forces=kept(scene.forces),
+        contacts=kept(scene.contacts),
+        pairs=kept(scene.pairs),
+        temperatures=kept(scene.temperatures),
+        decomposition=_divided(scene.decomposition, left),
+        output=replace(scene.output, sections=sections),
+        mirrors=(
+            *scene.mirrors,
+            replace(
+                mirror,
+                partners=_partners(scene, mirror, described),
+                contacts=scene.contact_names,
+                conditions=scene.condition_names,
+            ),
+        ),
+    )
+
+
+def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> None:
+    """Refuse what acts on a scene as often as its image does not."""
+    items = _items(scene)
+    for item in items:
+        for body, boundary in _boundaries(item):
+            if not described.part(body, boundary).nodes.any():
+                raise AsymmetryError(f"{item.source} is on a boundary without nodes")
+    known = [described(item) for item in items]
+    for item, own in zip(items, known, strict=True):
+        image = described(item, mirror)
+        if sum(are_alike(image, k) for k in known) != sum(are_alike(own, k) for k in known):
+            raise AsymmetryError(f"{item.source} has no mirror image")
+
+
+def _refuse_uneven_heat(scene: Scene, mirror: Mirror, kept: list[int]) -> None:
+    """Refuse temperatures that differ at nodes and middles of cells from those at their images."""
+    for item in scene.temperatures:
+        partners = [k for k, number in enumerate(kept) if number == kept[item.body]]
+        image = next((k for k in partners if k != item.body), item.body)
+        points = _nodes_and_middles(scene.bodies[item.body])
+        here, there = (
+            sum((t.rise(x) for t in scene.temperatures if t.body == body), np.zeros(len(x)))
+            for body, x in ((item.body, points), (image, mirror.image(points)))
+        )
+        if not np.allclose(here, there, rtol=0.0, atol=SAME * float(np.abs(here).max())):
+            raise AsymmetryError(f"the temperature of {item.source} is not its mirror image")
+
+
+def _nodes_and_middles(body: Body) -> NDArray[np.float64]:
+    """Points (n, 3) all over a body."""
+    mesh: Any = body.mesh
+    if isinstance(mesh, Box):
+        ends = zip(mesh.lower, mesh.upper, mesh.cells, strict=True)
+        axes = np.meshgrid(*[np.linspace(a, b, 2 * n + 1) for a, b, n in ends])
+        points = np.stack([axis.ravel() for axis in axes], axis=1)
+    else:
+        points = np.concatenate([mesh.points, mesh.points[mesh.cells].mean(axis=1)])
+    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+
+
+def _boundaries(item: Item) -> list[tuple[int, str]]:
+    """Bodies and boundaries an item names."""
+    if isinstance(item, BodyForce):
+        return []
+    first = [(item.body, item.boundary)]
+    return [*first, (item.other, item.other_boundary)] if isinstance(item, BodyContact) else first
+
+
+def _partners(scene: Scene, mirror: Mirror, described: Descriptions) -> tuple[tuple[str, str], ...]:
+    """Contacts and displacement conditions that are images of others, not of themselves."""
+    of_file = [c for c in scene.displacements if not c.source.startswith(AT_CUT)]
+    items: list[Item] = [*scene.touching, *of_file]
+    known = {item.source: described(item) for item in items}
+    found = []
+    for item in items:
+        image = described(item, mirror)
+        if not are_alike(image, known[item.source]):
+            found.append((item.source, next(s for s, d in known.items() if are_alike(image, d))))
+    return tuple(found)
+
+
+def _is_kept(
+    item: Item, scene: Scene, halves: list[Half], part: Callable[[int, str], BoundaryPart]
+) -> bool:
+    """Whether an item acts on what is kept."""
+    if isinstance(item, BodyForce | Temperature):
+        return halves[item.body].body is not None
+    by_facets = isinstance(item, Traction | Pressure | BodyContact)
+    by_facets |= isinstance(item, Contact) and has_averaged_rows(scene.bodies[item.body])
+    return all(part(*where).kept(by_facets) for where in _boundaries(item))
+
+
+def _divided(decomposition: Decomposition, bodies: list[Body]) -> Decomposition:
+    """The subdomains asked for, as far as what is solved has cells."""
+    parts = decomposition.subdomains
+    if isinstance(parts, int):
+        parts = min(parts, sum(body.mesh.total_cells for body in bodies))
+    elif parts is not None:
+        boxes = [body.mesh.cells for body in bodies if isinstance(body.mesh, Box)]
+        parts = tuple(map(min, zip(parts, *boxes, strict=True)))
+        while any(body.mesh.uncuttable(parts, body.name) for body in bodies):
+            parts = tuple(p - 1 if p == max(parts) else p for p in parts)
+    return Decomposition(parts)
+
+
+def _items(scene: Scene) -> list[Item]:
+    """Everything that acts on the bodies."""
+    return [
+        *scene.displacements, *scene.tractions, *scene.pressures, *scene.forces, *scene.contacts,
+        *scene.pairs,
+    ]  # fmt: skip

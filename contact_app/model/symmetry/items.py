@@ -1,0 +1,127 @@
+"""Conditions and contacts beside their mirror images: equal ones have equal descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.symmetry.bodies import ALIKE
+from contact_app.model.symmetry.boundaries import BoundaryPart, Key
+from contact_app.scene.conditions import (
+    BodyContact,
+    BodyForce,
+    Contact,
+    DisplacementCondition,
+    Pressure,
+    Traction,
+)
+from contact_app.scene.obstacles import Cylinder, Obstacle, Plane, Sphere
+from contact_app.scene.scene import Mirror
+
+Item = DisplacementCondition | Traction | Pressure | BodyForce | Contact | BodyContact
+Description = tuple[Key, NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class Descriptions:
+    """Describes items such that equal ones have equal descriptions.
+
+    Attributes
+    ----------
+    size
+        A length of the scene.
+    kept
+        Number of the body that is kept for each, as a `Half` has it.
+    part
+        Where a boundary of a body is.
+    factors
+        Those of an item in each load case; none for contacts.
+    """
+
+    size: float
+    kept: list[int]
+    part: Callable[[int, str], BoundaryPart]
+    factors: Callable[[Item], tuple[float, ...]]
+
+    def __call__(self, item: Item, mirror: Mirror | None = None) -> Description:
+        """What an item is, or its mirror image: words, and numbers of order one to compare.
+
+        Among the words are its factors in the load cases: a scene mirrors where each case does.
+        """
+        words, numbers = self._described(item, mirror)
+        return (*words, self.factors(item)), numbers
+
+    def _described(self, item: Item, mirror: Mirror | None) -> Description:
+        kind = type(item).__name__
+        if isinstance(item, BodyForce):
+            return (kind, self._body(item.body, mirror)), _scaled(_reflected(item.vector, mirror))
+        where: Key = (kind, *self._boundary(item.body, item.boundary, mirror))
+        if isinstance(item, DisplacementCondition):
+            free = tuple(v is None for v in item.values)
+            values = _reflected([v or 0.0 for v in item.values], mirror)
+            return (*where, free), _scaled(values)
+        if isinstance(item, Traction):
+            return where, _scaled(_reflected(item.vector, mirror))
+        if isinstance(item, Pressure):
+            return where, _scaled(np.array([item.value]))
+        if isinstance(item, BodyContact):
+            other = self._boundary(item.other, item.other_boundary, mirror)
+            return (*where, *other, item.round), _scaled(np.array([item.interference]))
+        words, numbers = _described_obstacle(item.obstacle, self.size, mirror)
+        return (*where, *words), np.append(numbers, _scaled(np.array([item.interference])))
+
+    def _boundary(self, body: int, boundary: str, mirror: Mirror | None) -> Key:
+        return (self.kept[body], self.part(body, boundary).key(image=mirror is not None))
+
+    def _body(self, body: int, mirror: Mirror | None) -> int:
+        """The number of a body, or of its image."""
+        if mirror is None or self.kept.count(self.kept[body]) == 1:
+            return body
+        return next(k for k, n in enumerate(self.kept) if n == self.kept[body] and k != body)
+
+
+def _reflected(vector: Iterable[float], mirror: Mirror | None) -> NDArray[np.float64]:
+    """A vector, or its image."""
+    image = np.array(list(vector), float)
+    if mirror is not None:
+        image[mirror.axis] *= -1.0
+    return image
+
+
+def _scaled(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Size and direction: numbers that are compared relative to the size."""
+    size = float(np.abs(vector).max(initial=0.0))
+    return np.array([np.log(size) if size else -np.inf, *(vector / (size or 1.0))])
+
+
+def _described_obstacle(
+    obstacle: Obstacle, size: float, mirror: Mirror | None
+) -> tuple[tuple[Any, ...], NDArray[np.float64]]:
+    """Kind and numbers that are equal for equal obstacles, lengths over a size of the scene."""
+
+    def point(values: Iterable[float]) -> NDArray[np.float64]:
+        here = np.array(list(values), float)
+        return here if mirror is None else mirror.image(here)
+
+    if isinstance(obstacle, Plane):
+        normal = _reflected(obstacle.normal, mirror)
+        normal /= np.linalg.norm(normal)
+        return ("plane",), np.append(normal, point(obstacle.point) @ normal / size)
+    if isinstance(obstacle, Sphere):
+        words = ("sphere", obstacle.hollow)
+        return words, np.append(point(obstacle.center), obstacle.radius) / size
+    assert isinstance(obstacle, Cylinder), f"no mirror image of {obstacle} is known"
+    along = _reflected(obstacle.axis, mirror)
+    along /= np.linalg.norm(along) * np.sign(along[np.argmax(np.abs(along) > ALIKE)])
+    foot = point(obstacle.point)
+    foot -= (foot @ along) * along
+    return ("cylinder", obstacle.hollow), np.array([*along, *foot / size, obstacle.radius / size])
+
+
+def are_alike(a: Description, b: Description) -> bool:
+    """Whether two descriptions are of the same, up to round-off."""
+    return a[0] == b[0] and np.allclose(a[1], b[1], rtol=ALIKE, atol=ALIKE)
