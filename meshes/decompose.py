@@ -1,6 +1,6 @@
 """From bodies and a wish to a partition: who holds which subdomain.
 
-Subdomains are numbered body by body and dealt to the ranks in consecutive runs, so the numbers,
+Subdomains are numbered body by body and given to the ranks in consecutive runs, so the numbers,
 and with them the dual problem, do not depend on how many ranks there are. Runs are as long as one
 another, or make as much work where that differs.
 """
@@ -29,7 +29,7 @@ from meshes.graph import (
     through_facets,
     without_crumbs,
 )
-from meshes.load_balance import dealt
+from meshes.load_balance import balanced_runs
 from meshes.subdomains import Partition, Subdomain, owned_range
 from meshes.unstructured import CellMesh
 
@@ -229,7 +229,7 @@ def _evened(
     for known in comm.allgather({n: (piece.kind, len(piece.cells)) for n, piece in mine.items()}):
         for number, kind in known.items():
             kinds[number] = kind
-    starts = dealt(kinds, comm.size)
+    starts = balanced_runs(kinds, comm.size)
     begin, end = starts[comm.rank], starts[comm.rank + 1]
     away = [
         {n: piece for n, piece in mine.items() if first <= n < last and not begin <= n < end}

@@ -14,7 +14,7 @@ WORTH = 1.05
 """Work of the busiest rank over the least there can be, up to which each gets as many."""
 
 
-def dealt(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> list[int]:
+def balanced_runs(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> list[int]:
     """First subdomain of each rank, and behind the last; none goes empty.
 
     Parameters
@@ -26,7 +26,7 @@ def dealt(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> list[int]:
     even = [count * rank // ranks for rank in range(ranks + 1)]
     most = _busiest(subdomains, even)
     best, least = even, most
-    low = most / ranks  # what any deal leaves the busiest of ranks, at least
+    low = most / ranks  # what any choice leaves the busiest of ranks, at least
     for _ in range(20):
         limit = 0.5 * (low + least)
         starts = _within(subdomains, ranks, limit)

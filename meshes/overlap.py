@@ -24,7 +24,7 @@ So these two tests together decide:
    boundary around the other, has N = 2 within the inner one. Where w >= 2, a cell besides its own
    has to be found in which the point lies before it counts.
 
-What touches does not overlap: both tests begin at a depth of `TOUCH` of the size of a facet (the
+Bodies that touch do not overlap: both tests begin at a depth of `TOUCH` of the size of a facet (the
 least of its heights and of the height of its cell over it; the test 2 at that share of the way to
 the centre of the cell). So slits of any width, closed ones, and walls of any thickness pass.
 

@@ -1,4 +1,4 @@
-"""From two boundaries of a scene to contact rows: both surfaces are gathered, rows dealt out.
+"""From two boundaries of a scene to contact rows, each of the rank that owns its node.
 
 Every rank gathers the facets of both sides of a contact and computes all of its rows, of which
 each keeps those of the nodes it owns: a surface is small beside the bodies, and the answer does

@@ -29,7 +29,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.scene.schema.bodies import Body
-from contact_app.studies.chart_store import Kept
+from contact_app.studies.chart_store import StoredPoints
 from contact_app.studies.frontier import frontier
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
@@ -339,16 +339,16 @@ def chart(
     runs = runs or Runs()
     told = [variant.describe(sweep.scene) for variant in sweep.references]
     text = config.read_text(encoding="utf-8")
-    kept = Kept(output, [text, *overrides, *told], resume)
+    stored = StoredPoints(output, [text, *overrides, *told], resume)
     for sentence in sweep.left_out:
         yield Progress(f"left out: {sentence}")
-    if kept.points:
-        yield Progress(f"{len(kept.points)} points of an earlier run are kept")
+    if stored.points:
+        yield Progress(f"{len(stored.points)} points of an earlier run are kept")
     sentence = ""
     try:
         with tempfile.TemporaryDirectory() as scratch:
             file = Path(scratch) / "fields.npz"
-            reference = yield from runs.reference(config, sweep, overrides, kept)
+            reference = yield from runs.reference(config, sweep, overrides, stored)
             sentence = reference.describe()
             yield Progress(sentence)
             slow: set[Variant] = set()
@@ -359,38 +359,38 @@ def chart(
                 if kind in slow:
                     yield Progress(f"{head}: left out after a coarser mesh")
                     continue
-                if name not in kept.points:
+                if name not in stored.points:
                     try:
                         found = runs.point(
                             config, sweep, variant, overrides, limit, file, reference
                         )
-                        kept.add(name, found)
+                        stored.add(name, found)
                     except RunError as error:
-                        kept.add(name, str(error))
-                    point = kept.points[name]
+                        stored.add(name, str(error))
+                    point = stored.points[name]
                     yield (
                         Progress(f"{head}: {point}")
                         if isinstance(point, str)
                         else Progress(head, point)
                     )
-                if isinstance(kept.points[name], str):
+                if isinstance(stored.points[name], str):
                     slow.add(kind)
-                write(kept.rows(), output / "frontier.csv")
+                write(stored.rows(), output / "frontier.csv")
     finally:
-        rows = kept.rows()
+        rows = stored.rows()
         write(rows, output / "frontier.csv")
         if rows:
             draw(rows, output / "frontier.png", sweep.scene.title, sentence)
 
 
 def solve_reference(
-    config: Path, sweep: Sweep, overrides: Sequence[str], kept: Kept
+    config: Path, sweep: Sweep, overrides: Sequence[str], stored: StoredPoints
 ) -> Generator[Progress, None, ReferenceAnswer]:
     """Solve the three finest meshes and extrapolate."""
     scene = sweep.scene
     sampled, ruler = [], None
     for number, variant in enumerate(reversed(sweep.references)):
-        file = kept.reference(number)
+        file = stored.reference(number)
         if not file.exists():
             yield Progress(f"reference: {variant.describe(scene)}")
             settings = [*overrides, *sweep.overrides(variant)]
@@ -400,7 +400,7 @@ def solve_reference(
             except RunError as error:
                 raise ConfigurationError(f"{config}: the reference failed: {error}") from error
             new.replace(file)
-            kept.save()
+            stored.save()
         fields = Fields.load(str(file))
         ruler = ruler or Ruler.of(scene, fields)
         sampled.append(ruler.sample(fields))

@@ -16,7 +16,7 @@ from typing import Any
 Row = dict[str, Any]
 
 
-class Kept:
+class StoredPoints:
     """Points and references of a chart in a directory.
 
     Parameters

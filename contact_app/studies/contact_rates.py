@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
-from contact_app.studies.fields_on_boxes import Lattice, Mesh
+from contact_app.studies.fields_on_boxes import Mesh, PointsOfBox
 
 EDGE, RADIUS = 2.0, 4.0
 DEPTHS = (0.02, 0.03, 0.04, 0.05, 0.065, 0.08)
@@ -74,29 +74,29 @@ def errors(
     """Mean relative errors in energy norm by degree, one for each number of cells an edge."""
     d = 3 if cell in NAMES[3] else 2
     fine = fine or FINE[d]
-    lattice = Lattice((0.0,) * d, (EDGE,) * d, (2 * fine,) * d)
+    grid = PointsOfBox((0.0,) * d, (EDGE,) * d, (2 * fine,) * d)
     found: dict[int, list[list[float]]] = {degree: [] for degree in degrees}
     for depth in depths:
-        best, material, plane = _sampled(lattice, cell, fine, 2, depth)
-        norm = lattice.energy(best, (material,), plane)
+        best, material, plane = _sampled(grid, cell, fine, 2, depth)
+        norm = grid.energy(best, (material,), plane)
         for degree in degrees:
             row = []
             for n in cells or CELLS[d]:
-                u, _, _ = _sampled(lattice, cell, n, degree, depth)
-                row.append(np.sqrt(lattice.energy(u - best, (material,), plane) / norm))
+                u, _, _ = _sampled(grid, cell, n, degree, depth)
+                row.append(np.sqrt(grid.energy(u - best, (material,), plane) / norm))
             found[degree].append(row)
     return {degree: np.exp(np.log(rows).mean(axis=0)) for degree, rows in found.items()}
 
 
 def _sampled(
-    lattice: Lattice, cell: str, n: int, degree: int, depth: float
+    grid: PointsOfBox, cell: str, n: int, degree: int, depth: float
 ) -> tuple[NDArray[np.float64], Any, str | None]:
-    """Displacement of an answer on a lattice; material and plane of its scene."""
+    """Displacement of an answer on a grid; material and plane of its scene."""
     made = build_scene(Configuration.model_validate(scene(cell, n, degree, depth)))
     solved = solve_scene(made, MPI.COMM_SELF)
     nodes = solved.nodes
     mesh = Mesh(cell, degree, (n,) * made.dimension)
-    u = lattice.evaluate(mesh, nodes.points, nodes.displacement)
+    u = grid.evaluate(mesh, nodes.points, nodes.displacement)
     return u, made.bodies[0].materials[0], made.plane
 
 

@@ -1,13 +1,13 @@
-"""Fields of different meshes of one box, brought to one lattice of points and compared there.
+"""Fields of different meshes of one box, brought to one grid of points and compared there.
 
 The nodes of a box of n cells along an axis, of degree p, equal or graded, are a grid of p n + 1
-lines. A finite element function is evaluated exactly on the points of a lattice: cell by cell in
+lines. A finite element function is evaluated exactly on the points of a grid: cell by cell in
 tensor products for quadrilaterals and hexahedra, and on the six (two) simplices of each cube
 (square) around the diagonal from its lowest to its highest corner, into which dolfinx splits it,
 for tetrahedra and triangles: with the local coordinates sorted, a₁ ≥ a₂ ≥ a₃, a point has the
 barycentric coordinates 1 - a₁, a₁ - a₂, a₂ - a₃, a₃ along the path of corners in that order.
 
-The energy norm of a difference is that of its interpolant by first-order cells on the lattice:
+The energy norm of a difference is that of its interpolant by first-order cells on the grid:
 what a graded mesh has between two of its points is not seen.
 """
 
@@ -88,7 +88,7 @@ class Mesh:
 
 
 @dataclass(frozen=True)
-class Lattice:
+class PointsOfBox:
     """The points at which fields of a body are compared, with `cells` intervals along each axis."""
 
     lower: tuple[float, ...]
@@ -96,11 +96,11 @@ class Lattice:
     cells: tuple[int, ...]
 
     def evaluate(self, mesh: Mesh, points: Array, values: Array) -> Array:
-        """Evaluate a field (nodes,) or (nodes, k), given at nodes (nodes, 3), on the lattice.
+        """Evaluate a field (nodes,) or (nodes, k), given at nodes (nodes, 3), on the grid.
 
         Returns
         -------
-        (lattice points, k), the last axis fastest.
+        (grid points, k), the last axis fastest.
 
         Raises
         ------
@@ -140,7 +140,7 @@ class Lattice:
 
     @cached_property
     def weights(self) -> Array:
-        """Volume that falls to each point, (lattice points,)."""
+        """Volume that falls to each point, (grid points,)."""
         lines = []
         for a, b, n in zip(self.lower, self.upper, self.cells, strict=True):
             line = np.full(n + 1, (b - a) / n)
@@ -152,16 +152,16 @@ class Lattice:
         return result.ravel()
 
     def sample(self, body: BodyNodes, values: Array, first_order: bool = False) -> Array:
-        """Evaluate a field (nodes, k) of a body, or its first-order interpolant, on the lattice."""
+        """Evaluate a field (nodes, k) of a body, or its first-order interpolant, on the grid."""
         mesh = Mesh.through(body.cell, body.degree, self.places(body.points))
         return self.evaluate(mesh.first_order if first_order else mesh, body.points, values)
 
     def volume(self, field: Array) -> float:
-        """∫ |e|² of a field (lattice points, dimension)."""
+        """∫ |e|² of a field (grid points, dimension)."""
         return float(self.weights @ (field**2).sum(axis=1))
 
     def energy(self, field: Array, materials: Sequence[Material], plane: str | None) -> float:
-        """a(e, e) of a field (lattice points, dimension)."""
+        """a(e, e) of a field (grid points, dimension)."""
         material = materials[0]
         d = len(self.cells)
         steps = np.subtract(self.upper, self.lower) / self.cells
@@ -205,7 +205,7 @@ def _line(mesh: Mesh, axis: int, fine: int) -> sparse.csr_matrix:
 
 @lru_cache(maxsize=16)
 def _simplices(mesh: Mesh, fine: tuple[int, ...]) -> sparse.csr_matrix:
-    """Evaluation of a function on the simplices of a box, (lattice points, nodes)."""
+    """Evaluation of a function on the simplices of a box, (grid points, nodes)."""
     d = len(fine)
     point = np.stack(np.meshgrid(*(np.arange(n + 1) for n in fine), indexing="ij"), axis=-1)
     point = point.reshape(-1, d)

@@ -63,7 +63,7 @@ class BodyNodes:
         return 2 if self.cell in ("triangle", "quadrilateral") else 3
 
 
-class Cloud:
+class PointsOfMesh:
     """The nodes of a finest mesh, at which fields of a body are compared."""
 
     def __init__(self, finest: BodyNodes) -> None:

@@ -26,7 +26,7 @@ from contact_app.run.progress import Interruption, Progress, together
 from contact_app.run.summary import Totals, summarise
 from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
-from contact_app.studies.surface import surface_fields, write_lattice, write_surface
+from contact_app.studies.surface import surface_fields, write_all_nodes, write_surface
 from solver import MPRGP, SMALBE, BoxQP, Reason
 from solver.contact.checkpoint import Attention, Checkpoint, Saver
 from solver.contact.solution import Solution
@@ -113,7 +113,7 @@ def _run(
             fields = surface_fields(model, solution)
             write_surface(fields, directory / "surface.xdmf", comm)
             if full_field:
-                write_lattice(model, solution, directory / "displacement.xdmf")
+                write_all_nodes(model, solution, directory / "displacement.xdmf")
     totals = Totals(
         fields.largest_displacement,
         fields.mean_displacement,

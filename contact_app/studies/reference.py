@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from contact_app.scene.bodies import Box
 from contact_app.scene.scene import Scene
-from contact_app.studies.fields_on_boxes import Lattice, Mesh
-from contact_app.studies.fields_on_meshes import BodyNodes, Cloud
+from contact_app.studies.fields_on_boxes import Mesh, PointsOfBox
+from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
 
 Array = NDArray[np.float64]
 LEAST_KNOWN = 0.01
@@ -47,7 +47,7 @@ class Fields:
     degree : (bodies,)
     cell : (bodies,)
     cells, tags, facets
-        Of each body, as `cloud.BodyNodes` has them; empty for peers, whose body is a box.
+        Of each body, as `BodyNodes` has them; empty for peers, which have a box.
     """
 
     points: Array
@@ -100,7 +100,7 @@ class Fields:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """An answer on the lattice of each body: (points, dimension) and (points,)."""
+    """An answer on the grid of each body: (points, dimension) and (points,)."""
 
     displacement: list[Array]
     pressure: list[Array]
@@ -108,7 +108,7 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Ruler:
-    """Measures distances of answers at the points of one lattice or cloud a body.
+    """Measures distances of answers at the points of one set of points a body.
 
     Attributes
     ----------
@@ -117,26 +117,26 @@ class Ruler:
     """
 
     scene: Scene
-    places: tuple[Lattice | Cloud, ...]
+    places: tuple[PointsOfBox | PointsOfMesh, ...]
     areas: list[Array]
 
     @classmethod
     def of(cls, scene: Scene, finest: Fields) -> Ruler:
         """The ruler whose points are the nodes of a finest answer."""
-        places: list[Lattice | Cloud] = []
+        places: list[PointsOfBox | PointsOfMesh] = []
         areas = []
         for number, body in enumerate(scene.bodies):
             nodes = finest.nodes(number)
             if isinstance(body.mesh, Box):
                 shape = Mesh.through(nodes.cell, nodes.degree, _unit(body.mesh, nodes.points)).shape
-                lattice = Lattice(body.mesh.lower, body.mesh.upper, tuple(n - 1 for n in shape))
+                grid = PointsOfBox(body.mesh.lower, body.mesh.upper, tuple(n - 1 for n in shape))
                 watched = finest.watched[finest.body(number)].astype(float)
-                places.append(lattice)
-                areas.append(lattice.weights * (lattice.sample(nodes, watched).ravel() > 0.5))
+                places.append(grid)
+                areas.append(grid.weights * (grid.sample(nodes, watched).ravel() > 0.5))
             else:
-                cloud = Cloud(nodes)
-                places.append(cloud)
-                areas.append(cloud.areas)
+                nodes_of_finest = PointsOfMesh(nodes)
+                places.append(nodes_of_finest)
+                areas.append(nodes_of_finest.areas)
         return cls(scene, tuple(places), areas)
 
     def sample(self, fields: Fields) -> Sampled:

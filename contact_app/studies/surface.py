@@ -138,7 +138,7 @@ def write_surface(fields: SurfaceFields, path: Path, comm: MPI.Intracomm) -> Non
     )
 
 
-def write_lattice(model: Model, solution: Solution, path: Path) -> None:
+def write_all_nodes(model: Model, solution: Solution, path: Path) -> None:
     """Write the displacement of all nodes of a regularly split box, which needs no mesh.
 
     Each subdomain is a regular grid given by its origin and spacing, so that the file holds one

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from meshes import BoxShape, Partition, decompose, dolfinx_compat, graph
 from meshes.box_cells import BoxCells
 from meshes.cells import Cells
-from meshes.load_balance import dealt
+from meshes.load_balance import balanced_runs
 from meshes.unstructured import CellMesh, Topology
 from tests.ranks import execute
 
@@ -190,18 +190,18 @@ def graded() -> CellMesh:
 
 @pytest.mark.parametrize("ranks", [1, 2, 3, 7])
 def test_ranks_get_as_many_subdomains_unless_work_differs(ranks: int) -> None:
-    alike = dealt([(n, 10) for n in range(17)], ranks)
+    alike = balanced_runs([(n, 10) for n in range(17)], ranks)
     assert alike == [17 * rank // ranks for rank in range(ranks + 1)]
-    assert dealt([("one", 10)] * 17, ranks) == alike
+    assert balanced_runs([("one", 10)] * 17, ranks) == alike
 
 
 def test_classes_count_once_on_a_rank() -> None:
     subdomains = [(n, 10) for n in range(10)] + [("a", 10)] * 10 + [("b", 10)] * 10
-    first, middle, last = dealt(subdomains, 2)
+    first, middle, last = balanced_runs(subdomains, 2)
     assert (first, last) == (0, 30)
     assert middle == 9
-    assert dealt([(0, 1), (1, 1), (2, 1000)], 3) == [0, 1, 2, 3]
-    assert dealt([(0, 1000), (1, 500), (2, 500), (3, 500)], 2) == [0, 1, 4]
+    assert balanced_runs([(0, 1), (1, 1), (2, 1000)], 3) == [0, 1, 2, 3]
+    assert balanced_runs([(0, 1000), (1, 500), (2, 500), (3, 500)], 2) == [0, 1, 4]
 
 
 CUTS: dict[str, tuple[list, None | int | tuple[int, ...]]] = {

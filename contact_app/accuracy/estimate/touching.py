@@ -42,7 +42,7 @@ class FrictionAtNodes:
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """What touches at the nodes of each class.
+    """Contact at the nodes of each class.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Touching:
 
 
 def touching_nodes(model: Model, solution: Solution) -> Touching:
-    """What touches in an answer (collective)."""
+    """Contact in an answer (collective)."""
     problem = model.problem
     pushing = np.where(problem.inequality, solution.multiplier, 0.0)
     pushed = [(force != 0.0).any(axis=2) for force in _at_nodes(problem, pushing)]

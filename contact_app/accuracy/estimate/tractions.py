@@ -116,7 +116,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class OnSubdomain:
-    """What touches at the nodes of one subdomain.
+    """Contact at the nodes of one subdomain.
 
     Attributes
     ----------

@@ -17,9 +17,9 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.material import Material
 from contact_app.studies import chart
-from contact_app.studies.chart_store import Kept
-from contact_app.studies.fields_on_boxes import Lattice, Mesh
-from contact_app.studies.fields_on_meshes import BodyNodes, Cloud
+from contact_app.studies.chart_store import StoredPoints
+from contact_app.studies.fields_on_boxes import Mesh, PointsOfBox
+from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
 from contact_app.studies.frontier import frontier
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import Fields, ReferenceAnswer, Ruler, Sampled, extrapolate
@@ -55,7 +55,7 @@ def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> No
 
 
 def _nodes(mesh: Mesh, lower: tuple[float, ...], upper: tuple[float, ...]) -> np.ndarray:
-    """Nodes of a mesh in an order that is not the lattice's, (n, 3)."""
+    """Nodes of a mesh in an order that is not the grid's, (n, 3)."""
     axes = [a + (b - a) * x for a, b, x in zip(lower, upper, mesh.grids, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
     order = np.random.default_rng(3).permutation(len(points))
@@ -72,23 +72,23 @@ def test_polynomials_are_evaluated_exactly(
     graded = graded and graded[:d]
     lower, upper = (1.0, -2.0, 0.5)[:d], (2.0, 0.0, 3.5)[:d]
     mesh = Mesh(cell, degree, (2, 3, 1)[:d], graded)
-    lattice = Lattice(lower, upper, (8, 12, 4)[:d])
-    fine = _nodes(Mesh("quadrilateral", 1, lattice.cells), lower, upper)
+    grid = PointsOfBox(lower, upper, (8, 12, 4)[:d])
+    fine = _nodes(Mesh("quadrilateral", 1, grid.cells), lower, upper)
 
     def field(x: np.ndarray) -> np.ndarray:
         line = x[:, :d] @ np.array([1.0, -3.0, 0.7])[:d] + 2.0
         return np.column_stack([line**degree, -line])
 
     nodes = _nodes(mesh, lower, upper)
-    seen = Mesh.through(cell, degree, lattice.places(nodes))
+    seen = Mesh.through(cell, degree, grid.places(nodes))
     assert seen.cells == mesh.cells
     for found, expected in zip(seen.lines, mesh.lines, strict=True):
         assert found == pytest.approx(expected, abs=1e-12)
-    found = lattice.evaluate(mesh, nodes, field(nodes))
+    found = grid.evaluate(mesh, nodes, field(nodes))
     order = np.lexsort(fine[:, :d].T[::-1])
     assert found == pytest.approx(field(fine[order]), abs=1e-11)
     with pytest.raises(ValueError, match="nodes"):
-        lattice.evaluate(mesh, nodes[1:], field(nodes)[1:])
+        grid.evaluate(mesh, nodes[1:], field(nodes)[1:])
 
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "triangle"])
@@ -110,37 +110,37 @@ def test_simplices_are_those_of_dolfinx(cell: str) -> None:
     centres = mesh.geometry.x[cells].mean(axis=1)
     expected = function.eval(centres, np.arange(len(cells), dtype=np.int32))
     fine = 8 if d == 3 else 6  # centres of simplices of 2 cells: multiples of 1/8, 1/6
-    lattice = Lattice((0.0,) * d, (1.0,) * d, (fine,) * d)
+    grid = PointsOfBox((0.0,) * d, (1.0,) * d, (fine,) * d)
     nodes = space.tabulate_dof_coordinates()
-    found = lattice.evaluate(Mesh(cell, 1, (2,) * d), nodes, function.x.array.reshape(-1, d))
+    found = grid.evaluate(Mesh(cell, 1, (2,) * d), nodes, function.x.array.reshape(-1, d))
     place = np.rint(centres[:, :d] * fine).astype(int)
     rows = np.ravel_multi_index(tuple(place.T), (fine + 1,) * d)
     assert found[rows] == pytest.approx(expected, abs=1e-12)
 
 
 def test_energy_and_volume_of_the_lattice() -> None:
-    material, lattice = Material(210.0, 0.3), Lattice((0, 0, 0), (2, 1, 1), (4, 3, 2))
-    points = _nodes(Mesh("hexahedron", 1, lattice.cells), lattice.lower, lattice.upper)
+    material, grid = Material(210.0, 0.3), PointsOfBox((0, 0, 0), (2, 1, 1), (4, 3, 2))
+    points = _nodes(Mesh("hexahedron", 1, grid.cells), grid.lower, grid.upper)
     points = points[np.lexsort(points.T[::-1])]
     stretch = np.zeros_like(points)
     stretch[:, 0] = 0.1 * points[:, 0]
     modulus = 210.0 * 0.7 / (1.3 * 0.4)
-    assert lattice.energy(stretch, (material,), None) == pytest.approx(2.0 * modulus * 0.01)
-    assert lattice.energy(np.ones_like(points), (material,), None) == pytest.approx(0.0, abs=1e-10)
-    assert lattice.weights.sum() == pytest.approx(2.0)
+    assert grid.energy(stretch, (material,), None) == pytest.approx(2.0 * modulus * 0.01)
+    assert grid.energy(np.ones_like(points), (material,), None) == pytest.approx(0.0, abs=1e-10)
+    assert grid.weights.sum() == pytest.approx(2.0)
 
 
 def test_pressure_is_continued_to_nodes_without_a_row() -> None:
     scene = build_scene(load(CONFIGS / "block_2d.yaml"))
     box = scene.bodies[0].mesh
-    lattice = Lattice(box.lower, box.upper, (8, 8))
+    grid = PointsOfBox(box.lower, box.upper, (8, 8))
     mesh = Mesh("quadrilateral", 1, (2, 2))
     points = _nodes(mesh, box.lower, box.upper)
     floor = points[:, 1] == 0.0
     watched = floor & (points[:, 0] > 0.0)
     fields = Fields(points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
                     np.array([1]), np.array(["quadrilateral"]))  # fmt: skip
-    ruler = Ruler(scene, (lattice,), [])
+    ruler = Ruler(scene, (grid,), [])
     found = ruler.sample(fields).pressure[0].reshape(9, 9)
     assert found[1:, 0] == pytest.approx(5.0)
     assert found[0, 0] == 0.0
@@ -149,8 +149,8 @@ def test_pressure_is_continued_to_nodes_without_a_row() -> None:
 def test_extrapolation_finds_rate_and_rest() -> None:
     scene = build_scene(load(CONFIGS / "block_2d.yaml"))
     box = scene.bodies[0].mesh
-    lattice = Lattice(box.lower, box.upper, (4, 4))
-    ruler = Ruler(scene, (lattice,), [lattice.weights])
+    grid = PointsOfBox(box.lower, box.upper, (4, 4))
+    ruler = Ruler(scene, (grid,), [grid.weights])
     limit = np.random.default_rng(0).normal(size=(25, 3))
     drift = np.random.default_rng(1).normal(size=(25, 3))
 
@@ -187,7 +187,7 @@ def _body(cell: str, degree: int, cells: int) -> BodyNodes:
 def test_clouds_hold_polynomials(cell: str, degree: int) -> None:
     """Evaluated exactly on another mesh; energy, volume and area of fields known."""
     coarse, fine = _body(cell, degree, 2), _body(cell, degree, 3)
-    d, cloud = fine.dimension, Cloud(fine)
+    d, cloud = fine.dimension, PointsOfMesh(fine)
 
     def field(x: np.ndarray) -> np.ndarray:
         line = x[:, :d] @ np.array([1.0, -3.0, 0.7])[:d] + 2.0
@@ -285,15 +285,15 @@ def test_refinement_to_an_accuracy_is_a_point_and_a_chart_goes_on(tmp_path: Path
 
 
 def test_only_the_same_chart_goes_on(tmp_path: Path) -> None:
-    kept = Kept(tmp_path, ["one", "scene"], resume=False)
-    kept.reference(0).touch()
-    kept.add("a point", {"seconds": 1.0})
-    kept.add("another", "not done after 1 s")
-    same = Kept(tmp_path, ["one", "scene"], resume=True)
-    assert same.points == kept.points
+    stored = StoredPoints(tmp_path, ["one", "scene"], resume=False)
+    stored.reference(0).touch()
+    stored.add("a point", {"seconds": 1.0})
+    stored.add("another", "not done after 1 s")
+    same = StoredPoints(tmp_path, ["one", "scene"], resume=True)
+    assert same.points == stored.points
     assert same.rows() == [{"seconds": 1.0}]
     assert same.reference(0).exists()
-    assert not Kept(tmp_path, ["another", "scene"], resume=True).points
+    assert not StoredPoints(tmp_path, ["another", "scene"], resume=True).points
     assert not same.reference(0).exists()
 
 

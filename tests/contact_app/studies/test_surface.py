@@ -14,7 +14,12 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from contact_app.studies.surface import SurfaceFields, surface_fields, write_lattice, write_surface
+from contact_app.studies.surface import (
+    SurfaceFields,
+    surface_fields,
+    write_all_nodes,
+    write_surface,
+)
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -99,7 +104,7 @@ def test_lattice_file_holds_all_displacements_and_no_mesh(
     cube: tuple[SolvedScene, SurfaceFields], tmp_path: Path
 ) -> None:
     solved, _ = cube
-    write_lattice(solved.model, solved.solution, tmp_path / "all.xdmf")
+    write_all_nodes(solved.model, solved.solution, tmp_path / "all.xdmf")
     text = (tmp_path / "all.xdmf").read_text()
     assert text.count("3DCoRectMesh") == 12
     known = {
@@ -120,4 +125,4 @@ def test_tetrahedra_need_a_mesh(tmp_path: Path) -> None:
         "cube", "bodies.0.mesh.box.cells=[2,2,2]", "bodies.0.mesh.box.cell=tetrahedron"
     )
     with pytest.raises(ValueError, match="boxes of hexahedra"):
-        write_lattice(solved.model, solved.solution, tmp_path / "all.xdmf")
+        write_all_nodes(solved.model, solved.solution, tmp_path / "all.xdmf")
