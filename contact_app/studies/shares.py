@@ -20,6 +20,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.studies.bench import config
 from solver.contact.row_kinds import RowKind
+from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.winkler import winkler_contact
@@ -64,7 +65,7 @@ class Shares:
         if problem.coarse is None:
             raise ValueError("one body in one subdomain has no coarse problem")
         touching = winkler_contact(problem)
-        problem = problem.with_active(touching)
+        problem = with_active(problem, touching)
         coarse = problem.coarse
         assert coarse is not None
         rng = np.random.default_rng(0)

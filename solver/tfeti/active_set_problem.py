@@ -23,6 +23,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.derived import beginning_at, turned, with_active
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
@@ -137,7 +138,7 @@ class ActiveSetProblem:
         if turn is not None or self._compliance is not None:
             directions = None  # what is recycled knows the original frames and F alone
         if turn is not None:
-            problem = problem.turned(turn)
+            problem = turned(problem, turn)
             multiplier = None if multiplier is None else turn.turned(multiplier)
         self._tractions = _outside(statuses, problem)
         if self._tractions is not None and multiplier is not None:
@@ -150,11 +151,11 @@ class ActiveSetProblem:
         recycled = Recycled(directions, active)
         rows = None if self._compliance is None else _scalings(problem, self._compliance)
         self._scale = None if rows is None else rows[0]
-        self.reduced = problem.with_active(active, multiplier, self._tractions, self._scale)
+        self.reduced = with_active(problem, active, multiplier, self._tractions, self._scale)
         coarse = self.reduced.coarse
         assert coarse is not None
         if not recycled.empty:
-            self.reduced = self.reduced.beginning_at(*recycled.best(self.reduced.rhs))
+            self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty here: steps that leave the range of P would meet no curvature, and none does

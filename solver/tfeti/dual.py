@@ -17,14 +17,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from hashlib import sha1
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.backend import Turn
 from solver.contact.bodies import Bodies, body_lengths, largest
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
@@ -33,36 +31,15 @@ from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.friction import friction_points
 from solver.tfeti.constraints.matrix import (
     ConstraintMatrix,
-    RowWeights,
-    TurnedConstraintMatrix,
     local_rows,
     petsc_rows,
 )
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator, interface_slices
+from solver.tfeti.free_solution import FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.tfeti.system import ContactSystem
-
-
-def _alike(
-    loads: NDArray[np.float64], chosen: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The first of each set of equal columns among the chosen, and the set of each."""
-    sets: dict[bytes, int] = {}
-    firsts: list[int] = []
-    alike = np.empty(len(chosen), np.int64)
-    for k, column in enumerate(chosen):
-        digest = sha1(np.ascontiguousarray(loads[:, column]).data, usedforsecurity=False).digest()
-        if digest not in sets:
-            sets[digest] = len(firsts)
-            firsts.append(int(column))
-        alike[k] = sets[digest]
-    return np.array(firsts), alike
-
-
-FreeSolution = tuple[NDArray[np.float64], list[NDArray[np.float64]]]
-"""K⁺ f on the interface, and fᵀ K⁺ f of each subdomain, an array a class."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,17 +289,6 @@ class DualProblem:
         local.eliminate_zeros()
         return ConstraintMatrix(self.comm, local, B.columns, B.nodal, B.components)
 
-    def contact_stiffness(self) -> tuple[NDArray[np.float64], float]:
-        """What K holds against each contact row on its own, and against any unknown (collective).
-
-        Returns
-        -------
-        Diagonal of B diag(K) Bᵀ, (contact rows,), and the largest entry of diag(K) on interfaces.
-        """
-        parts = [c.stiffness.diagonal()[c.interface] for c in self.classes if c.members]
-        top = max((float(part.max(initial=0.0)) for part in parts), default=0.0)
-        return self.row_stiffness(self.inequality), self.comm.allreduce(top, op=MPI.MAX)
-
     @cached_property
     def overlap(self) -> NDArray[np.float64]:
         """Row sums of |B Bᵀ| over contact, tangential and tied rows, 1 for other rows.
@@ -346,27 +312,16 @@ class DualProblem:
         return int(self.comm.allreduce(int((self.kinds == kind).sum())))
 
     @cached_property
-    def _free(self) -> FreeSolution:
-        """K⁺ f on the interface and fᵀ K⁺ f of each subdomain; equal loads are solved for once."""
+    def free(self) -> FreeSolution:
+        """What the loads do without constraints."""
         if self.known.free is not None:
             return self.known.free
-        result = np.zeros(self.B.columns)
-        works = [np.zeros(cls.members) for cls in self.classes]
-        for cls, part, load, work in zip(
-            self.classes, interface_slices(self.classes), self.loads, works, strict=True
-        ):
-            loaded = np.flatnonzero(load.any(axis=0))
-            if len(loaded):
-                first, alike = _alike(load, loaded)
-                u = cls.solve(load[:, first])
-                result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T[alike]
-                work[loaded] = np.einsum("ij,ij->j", load[:, first], u)[alike]
-        return result, works
+        return solve_free(self.classes, self.loads)
 
     @property
     def free_displacements(self) -> NDArray[np.float64]:
         """K⁺ f on the interface."""
-        return self._free[0]
+        return self.free[0]
 
     @cached_property
     def free_lengths(self) -> NDArray[np.float64]:
@@ -386,7 +341,7 @@ class DualProblem:
         """
         if not self.factored:
             return self.strains_at_unknowns()
-        works = list(self._free[1])
+        works = list(self.free[1])
         for number, (cls, load, lift) in enumerate(
             zip(self.classes, self.forces, self.lifting, strict=True)
         ):
@@ -428,7 +383,7 @@ class DualProblem:
         displacements : (interface,)
             K⁺ (f - Bᵀ λ).
         """
-        free, works = self._free
+        free, works = self.free
         own = sum(float(work.sum()) for work in works)
         own -= float(self.constraint_forces(multiplier) @ (free + displacements))
         return float(self.comm.allreduce(own))
@@ -531,77 +486,6 @@ class DualProblem:
         self.B.apply_transpose(multiplier, result)
         return result
 
-    def with_active(
-        self,
-        active: NDArray[np.bool_],
-        near: NDArray[np.float64] | None = None,
-        tractions: NDArray[np.float64] | None = None,
-        weights: NDArray[np.float64] | None = None,
-    ) -> DualProblem:
-        """The problem in which these rows hold with equality and the other contact rows are empty.
-
-        Without active rows that is the problem without contact. Only where the bodies are
-        `held_without_contact`; else the coarse problem can be singular.
-
-        Parameters
-        ----------
-        active : (dual,)
-            Contact and tangential rows that hold with equality.
-        near : (dual,)
-            λ̃ is the multiplier in equilibrium next to this one, instead of the smallest.
-        tractions : (dual,)
-            Multipliers that act as a load beside it. What they do is in
-            `displacements_of_offset` and `rhs`; `d` does not know of them.
-        weights : (dual,)
-            Factors on the rows; λ is a factor times the multiplier of the scaled row.
-        """
-        keep = np.where(self.conditional & ~active, 0.0, 1.0 if weights is None else weights)
-        own, loads = self.system.constraints, self.system.loads
-        constraints = replace(
-            own,
-            B=self.B.scaled(RowWeights(keep)),
-            kinds=np.where(self.conditional, np.int8(RowKind.SUPPORT), self.kinds),
-            coarse=None if own.coarse is None else own.coarse.weighted(keep),
-        )
-        system = replace(
-            self.system,
-            constraints=constraints,
-            contact=self.contact.none(),
-            friction=None,
-            loads=replace(loads, c=self.c * keep),
-        )
-        offset = moved = None
-        if near is not None or tractions is not None:
-            offset = np.zeros(self.size) if near is None else near * keep
-        if offset is not None and constraints.coarse is not None:
-            missing, change = np.empty_like(self.e), np.empty(self.size)
-            constraints.coarse.restrict(offset, missing)
-            if tractions is not None:
-                loaded = np.empty_like(missing)
-                own.coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
-                missing += loaded
-            constraints.coarse.carry(self.e - missing, change)
-            offset += change
-        if offset is not None and tractions is not None:
-            moved = np.empty_like(self.free_displacements)
-            self.F.solve_interface(self.constraint_forces(tractions + keep * offset), moved)
-            np.subtract(self.free_displacements, moved, out=moved)
-        return DualProblem(
-            system, Known(free=self._free, d=keep * self.d, offset=offset, displacements=moved)
-        )
-
-    def turned(self, turn: Turn) -> DualProblem:
-        """The same problem in turned tangential frames."""
-        own, loads = self.system.constraints, self.system.loads
-        B = TurnedConstraintMatrix(self.B, turn)
-        coarse = None if own.coarse is None else own.coarse.turned(B)
-        system = replace(
-            self.system,
-            constraints=replace(own, B=B, coarse=coarse),
-            loads=replace(loads, c=turn.turned(loads.c)),
-        )
-        return DualProblem(system, Known(free=self._free, d=turn.turned(self.d)))
-
     def row_stiffness(self, rows: NDArray[np.bool_]) -> NDArray[np.float64]:
         """What K holds against some rows on their own, diag(B diag(K) Bᵀ) (collective)."""
         parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
@@ -610,23 +494,6 @@ class DualProblem:
         found = np.empty(squares.shape[0])
         ConstraintMatrix(self.comm, squares, self.B.columns).apply(diagonal, found)
         return found
-
-    def beginning_at(
-        self, change: NDArray[np.float64], displacements: NDArray[np.float64]
-    ) -> DualProblem:
-        """The same problem with another λ̃: what keeps G λ̃ = e is added to it.
-
-        Parameters
-        ----------
-        change : (dual,)
-        displacements : (interface,)
-            K⁺ Bᵀ times it.
-        """
-        known = Known(
-            self.F, self._free, self.d, self.offset + change,
-            self.displacements_of_offset - displacements,
-        )  # fmt: skip
-        return DualProblem(self.system, known)
 
     def kernel_slices(self) -> list[slice]:
         """Where the kernels of each class live in a coarse vector."""

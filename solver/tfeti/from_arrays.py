@@ -22,6 +22,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
+from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
 
 IDEMPOTENT = 1e-8
@@ -206,7 +207,7 @@ def _knowing_what_holds(problem: DualProblem) -> DualProblem:
 
     They do where the coarse problem without contact rows has a projector: Q Q = Q.
     """
-    coarse = problem.with_active(np.zeros(problem.size, bool)).coarse
+    coarse = with_active(problem, np.zeros(problem.size, bool)).coarse
     assert coarse is not None
     probe = np.where(problem.inequality, 0.0, np.cos(np.arange(problem.size)))
     once, twice = np.empty(problem.size), np.empty(problem.size)

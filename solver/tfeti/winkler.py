@@ -54,12 +54,24 @@ def gaps_are_zero(problem: DualProblem) -> bool:
     return not comm.allreduce(int((apart | overlaps).sum()))
 
 
+def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]:
+    """What K holds against each contact row on its own, and against any unknown (collective).
+
+    Returns
+    -------
+    Diagonal of B diag(K) Bᵀ, (contact rows,), and the largest entry of diag(K) on interfaces.
+    """
+    parts = [c.stiffness.diagonal()[c.interface] for c in problem.classes if c.members]
+    top = max((float(part.max(initial=0.0)) for part in parts), default=0.0)
+    return problem.row_stiffness(problem.inequality), problem.comm.allreduce(top, op=MPI.MAX)
+
+
 def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
     """Contact rows (dual,) that are pressed where rigid subdomains lie on a Winkler foundation."""
     coarse, comm = problem.coarse, problem.comm
     assert coarse is not None
     contact = problem.inequality
-    springs, top = problem.contact_stiffness()
+    springs, top = contact_stiffness(problem)
     stiffness = top * coarse.metric
     springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # none where rigid meets rigid
     stiffness[contact] = np.minimum(springs, top)

@@ -13,6 +13,7 @@ from solver.backend import Statuses
 from solver.contact.active_set import StoppingTest, active_set_loop
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
+from solver.tfeti.derived import beginning_at, with_active
 from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_active_sets import initial_active_set
@@ -68,7 +69,7 @@ def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualP
     directions = Directions(problem.B, problem.conditional)
     near, _ = solved(ActiveSetProblem(problem, Statuses(closed(problem, 16)), None, directions))
     touching = closed(problem, 13)
-    glued = problem.with_active(touching, near)
+    glued = with_active(problem, touching, near)
     np.testing.assert_allclose(glued.d, glued.residual(glued.free_displacements))
     recycled = Recycled(directions, touching)
     change, motion = recycled.best(glued.rhs)
@@ -85,7 +86,7 @@ def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualP
     exact = np.empty(problem.size)
     problem.F.apply(change, exact)
     assert product == pytest.approx(exact, abs=1e-9 * np.abs(exact).max())
-    again, _ = recycled.best(glued.beginning_at(change, motion).rhs)
+    again, _ = recycled.best(beginning_at(glued, change, motion).rhs)
     assert np.abs(again).max() < 1e-6 * size
 
     z = np.random.default_rng(0).normal(size=problem.size) * (~problem.inequality | touching)

@@ -15,6 +15,7 @@ from contact_app.model.model import build_model
 from solver.contact.row_kinds import RowKind
 from solver.driver import solve
 from solver.tfeti.constraints.cross_points import Neighbours, helmert, joining
+from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
@@ -103,7 +104,7 @@ def errors_of(problem: DualProblem) -> float:
     worst = 0.0
     some = problem.inequality & (rng.random(problem.size) < 0.7)
     for touching in (problem.inequality, some):
-        coarse = problem.with_active(touching).coarse
+        coarse = with_active(problem, touching).coarse
         assert coarse is not None
         x, y = rng.standard_normal((2, problem.size))
         once, twice, adjoint = (np.empty(problem.size) for _ in range(3))
@@ -132,7 +133,7 @@ def test_the_coarse_problem_of_a_face_joins_neighbours_alone() -> None:
     """27 subdomains of six motions, 54 faces; edges count only where there is contact."""
     problem = problem_of("regular")
     assert problem.coarse is not None
-    none = problem.with_active(np.zeros(problem.size, bool)).coarse
+    none = with_active(problem, np.zeros(problem.size, bool)).coarse
     assert none is not None
     metric = problem.coarse.metric
     assert set(np.round(metric, 12)) == {0.5, 1.0, np.round(1 / 3, 12), np.round(2 / 3, 12)}
@@ -173,6 +174,7 @@ def test_the_answer_is_the_same(case: str) -> None:
 def test_on_ranks(shared: int) -> None:
     program = (
         "from mpi4py import MPI\n"
+        "from solver.tfeti.derived import with_active\n"
         "from solver.tfeti.options import TotalFetiOptions\n"
         "from tests.contact_app.tfeti.test_cross_points import CASES, errors_of, problem_of\n"
         f"options = TotalFetiOptions(many_subdomains=2, gathered={shared})\n"
@@ -180,7 +182,7 @@ def test_on_ranks(shared: int) -> None:
         "    error = errors_of(problem_of(case, MPI.COMM_WORLD, options))\n"
         "    assert error < 1e-10, (case, error)\n"
         "coarse = problem_of('regular', MPI.COMM_WORLD, options)\n"
-        "coarse = coarse.with_active(coarse.inequality).coarse\n"
+        "coarse = with_active(coarse, coarse.inequality).coarse\n"
         "assert coarse.entries == 36 * 151, coarse.entries\n"
     )
     execute(program, ranks=2)

@@ -1,0 +1,107 @@
+"""Problems derived from a dual problem while it is solved: of an active set, of turned frames.
+
+They share its factors and what its loads do without constraints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.backend import Turn
+from solver.contact.row_kinds import RowKind
+from solver.tfeti.constraints.matrix import RowWeights, TurnedConstraintMatrix
+from solver.tfeti.dual import DualProblem, Known
+
+
+def with_active(
+    problem: DualProblem,
+    active: NDArray[np.bool_],
+    near: NDArray[np.float64] | None = None,
+    tractions: NDArray[np.float64] | None = None,
+    weights: NDArray[np.float64] | None = None,
+) -> DualProblem:
+    """The problem in which these rows hold with equality and the other contact rows are empty.
+
+    Without active rows that is the problem without contact. Only where the bodies are
+    `held_without_contact`; else the coarse problem can be singular.
+
+    Parameters
+    ----------
+    active : (dual,)
+        Contact and tangential rows that hold with equality.
+    near : (dual,)
+        λ̃ is the multiplier in equilibrium next to this one, instead of the smallest.
+    tractions : (dual,)
+        Multipliers that act as a load beside it. What they do is in
+        `displacements_of_offset` and `rhs`; `d` does not know of them.
+    weights : (dual,)
+        Factors on the rows; λ is a factor times the multiplier of the scaled row.
+    """
+    keep = np.where(problem.conditional & ~active, 0.0, 1.0 if weights is None else weights)
+    own, loads = problem.system.constraints, problem.system.loads
+    constraints = replace(
+        own,
+        B=problem.B.scaled(RowWeights(keep)),
+        kinds=np.where(problem.conditional, np.int8(RowKind.SUPPORT), problem.kinds),
+        coarse=None if own.coarse is None else own.coarse.weighted(keep),
+    )
+    system = replace(
+        problem.system,
+        constraints=constraints,
+        contact=problem.contact.none(),
+        friction=None,
+        loads=replace(loads, c=problem.c * keep),
+    )
+    offset = moved = None
+    if near is not None or tractions is not None:
+        offset = np.zeros(problem.size) if near is None else near * keep
+    if offset is not None and constraints.coarse is not None:
+        missing, change = np.empty_like(problem.e), np.empty(problem.size)
+        constraints.coarse.restrict(offset, missing)
+        if tractions is not None:
+            loaded = np.empty_like(missing)
+            own.coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
+            missing += loaded
+        constraints.coarse.carry(problem.e - missing, change)
+        offset += change
+    if offset is not None and tractions is not None:
+        moved = np.empty_like(problem.free_displacements)
+        problem.F.solve_interface(problem.constraint_forces(tractions + keep * offset), moved)
+        np.subtract(problem.free_displacements, moved, out=moved)
+    return DualProblem(
+        system, Known(free=problem.free, d=keep * problem.d, offset=offset, displacements=moved)
+    )
+
+
+def turned(problem: DualProblem, turn: Turn) -> DualProblem:
+    """The same problem in turned tangential frames."""
+    own, loads = problem.system.constraints, problem.system.loads
+    B = TurnedConstraintMatrix(problem.B, turn)
+    coarse = None if own.coarse is None else own.coarse.turned(B)
+    system = replace(
+        problem.system,
+        constraints=replace(own, B=B, coarse=coarse),
+        loads=replace(loads, c=turn.turned(loads.c)),
+    )
+    return DualProblem(system, Known(free=problem.free, d=turn.turned(problem.d)))
+
+
+def beginning_at(
+    problem: DualProblem, change: NDArray[np.float64], displacements: NDArray[np.float64]
+) -> DualProblem:
+    """The same problem with another λ̃: what keeps G λ̃ = e is added to it.
+
+    Parameters
+    ----------
+    change : (dual,)
+    displacements : (interface,)
+        K⁺ Bᵀ times it.
+    """
+    known = Known(
+        problem.F, problem.free, problem.d, problem.offset + change,
+        problem.displacements_of_offset - displacements,
+    )  # fmt: skip
+    return DualProblem(problem.system, known)

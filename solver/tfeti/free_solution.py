@@ -1,0 +1,53 @@
+"""K⁺ f: what loads do to subdomains without constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from hashlib import sha1
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.tfeti.dual_operator import interface_slices
+from solver.tfeti.subdomain.classes import SubdomainClass
+
+FreeSolution = tuple[NDArray[np.float64], list[NDArray[np.float64]]]
+"""K⁺ f on the interface, and fᵀ K⁺ f of each subdomain, an array a class."""
+
+
+def solve_free(
+    classes: tuple[SubdomainClass, ...], loads: Sequence[NDArray[np.float64]]
+) -> FreeSolution:
+    """Solve with the factor of each class; equal loads are solved for once.
+
+    Parameters
+    ----------
+    loads : one (n, members) array a class
+        f - K u_held.
+    """
+    result = np.zeros(sum(cls.members * len(cls.interface) for cls in classes))
+    works = [np.zeros(cls.members) for cls in classes]
+    for cls, part, load, work in zip(classes, interface_slices(classes), loads, works, strict=True):
+        loaded = np.flatnonzero(load.any(axis=0))
+        if len(loaded):
+            first, alike = _alike(load, loaded)
+            u = cls.solve(load[:, first])
+            result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T[alike]
+            work[loaded] = np.einsum("ij,ij->j", load[:, first], u)[alike]
+    return result, works
+
+
+def _alike(
+    loads: NDArray[np.float64], chosen: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first of each set of equal columns among the chosen, and the set of each."""
+    sets: dict[bytes, int] = {}
+    firsts: list[int] = []
+    alike = np.empty(len(chosen), np.int64)
+    for k, column in enumerate(chosen):
+        digest = sha1(np.ascontiguousarray(loads[:, column]).data, usedforsecurity=False).digest()
+        if digest not in sets:
+            sets[digest] = len(firsts)
+            firsts.append(int(column))
+        alike[k] = sets[digest]
+    return np.array(firsts), alike
