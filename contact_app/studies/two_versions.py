@@ -60,7 +60,7 @@ def _rows(before: Path, after: Path) -> Iterator[str]:
         most = max(abs(new / old - 1.0) for old, new in counts)
         yield (
             f"| {benchmark} | `{expansion}` | {len(counts)} | {same} | {medians[0]:g} | "
-            f"{medians[1]:g} | {100.0 * most:.1f} % |"
+            f"{medians[1]:g} | {100.0 * most:.3g} % |"
         )
 
 
@@ -68,7 +68,8 @@ def _run(name: str, old: dict[str, Any], new: dict[str, Any]) -> str:
     counts = [s["solver"]["hessian_multiplications"] for s in (old, new)]
     first, second = (s["solution"]["energy"] for s in (old, new))
     change = abs(second - first) / abs(first) if first else abs(second)
-    return f"| {name} | {counts[0]} | {counts[1]} | {first:.10g} | {change:.1e} |"
+    shown = f"{change:.1e}" if change else "0"
+    return f"| {name} | {counts[0]} | {counts[1]} | {first:.10g} | {shown} |"
 
 
 if __name__ == "__main__":
