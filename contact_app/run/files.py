@@ -13,8 +13,8 @@ from contact_app.model.outline import Outline
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import log, write_summary
 from contact_app.results.result_size import all_bytes, file_names
-from contact_app.run.check import modelled_lines
 from contact_app.run.communication import on_first
+from contact_app.run.model_report import modelled_lines
 from contact_app.run.progress import Progress
 from contact_app.run.repeated_sentences import said_once
 from contact_app.run.result_directory import remove_parts

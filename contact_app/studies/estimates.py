@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from contact_app.model.outline import outline
 from contact_app.model.symmetry import halved
-from contact_app.run.check import estimate
+from contact_app.run.cost import estimate
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.studies.bench import config

@@ -10,7 +10,9 @@ from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.outline import outline
-from contact_app.run.check import describe, estimate, modelled_lines, report
+from contact_app.run.check import describe, report
+from contact_app.run.cost import estimate
+from contact_app.run.model_report import modelled_lines
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from solver.contact.row_kinds import RowKind

@@ -1,0 +1,139 @@
+"""What a run costs, estimated from the outline of its model.
+
+Time is estimated from the sizes of the subdomains by the model that chooses the decomposition
+(`solver.tfeti.subdomain.costs`), for the Hessian multiplications that bodies of such a shape were
+seen to need; a badly conditioned scene needs several times as many. Each cell adds its share of
+error estimate and output. `python -m contact_app.studies.estimates` holds estimates against runs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.machine.memory import available_bytes, needed_bytes
+from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
+from contact_app.model.outline import Outline
+from contact_app.scene.scene import Scene
+from meshes import Subdomain
+from solver.tfeti.subdomain.costs import Group, run_seconds
+
+CELL_RATE = {2: 8e-7, 3: 2e-6}
+"""Seconds for error estimate, fields and output of a cell, by dimension."""
+
+PACE = 0.6
+"""Seconds of runs in an ordinary hour over those of the cost model, fitted in a slow one."""
+
+STEP_SECONDS = 7e-4
+"""Calls and exchanges of each operator application where there is gluing, however it is cut."""
+
+STARTED = 0.022
+"""Seconds of a run beside, whatever its size."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Estimated peak memory (bytes) and time (seconds) of a run on one process."""
+
+    memory: float
+    seconds: float
+
+
+def estimate(scene: Scene, known: Outline) -> Cost:
+    """What a run costs, by the formulas of this module and of `memory` (collective)."""
+    partition, d = known.partition, scene.dimension
+    gluing, groups = gluing_rows(scene, known), groups_of(scene, known)
+    contact = partition.comm.allreduce(len(known.contact.gaps))
+    held = partition.comm.allreduce(int(known.held.held.sum()))
+    rows = gluing + contact + (0 if known.eliminated.all() else held)
+    dofs = partition.nodes * d
+    memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
+    seconds = STARTED + CELL_RATE[d] * partition.cells
+    products = _products(scene, bool(gluing))
+    seconds += PACE * run_seconds(groups, rows, products, bool(gluing))
+    seconds += STEP_SECONDS * products if gluing else 0.0
+    return Cost(memory, seconds)
+
+
+def _products(scene: Scene, glued: bool) -> float:
+    """Applications of the dual operator expected: more for slender bodies and more digits."""
+    slenderness = 1.0
+    for body in scene.bodies:
+        edges = np.subtract(body.mesh.upper, body.mesh.lower)[: scene.dimension]
+        slenderness = max(slenderness, float(edges.max() / edges.min()))
+    digits = max(-math.log10(scene.solver.expected_tolerance), 2.0) / 6.0
+    products = PRODUCTS_GLUED if glued else PRODUCTS_WHOLE
+    return float(products * math.sqrt(slenderness) * digits**0.6)
+
+
+def cost_lines(scene: Scene, known: Outline) -> list[str]:
+    """Memory and time of a run, and what was checked (collective)."""
+    cost = estimate(scene, known)
+    each = "for the first case and less for each later one, " if scene.cases else ""
+    if scene.steps:
+        each = "for the first increment and less for each later one, "
+    lines = [
+        f"memory: about {cost.memory / 1e9:.2g} GB of {available_bytes() / 1e9:.3g} GB available",
+        f"time: about {_duration(cost.seconds)} {each}on one process of two cores, within a factor "
+        "of two or three on other machines; several times longer where the scene is badly "
+        "conditioned (thin cells, Poisson's ratio near 0.5, bodies of unlike stiffness)",
+        "checked: names, sizes, boundaries, contradictions and equilibrium; nothing was solved",
+    ]
+    if cost.memory > available_bytes():
+        lines.insert(1, "  which is more than there is: use a coarser mesh or more subdomains")
+    return lines
+
+
+def groups_of(scene: Scene, known: Outline) -> list[Group]:
+    """Subdomains of this rank by shape and material."""
+    members: dict[tuple, list[int]] = {}
+    for local, s in enumerate(known.partition.subdomains):
+        key: tuple = (id(s.reference), scene.bodies[s.body].materials)
+        if known.eliminated[s.body]:
+            key = (*key, s.body)
+        members.setdefault(key, []).append(local)
+    groups = []
+    for numbers in members.values():
+        s = known.partition.subdomains[numbers[0]]
+        interface = len(known.surface.local[numbers[0]])
+        if known.eliminated[s.body]:
+            first, last = known.partition.first_node[s.body : s.body + 2]
+            nodes = known.contact.entries.node
+            interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
+        d = scene.dimension
+        unknowns = len(s.reference.points) * d
+        groups.append(
+            Group(d, unknowns, interface * d, len(numbers), _reflections(scene, known, s))
+        )
+    return groups
+
+
+def _reflections(scene: Scene, known: Outline, s: Subdomain) -> int:
+    """Reflections, their products and the identity that a subdomain is expected to have."""
+    graph = isinstance(scene.decomposition.subdomains, int)
+    if known.eliminated[s.body] or graph or not scene.bodies[s.body].mesh.congruent:
+        return 1
+    return 2**scene.dimension if s.reference.cell in ("quadrilateral", "hexahedron") else 2
+
+
+def gluing_rows(scene: Scene, known: Outline) -> int:
+    """Rows of B that glue: one less than the copies of each shared unknown."""
+    comm = known.partition.comm
+    distinct = comm.allreduce(len(distinct_nodes(known, [known.surface.nodes])))
+    return int((comm.allreduce(len(known.surface.nodes)) - distinct) * scene.dimension)
+
+
+def distinct_nodes(known: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Distinct node numbers of all ranks on rank 0, none elsewhere."""
+    here = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
+    parts = known.partition.comm.gather(here)
+    return here[:0] if parts is None else np.unique(np.concatenate(parts))
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.1g} s" if seconds < 10.0 else f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

@@ -1,0 +1,345 @@
+"""What a scene will be modelled as and what is left out, in lines for the screen and the log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.model.boundaries import boundary_nodes
+from contact_app.model.far_obstacles import far_obstacle_hints
+from contact_app.model.loaded_area import loaded_facets
+from contact_app.model.method import PATIENCE, is_undecomposed, may_peel
+from contact_app.model.outline import Outline, left_out_notes
+from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
+from contact_app.run.repeated_sentences import said_once
+from contact_app.run.rigid_lines import rigid_lines
+from contact_app.scene.conditions import (
+    BodyContact,
+    BodyForce,
+    Contact,
+    DisplacementCondition,
+    Pressure,
+    Temperature,
+    TotalLoad,
+    Traction,
+)
+from contact_app.scene.scene import Scene
+
+Condition = DisplacementCondition | Traction | Pressure | TotalLoad | BodyForce | Temperature
+
+LEFT_OUT = (
+    "large strains and rotations: strains are linear in the displacement",
+    "motion of the contact point: the gap is the signed distance of the undeformed node along the "
+    "obstacle's normal there, between bodies along the normal of the undeformed surface",
+    "contact of a body with itself, and between bodies that no contact names",
+    "inertia: the answer is the static equilibrium",
+)
+
+
+def modelled_lines(scene: Scene, known: Outline) -> list[str]:
+    """What is modelled, how, and what is left out (collective)."""
+    return [
+        *_modelled(scene, known),
+        *_cases(scene),
+        "",
+        *_decomposed(scene, known),
+        "",
+        *_left_out(scene, known),
+    ]
+
+
+def _modelled(scene: Scene, known: Outline) -> list[str]:
+    kind = {"strain": "2D, plane strain", "stress": "2D, plane stress", None: "3D"}[scene.plane]
+    partition = known.partition
+    dofs = partition.nodes * scene.dimension
+    lines = [
+        f"{scene.title or scene.source.name} ({kind})",
+        f"  {partition.cells:,} cells, {partition.nodes:,} nodes, {dofs:,} degrees of freedom",
+    ]
+    for i, body in enumerate(scene.bodies):
+        materials = "; ".join(
+            f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}"
+            + (f", expansion {m.expansion:g} per degree" if m.expansion else "")
+            for m in body.materials
+        )
+        element = ", degree 2" if body.degree == 2 else ""
+        if body.mean_dilatation:
+            element = ", change of volume as its mean over cells"
+        lines.append(f"body {body.name}: {body.mesh.describe()}{element}, {materials}")
+        ends = (_vector(corner) for corner in (body.mesh.lower, body.mesh.upper))
+        lines.append("  from {} to {}".format(*ends))
+        lines += [f"  {note}" for note in body.mesh.notes]
+        if not scene.loadings:
+            lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
+    lines += _held(scene, known)
+    for traction in scene.tractions:
+        lines.append(
+            f"{_name(traction)}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
+            f"area {_facets(scene, known, traction)}"
+        )
+    for pressure in scene.pressures:
+        lines.append(
+            f"{_name(pressure)}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
+            f"{_facets(scene, known, pressure)}"
+        )
+    for load, linear in zip(scene.total_loads, known.linear, strict=True):
+        lines.append(
+            f"{_name(load)}: {_on(scene, load)} loaded by a total force {_vector(load.force)}"
+            f"{_moment(scene, load)} on an area of {linear.area:.4g}"
+        )
+    for force in scene.forces:
+        lines.append(
+            f"{_name(force)}: {scene.bodies[force.body].name} loaded by {_vector(force.vector)} "
+            "per volume"
+        )
+    for heat in scene.temperatures:
+        lines.append(
+            f"{_name(heat)}: {scene.bodies[heat.body].name} warmer by {heat.rise.text} than free "
+            "of stress"
+        )
+    lines += rigid_lines(scene)
+    for i, contact in enumerate(scene.contacts):
+        obstacle = contact.obstacle.describe(scene.dimension)
+        whose = "" if contact.rigid is None else f"{scene.rigid_bodies[contact.rigid].name}, a "
+        lines.append(
+            f"{contact.source}: {_on(scene, contact)} may touch {whose or 'the '}{obstacle} "
+            f"({_candidates(known, i, _count_nodes(scene, known, contact))})"
+            f"{_friction(contact)}{_interference(contact)}"
+        )
+    gaps, sources = known.candidates
+    hints = far_obstacle_hints(scene, gaps, sources, partition.comm)
+    lines += [f"warning: {hint}" for hint in hints]
+    for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
+        other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
+        lines.append(
+            f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
+            f"({_candidates(known, i)}){_friction(pair)}{_interference(pair)}"
+        )
+    for tie in scene.ties:
+        other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
+        on = f"{scene.bodies[tie.body].name}.{tie.boundary}"
+        lines.append(f"{tie.source}: {on} is tied to {other}, by a mortar method")
+    lines += [f"warning: {note}" for note in known.tied.notes]
+    return lines
+
+
+def _held(scene: Scene, known: Outline) -> list[str]:
+    """Displacement conditions, a line each (collective)."""
+    lines = []
+    for condition in scene.displacements:
+        held = ", ".join(
+            f"{axis} = {value:g}"
+            for axis, value in zip("xyz", condition.values, strict=False)
+            if value is not None
+        )
+        lines.append(
+            f"{_name(condition)}: {_on(scene, condition)} displaced by {held} "
+            f"({_count_nodes(scene, known, condition):,} nodes)"
+        )
+    return lines
+
+
+def _friction(contact: Contact | BodyContact) -> str:
+    """The law of friction of a contact; nothing where there is none."""
+    law = contact.friction
+    if law is None:
+        return ""
+    if law.coulomb is not None:
+        return f", with Coulomb friction of {law.coulomb:g}"
+    return f", with Tresca friction up to {law.tresca:g} per area"
+
+
+def _interference(contact: Contact | BodyContact) -> str:
+    """What a contact says beside its geometry."""
+    amount = contact.interference
+    if not amount:
+        return ""
+    return f", with {'an interference' if amount > 0.0 else 'a clearance'} of {abs(amount):g}"
+
+
+def _name(condition: Condition) -> str:
+    """Where a condition stands in the file, and its name if it has one."""
+    return f"{condition.source} ({condition.name})" if condition.name else condition.source
+
+
+def _cases(scene: Scene) -> list[str]:
+    """The factors of each case or step."""
+    lines = []
+    for case in scene.cases:
+        factors = ", ".join(f"{factor:g} × {name}" for name, factor in case.factors if factor)
+        lines.append(f"case {case.name}: {factors or 'what has no name'}")
+    for number, step in enumerate(scene.steps, start=1):
+        ends = ", ".join(f"{name} {factor:g}" for name, factor in step.factors)
+        lines.append(f"step {number}: to {ends}, in {step.increments} increments")
+    return lines
+
+
+def loads_on_bodies(scene: Scene, known: Outline) -> list[str]:
+    """The load in all on each body of a case (collective)."""
+    d = scene.dimension
+    return [
+        f"load on {body.name} in all {_vector(_resultant(known, i, d))}"
+        for i, body in enumerate(scene.bodies)
+    ]
+
+
+def _decomposed(scene: Scene, known: Outline) -> list[str]:
+    partition = known.partition
+    groups = groups_of(scene, known)
+    many = partition.count > 1
+    if is_undecomposed(scene):
+        why = "on bodies from mesh files its iterations do not grow with the size"
+        return [
+            f"method: primal, multigrid on the undecomposed bodies; {why}; one subdomain for each "
+            "body and rank, none factored"
+        ]
+    lines = [
+        f"decomposition: {partition.count} subdomain{'s' * many} of about "
+        f"{partition.nodes * scene.dimension / partition.count:,.0f} unknowns, {len(groups)} of "
+        f"them different on this process: one factor each; {gluing_rows(scene, known):,} rows "
+        "glue them"
+    ]
+    obstacles = [body.name for body in scene.rigid_bodies if body.name not in scene.body_names]
+    lines += [f"  {name}: held in all components: an obstacle" for name in obstacles]
+    whole = np.append(known.eliminated, np.zeros(len(scene.moving), bool))
+    for name, found, eliminated in zip(scene.body_names, known.balances, whole, strict=True):
+        if eliminated:
+            how = "one held subdomain: no gluing and no coarse problem"
+        elif name not in [body.name for body in scene.bodies] and not found.free_motions.shape[1]:
+            how = "rigid, all kernel: kept by what it touches and its conditions"
+        elif found.held:
+            how = "held by its conditions; its subdomains float (Total FETI)"
+        elif found.free_motions.shape[1]:
+            how = (
+                f"free along {found.free_motions.shape[1]} rigid motions no load works on: it is "
+                "held where it is"
+            )
+        else:
+            how = "kept by what it touches alone, or by that and its conditions"
+        lines.append(f"  {name}: {how}")
+    if not scene.touching:
+        lines.append("  no contacts: plain conjugate gradients")
+    if may_peel(scene):
+        lines.append(
+            f"method: Total FETI; after {PATIENCE} iterations the undecomposed bodies are solved "
+            "with factors, since contact of thin bodies may peel off row by row"
+        )
+    return lines
+
+
+def _left_out(scene: Scene, known: Outline) -> list[str]:
+    notes = [*left_out_notes(scene, known), *_repeated(scene)]
+    notes += [] if scene.loadings else _unloaded(scene, known)
+    notes = said_once(notes, [body.name for body in scene.bodies])
+    lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
+    smooth = [contact.source for contact in scene.touching if contact.friction is None]
+    if smooth:
+        of = f" of {', '.join(dict.fromkeys(smooth))}" if scene.has_friction else ""
+        lines.append(f"  friction: contact forces{of} are normal to the surface")
+    if scene.has_friction and not scene.steps:
+        lines.append("  the history of loads: slips are measured from the undeformed state")
+    lines += [f"  {sentence}" for sentence in LEFT_OUT]
+    if scene.plane:
+        lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")
+    if any(contact.obstacle.curvature_radius for contact in scene.contacts):
+        lines.append(
+            "  curvature of the obstacles under sliding nodes: the run warns where it matters"
+        )
+    return lines
+
+
+def _repeated(scene: Scene) -> list[str]:
+    """Contacts that add no rows because another says the same."""
+    contacts = scene.contacts
+    return [
+        f"{later.source}: repeats {earlier.source} and adds no rows"
+        for j, later in enumerate(contacts)
+        for earlier in contacts[:j]
+        if replace(later, source=earlier.source) == earlier
+    ]
+
+
+def _unloaded(scene: Scene, known: Outline) -> list[str]:
+    """Bodies that nothing loads, moves or overlaps."""
+    comm = known.partition.comm
+    acted = np.zeros(len(scene.bodies), bool)
+    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+        acted[s.body] |= load is not None and bool(load.any())
+    for condition in scene.displacements:
+        acted[condition.body] |= any(condition.values)
+    for rigid in scene.contacts:
+        acted[rigid.body] |= rigid.rigid is not None
+    gaps, sources = known.candidates
+    touched = np.array([c.body for c in scene.touching], int)
+    acted[touched[sources[gaps < 0.0]]] = True
+    for pair in scene.pairs:  # what the one does the other feels
+        acted[[pair.body, pair.other]] = True
+    acted = comm.allreduce(acted.astype(int)) > 0
+    return [
+        f"{body.name}: has no load, no prescribed displacement and no overlap; it does not deform"
+        for body, some in zip(scene.bodies, acted, strict=True)
+        if not some
+    ]
+
+
+def _count_nodes(scene: Scene, known: Outline, condition: DisplacementCondition | Contact) -> int:
+    body = scene.bodies[condition.body]
+    nodes = [
+        s.nodes[boundary_nodes(s, body, condition.boundary)]
+        for s in known.partition.subdomains
+        if s.body == condition.body
+    ]
+    return int(known.partition.comm.allreduce(len(distinct_nodes(known, nodes))))
+
+
+def _facets(scene: Scene, known: Outline, load: Traction | Pressure) -> str:
+    count, area = loaded_facets(scene, known.partition, load)
+    return f"({count:,} facets, area {area:.4g})"
+
+
+def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:
+    """How many nodes may touch of those on the boundary, and how near they are."""
+    comm = known.partition.comm
+    gaps, sources = known.candidates
+    smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
+    if np.isinf(smallest):
+        return "no candidate nodes left: other conditions decide on all of them"
+    count = comm.allreduce(int((known.contact.sources == contact).sum()))
+    if count == 0:
+        return f"none of its nodes can come that far, smallest gap {smallest:.4g}"
+    others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
+    decided = f" and {others:,} that are held or decided by other contacts" if others else ""
+    return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}"
+
+
+def _resultant(known: Outline, body: int, dimension: int) -> tuple[float, ...]:
+    """Sum of the loads on a body."""
+    total = np.zeros(dimension)
+    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+        if s.body == body and load is not None:
+            total += load.reshape(-1, dimension).sum(axis=0)
+    total = known.partition.comm.allreduce(total)
+    total[np.abs(total) < 1e-12 * np.abs(total).max(initial=0.0)] = 0.0
+    return tuple(total)
+
+
+def _moment(scene: Scene, load: TotalLoad) -> str:
+    if not any(load.moment) and load.at is None:
+        return ""
+    moment = load.moment if scene.dimension == 3 else load.moment[2:]
+    where = "its centroid" if load.at is None else _vector(load.at[: scene.dimension])
+    return f" and a moment {_vector(moment)} at {where}"
+
+
+Named = DisplacementCondition | Traction | TotalLoad | Pressure | Contact | BodyContact
+"""What acts on a boundary of a body."""
+
+
+def _on(scene: Scene, item: Named) -> str:
+    return f"{scene.bodies[item.body].name}.{item.boundary}"
+
+
+def _vector(vector: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in vector) + ")"
