@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meshes import CellMesh, MeshError
+from meshes.cell_shape import folded_inside, warped
 from meshes.crossing import Boxes, Surface, meeting, triangle_crossings, winding
 from meshes.quadratic import VERTICES
 from meshes.read import read_file
-from meshes.repair import REVERSED, folded_inside, load_mesh, warped
+from meshes.repair import REVERSED, load_mesh
 from meshes.unstructured import Topology
 from tests import meshfiles
 

@@ -1,0 +1,99 @@
+"""The shape of cells: lengths of their edges, Jacobians, whether they are folded."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.quadratic import EDGES
+from meshes.subdomains import vtk_shapes
+
+FOLDED = 1e-6
+"""Least over largest Jacobian of a curved cell that is allowed."""
+
+SAMPLES = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 3}
+"""Points along an edge, less one, at which the Jacobian of curved cells is looked at."""
+
+BATCH = 20_000
+"""Curved cells looked at at once."""
+
+CORNERS = {
+    "triangle": ((0, 1, 2),),
+    "quadrilateral": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)),
+    "tetrahedron": ((0, 1, 2, 3),),
+    "hexahedron": (
+        (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7),
+        (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
+    ),
+}  # fmt: skip
+"""A vertex and its neighbours along the axes at which the Jacobian of a cell is looked at."""
+
+
+def folded_inside(
+    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, degree: int
+) -> NDArray[np.bool_]:
+    """Whether the Jacobian of cells is not positive at every point of a grid, (cells,)."""
+    slopes = vtk_shapes(cell, degree, _samples(cell))[1]
+    folded = np.zeros(len(cells), bool)
+    for i in range(0, len(cells), BATCH):
+        part = slice(i, i + BATCH)
+        jacobian = _determinants(np.tensordot(slopes, points[cells[part]], axes=(2, 1))).T
+        folded[part] = jacobian.min(axis=1) <= FOLDED * jacobian.max(axis=1)
+    return folded
+
+
+def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Determinants of matrices (points, d, cells, d) of few rows, faster than by factors."""
+    if columns.shape[1] == 2:
+        a, b = columns[:, 0], columns[:, 1]
+        return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(columns, (1, 3), (0, 1))
+    return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+
+
+def warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Hexahedra so far from parallelepipeds that corners alone do not tell their Jacobian's sign.
+
+    With m the mean of the four edges along each axis and d the largest deviation from it, the
+    Jacobian is at least det m - (∏ (|m| + d) - ∏ |m|), by the multilinearity of determinants.
+    """
+    ends = points[cells[:, np.array(EDGES["hexahedron"])]]
+    along = np.array([(0, 2, 4, 6), (1, 3, 5, 7), (8, 9, 10, 11)])
+    sign = np.array([(1, -1, 1, -1), (1, -1, 1, -1), (1, 1, 1, 1)])
+    edges = (ends[:, :, 1] - ends[:, :, 0])[:, along] * sign[:, :, None]
+    mean = edges.mean(axis=2)
+    length = np.linalg.norm(mean, axis=2)
+    apart = np.linalg.norm(edges - mean[:, :, None], axis=3).max(axis=2)
+    room = np.linalg.det(mean) - (length + apart).prod(axis=1) + length.prod(axis=1)
+    return np.asarray(room <= FOLDED * length.prod(axis=1))
+
+
+def _samples(cell: str) -> NDArray[np.float64]:
+    """Points of a reference cell, its corners among them, (points, dimension)."""
+    n, d = SAMPLES[cell], 2 if cell in ("triangle", "quadrilateral") else 3
+    axes = np.meshgrid(*[np.arange(n + 1)] * d, indexing="ij")
+    points = np.stack([axis.ravel() for axis in axes], axis=1)
+    if cell in ("triangle", "tetrahedron"):
+        points = points[points.sum(axis=1) <= n]
+    return points / n
+
+
+def at_vertices(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Coordinates of the vertices of cells, (d, vertices, cells): passes over cells are long."""
+    return np.take(np.ascontiguousarray(points.T), cells.T, axis=1)
+
+
+def edge_lengths(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+    """Lengths (edges, cells) of the edges of cells with vertices (d, vertices, cells)."""
+    first, second = np.array(EDGES[cell]).T
+    along = vertices[:, second] - vertices[:, first]
+    return np.asarray(np.sqrt(np.einsum("dec,dec->ec", along, along)))
+
+
+def corner_jacobians(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+    """Jacobians (corners, cells) of cells with vertices (d, vertices, cells)."""
+    result = np.empty((len(CORNERS[cell]), vertices.shape[2]))
+    for jacobian, (origin, *others) in zip(result, CORNERS[cell], strict=True):
+        along = vertices[:, others] - vertices[:, [origin]]
+        jacobian[:] = _determinants(np.moveaxis(along, (1, 2), (0, 1))[None])[0]
+    return result
