@@ -10,8 +10,9 @@ from solver.qp.equalities import Equalities
 from solver.qp.expansion import Expansion, expansion_by_name, expansion_names
 from solver.qp.mprgp import MPRGP
 from solver.qp.operators import Operator, as_operator
+from solver.qp.outer_state import OuterState
 from solver.qp.result import Counts, Monitor, Reason, Result, Step
-from solver.qp.smalbe import SMALBE, OuterState
+from solver.qp.smalbe import SMALBE
 
 __all__ = [
     "MPRGP",

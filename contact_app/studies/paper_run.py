@@ -32,8 +32,8 @@ from solver.contact.checkpoint import Attention, Checkpoint, Saver
 from solver.contact.solution import Solution
 from solver.driver import solve
 from solver.qp.operators import estimate_norm
+from solver.qp.outer_state import Hooks
 from solver.qp.result import Monitor
-from solver.qp.smalbe import Hooks
 from solver.tfeti.methods.answers import certified_answer
 
 PAPER_CELLS = 300

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from solver import Counts
 from solver.contact.row_kinds import RowKind
 from solver.contact.vector_file import read_vectors, write_vectors
+from solver.qp.outer_state import Restart
 from solver.qp.result import Step
-from solver.qp.smalbe import Restart
 
 CHECKPOINT, VECTORS = "checkpoint.json", "checkpoint-*.vectors"
 """Names of the file of the scalars and of the files of vectors."""

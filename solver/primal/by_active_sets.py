@@ -15,8 +15,8 @@ from solver.contact.stopping import StoppingRule
 from solver.primal.backend import Multigrid, PrimalState
 from solver.primal.factor import FactorOptions
 from solver.primal.recovery import recover
+from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
-from solver.qp.smalbe import Restart
 from solver.tfeti.certify import certify
 from solver.tfeti.methods.task import Task
 

@@ -14,8 +14,8 @@ from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
+from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
-from solver.qp.smalbe import Restart
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem

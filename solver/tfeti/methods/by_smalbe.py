@@ -27,9 +27,10 @@ from solver.contact.checkpoint import Saver
 from solver.contact.slip_limits import SlipLimits
 from solver.contact.solution import Solution
 from solver.qp.operators import estimate_norm
+from solver.qp.outer_state import Hooks, OuterState, Restart
 from solver.qp.result import Counts, Reason
 from solver.qp.separable_qp import SeparableQP
-from solver.qp.smalbe import SMALBE, Hooks, OuterIterations, OuterState, Restart
+from solver.qp.smalbe import SMALBE, OuterIterations
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.admissible import admissible_set
 from solver.tfeti.dual import DualProblem

@@ -19,7 +19,7 @@ from solver import SMALBE, Counts, Reason, Step
 from solver.contact.active_set import ActiveSetOptions
 from solver.contact.checkpoint import Attention, Checkpoint, CheckpointError, Saver
 from solver.driver import Solution, solve
-from solver.qp.smalbe import Restart
+from solver.qp.outer_state import Restart
 from solver.tfeti.dual import DualProblem
 
 CUBE = Path(__file__).parents[3] / "configs" / "cube.yaml"
