@@ -38,7 +38,7 @@ class MultigridOptions:
         Singular values of the coarsest level below that share of the largest are rigid motions.
     """
 
-    threshold: float = 0.01
+    threshold: float = 0.005
     aggressive: int = 1
     smoothing: int = 2
     smallest: int = 300
