@@ -53,6 +53,12 @@ STALLED = 500
 """Steps on one set after which rounding errors, or a cycle that does not fit, hold it up."""
 
 
+def free_matrices(comm: MPI.Intracomm) -> None:
+    """Free PETSc objects that nobody has any more; petsc4py leaves them for later (collective)."""
+    for whose in (PETSc.COMM_SELF, comm):
+        PETSc.garbage_cleanup(whose)
+
+
 @dataclass(frozen=True, eq=False)
 class PrimalState:
     """The answer of a set as far as it is solved; local parts.
@@ -122,7 +128,9 @@ class Multigrid:
             limit = self.factors.thin_seconds if self.thin else self.factors.small
             self.direct = self._seconds <= limit
             make = no_hierarchy if self.direct else build_hierarchy
+            self.release()
             self.hierarchy_of_levels: Hierarchy = make(self.system)
+            self.release()
         else:
             self._seconds, self.direct, self.thin = earlier._seconds, earlier.direct, earlier.thin
             self.hierarchy_of_levels = earlier.hierarchy_of_levels
@@ -159,7 +167,9 @@ class Multigrid:
         """Contact on coarse levels; all rows where these have levels of their own (collective)."""
         if self._peels:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
-        return find_first_set(self.system, self.hierarchy_of_levels)
+        found = find_first_set(self.system, self.hierarchy_of_levels)
+        self.release()
+        return found
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:
         """Conjugate gradients on a set, from where the last set ended (collective)."""
@@ -211,7 +221,7 @@ class Multigrid:
 
     def release(self) -> None:
         """Free the matrices of the last set: petsc4py leaves them for later."""
-        PETSc.garbage_cleanup(self.comm)
+        free_matrices(self.comm)
 
     def strained(self, u: Array, left: Array) -> float:
         """a(u, u) of a displacement with the residual r = f - K u (collective)."""

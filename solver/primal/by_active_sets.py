@@ -12,7 +12,7 @@ from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, 
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
-from solver.primal.backend import Multigrid, PrimalState
+from solver.primal.backend import Multigrid, PrimalState, free_matrices
 from solver.primal.factor import FactorOptions
 from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
@@ -53,6 +53,8 @@ def solve_by_multigrid(
         return _solve(task, guess, restart, factors)
     except PETSc.Error as error:  # a factor of a coarse level or of the active rows
         raise ArithmeticError("a matrix of the multigrid has no factor") from error
+    finally:
+        free_matrices(task.problem.comm)
 
 
 def _solve(

@@ -88,6 +88,8 @@ def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:
     change = KE.transposeMatMult(truncated)
     change.axpy(1.0, P.transposeMatMult(KE), OTHER)
     prolongations[0] = truncated
+    for matrix in (E, KE):
+        matrix.destroy()
     for k in range(1, len(operators)):
         coarse = operators[k].copy()
         coarse.axpy(-1.0, change, OTHER)

@@ -112,7 +112,10 @@ def _products(comm: MPI.Intracomm) -> dict[str, object]:
 
 def galerkin(operator: PETSc.Mat, prolongation: PETSc.Mat) -> PETSc.Mat:
     """Pᵀ A P as two products, which takes half the time of PETSc's own (collective)."""
-    return prolongation.transposeMatMult(operator.matMult(prolongation))
+    product = operator.matMult(prolongation)
+    result = prolongation.transposeMatMult(product)
+    product.destroy()
+    return result
 
 
 class lent_options:
