@@ -12,7 +12,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_levels
+from contact_app.accuracy.refine.levels import with_levels
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.outline import Outline
 from contact_app.results.mirror import Image, whole

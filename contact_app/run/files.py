@@ -21,7 +21,7 @@ from contact_app.run.result_directory import remove_parts
 from contact_app.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from contact_app.accuracy.refine.refinement import Refined
+    from contact_app.accuracy.refine.levels import Refined
 
 
 def part_that_is_solved(scene: Scene) -> Scene:
@@ -56,7 +56,7 @@ def write_run(
             files = [*write_fields(solved.model, fields, directory), *files]
     summary = {**solved.summary, "timings": solved.timings.as_dict()}
     if refined is not None:
-        from contact_app.accuracy.refine.refinement import with_levels
+        from contact_app.accuracy.refine.levels import with_levels
 
         summary = with_levels(summary, refined)
     if comm.rank == 0:

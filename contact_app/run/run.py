@@ -31,7 +31,8 @@ from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
 from solver.qp.result import Reason
 
 if TYPE_CHECKING:
-    from contact_app.accuracy.refine.refinement import Refined, Solve
+    from contact_app.accuracy.refine.levels import Refined
+    from contact_app.accuracy.refine.refinement import Solve
 
 
 def run(

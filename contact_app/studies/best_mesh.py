@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 from contact_app.accuracy.refine.grading import layer_errors
-from contact_app.accuracy.refine.refinement import equal_lines, on_lines, regraded
+from contact_app.accuracy.refine.next_mesh import equal_lines, on_lines, regraded
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
 from contact_app.scene.bodies import Box

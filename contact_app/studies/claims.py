@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
+from contact_app.accuracy.refine.levels import Refined
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError

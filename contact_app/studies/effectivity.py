@@ -38,7 +38,8 @@ from contact_app.accuracy.estimate.stress_recovery import (
     at_cells,
     stress_operator,
 )
-from contact_app.accuracy.refine.refinement import FASTEST, solve_to_accuracy
+from contact_app.accuracy.refine.next_mesh import FASTEST
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
 from contact_app.scene.bodies import BodyMesh, Box

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.accuracy.refine.refinement import solve_to_accuracy, with_levels
+from contact_app.accuracy.refine.levels import with_levels
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.boundaries import facets_of
 from contact_app.run.solve import solve_scene

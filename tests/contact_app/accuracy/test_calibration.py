@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from contact_app.accuracy.estimate.calibration import LEAST, UNCERTAIN, Calibration, conforms
-from contact_app.accuracy.refine.refinement import Refined, solve_to_accuracy
+from contact_app.accuracy.refine.levels import Refined
+from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load

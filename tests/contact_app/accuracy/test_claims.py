@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from contact_app.accuracy.refine.refinement import Limits, Refined, solve_to_accuracy
+from contact_app.accuracy.refine.levels import Refined
+from contact_app.accuracy.refine.refinement import Limits, solve_to_accuracy
 from contact_app.accuracy.trust import few_cells
 from contact_app.run.solve import solve_scene
 from contact_app.scene.bodies import Box

@@ -12,13 +12,9 @@ import numpy as np
 import pytest
 
 from contact_app.accuracy.refine.grading import evenness, graded
-from contact_app.accuracy.refine.refinement import (
-    Limits,
-    next_factor,
-    refined,
-    solve_to_accuracy,
-    with_levels,
-)
+from contact_app.accuracy.refine.levels import with_levels
+from contact_app.accuracy.refine.next_mesh import next_factor, refined
+from contact_app.accuracy.refine.refinement import Limits, solve_to_accuracy
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.memory import needed_bytes

@@ -1,0 +1,234 @@
+"""How fine the next mesh of a refinement is, and the scene on it.
+
+The error falls as a power of the cell size, e ~ s^-p with s cells for one of the start; p is the
+best that cells of the degree attain at first, and then what the last two levels showed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.accuracy.refine.grading import axis_evenness, graded
+from contact_app.scene.bodies import Box
+from contact_app.scene.scene import Decomposition, Scene
+from meshes.graded import graded_box
+
+FARTHEST = 2.0
+"""Largest step from one mesh to the next, in cells along an edge."""
+
+SLOWEST, FASTEST = 0.4, {1: 1.0, 2: 1.5}
+"""Rates that are believed, the fastest by degree."""
+
+GRADED = {1: 1.0, 2: 2.0}
+"""The fastest on graded cells."""
+
+PATIENT = 1.5
+"""Largest step between graded meshes of degree 2: their grid lines follow the error."""
+
+WHOLE = {2: 500_000, 3: 80_000}
+"""Nodes by dimension up to which graded bodies are not cut into subdomains."""
+
+LEAST = 1.04
+"""Smallest step between graded meshes whose grid lines have settled."""
+
+SETTLED = 0.85
+"""Error that new grid lines are expected to leave from which on they have."""
+
+PROMISE, KEPT = 0.75, 0.3
+"""Power of the evenness that new grid lines are expected to leave of the error: at first, and at
+least from then on, when it is what the last ones left."""
+
+Grids = list[list[NDArray[np.float64]]]
+"""Coordinates of grid lines, by body and axis."""
+
+
+def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float:
+    """p of e ~ s^-p between the last two meshes, between 0.4 and the best, which it is of one."""
+    fastest = FASTEST[degree]
+    if len(factors) < 2:
+        return fastest
+    if errors[-1] >= errors[-2] or factors[-1] <= factors[-2]:
+        return SLOWEST
+    rate = math.log(errors[-2] / errors[-1]) / math.log(factors[-1] / factors[-2])
+    return min(max(rate, SLOWEST), fastest)
+
+
+def next_factor(
+    factors: list[float],
+    errors: list[float],
+    target: float,
+    whole: bool = False,
+    degree: int = 1,
+) -> float:
+    """How many cells for one of the start the next mesh has along an edge.
+
+    Parameters
+    ----------
+    factors, errors
+        Of the meshes so far; the last error is above the target.
+    whole
+        Whether only whole numbers will do.
+    degree
+        Of the cells.
+
+    Examples
+    --------
+    >>> round(next_factor([1.0, 2.0], [0.08, 0.04], 0.025), 3)
+    3.2
+    >>> next_factor([1.0], [0.5], 0.01)
+    2.0
+    """
+    rate = rate_of(factors, errors, degree)
+    step = (errors[-1] / target) ** (1.0 / rate)
+    factor = factors[-1] * min(step, FARTHEST)
+    return float(math.ceil(factor - 1e-9)) if whole else factor
+
+
+def graded_step(error: float, left: float, target: float, degree: int) -> float:
+    """How many layers for one of the last the next graded mesh has.
+
+    Parameters
+    ----------
+    error
+        Of the last, above the target.
+    left
+        Of the error by new grid lines alone, as far as foreseen.
+
+    Examples
+    --------
+    >>> graded_step(0.19, 0.5, 0.1, 2), graded_step(0.19, 0.5, 0.01, 2)  # new lines will do
+    (1.0, 1.5)
+    >>> round(graded_step(0.02, 1.0, 0.01, 2), 3)
+    1.414
+    """
+    step = (error * left / target) ** (1.0 / GRADED[degree])
+    least = LEAST if left > SETTLED else 1.0
+    return min(max(step, least), PATIENT if degree == 2 else FARTHEST)
+
+
+def kept(before: float, even: float, step: float, after: float, degree: int) -> float:
+    """Power of the evenness that new grid lines left of the error, beyond what more layers took.
+
+    Examples
+    --------
+    >>> kept(0.2, 0.25, 1.0, 0.1, 2), kept(0.2, 0.25, 1.0, 0.05, 2), kept(0.2, 0.25, 1.0, 0.3, 2)
+    (0.5, 1.0, 0.3)
+    """
+    left = max(after / before * step ** GRADED[degree], even)
+    return max(math.log(left) / math.log(even), KEPT)
+
+
+def has_free_degree(scene: Scene) -> bool:
+    """Whether the degree is left to the refinement."""
+    averaged = any(body.mean_dilatation for body in scene.bodies)
+    return not averaged and not any(body.degree_given for body in scene.bodies)
+
+
+def quadratic(scene: Scene) -> Scene:
+    """The scene with bodies of degree 2."""
+    return replace(scene, bodies=tuple(replace(body, degree=2) for body in scene.bodies))
+
+
+def has_even_cells(scene: Scene) -> bool:
+    """Whether all boxes have an even number of cells along every edge: half of it has its nodes."""
+    return all(
+        n % 2 == 0 for body in scene.bodies if isinstance(body.mesh, Box) for n in body.mesh.cells
+    )
+
+
+def refined(scene: Scene, factor: float) -> Scene:
+    """The scene with that many cells for one along every edge of its boxes."""
+    bodies = []
+    for body in scene.bodies:
+        assert isinstance(body.mesh, Box)
+        cells = tuple(math.ceil(factor * n - 1e-9) for n in body.mesh.cells)
+        bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
+    return replace(scene, bodies=tuple(bodies))
+
+
+def equal_lines(scene: Scene) -> Grids:
+    """Grid coordinates of boxes of equal cells, by body and axis."""
+    grids = []
+    for body in scene.bodies:
+        assert isinstance(body.mesh, Box)
+        box = body.mesh
+        corners = zip(box.lower, box.upper, box.cells, strict=True)
+        grids.append([np.linspace(a, b, n + 1) for a, b, n in corners])
+    return grids
+
+
+def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple[float, Grids]:
+    """New grids with so many layers for one of the start, by the η² of the last ones' layers.
+
+    As many cells as that makes, no more than whole layers ask for; how many layers for one they
+    are is returned beside them.
+    """
+    starts = equal_lines(scene)
+    whole = needs_multiples(scene)
+    result, made = [], factor
+    for body, lines, errors, start in zip(scene.bodies, grids, squares, starts, strict=True):
+        cells = [len(line) - 1 for line in start]
+        layers = whole_layers(factor, cells, [axis_evenness(part) for part in errors])
+        made = max(made, (math.prod(layers) / math.prod(cells)) ** (1.0 / len(cells)))
+        result.append(
+            [
+                graded(old, part, count, line if whole else line[[0, -1]], body.degree)
+                for old, part, count, line in zip(lines, errors, layers, start, strict=True)
+            ]
+        )
+    return made, result
+
+
+def whole_layers(factor: float, cells: Sequence[int], even: Sequence[float]) -> list[int]:
+    """Layers along each axis, so many for one of the start over all: the least even have more.
+
+    Examples
+    --------
+    >>> whole_layers(1.05, [8, 8], [0.9, 0.8])  # 70.6 cells at least
+    [8, 9]
+    >>> whole_layers(1.1, [8, 8], [0.9, 0.8]), whole_layers(2.0, [3, 5], [1.0, 1.0])
+    ([9, 9], [6, 10])
+    """
+    layers = [max(math.floor(factor * n + 1e-9), 1) for n in cells]
+    wanted = factor ** len(cells) * math.prod(cells) * (1.0 - 1e-9)
+    for axis in sorted(range(len(cells)), key=lambda a: round(even[a], 6)):
+        if math.prod(layers) < wanted:
+            layers[axis] = max(math.ceil(factor * cells[axis] - 1e-9), 1)
+    return layers
+
+
+def layers_for_one(grids: Grids, starts: Grids) -> float:
+    """How many layers for one of the start along an axis on the average, at most."""
+    cells = ([math.prod(len(x) - 1 for x in axes) for axes in each] for each in (grids, starts))
+    return max(
+        (now / start) ** (1.0 / len(axes)) for now, start, axes in zip(*cells, grids, strict=True)
+    )
+
+
+def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
+    """The scene with graded boxes; slivers cut at random converge slowly, so bodies stay whole."""
+    bodies = tuple(
+        replace(body, mesh=graded_box(body.mesh.cell, axes))
+        for body, axes in zip(scene.bodies, grids, strict=True)
+    )
+    parts = scene.decomposition.subdomains
+    if not isinstance(parts, int):
+        nodes = sum(body.nodes for body in bodies)
+        parts = len(bodies) if ranks == 1 and nodes <= WHOLE[scene.dimension] else None
+    return replace(scene, bodies=bodies, decomposition=Decomposition(parts))
+
+
+def needs_multiples(scene: Scene) -> bool:
+    """Whether a condition or contact names a boundary that an expression picks."""
+    named = {(c.body, c.boundary) for c in scene.displacements}
+    named |= {(c.body, c.boundary) for c in scene.tractions}
+    named |= {(c.body, c.boundary) for c in scene.pressures}
+    named |= {(c.body, c.boundary) for c in scene.total_loads}
+    named |= {(c.body, c.boundary) for c in scene.touching}
+    named |= {(pair.other, pair.other_boundary) for pair in scene.pairs}
+    return any(boundary in scene.bodies[body].boundaries for body, boundary in named)
