@@ -270,12 +270,6 @@ class ConditionReader:
                 "least energy, and with Coulomb's friction the answer is that of no energy; leave "
                 "one of them out",
             )
-        if configuration.solver.method == "primal":
-            self.keys.fail(
-                path,
-                "needs solver.method auto, active-set or smalbe; it is primal "
-                f"({configuration.where(('solver', 'method'))})",
-            )
 
     def _refuse_beside_tied(self, contact: c.Contact, path: Place) -> None:
         """Refuse what has no meaning where two bodies hold together."""

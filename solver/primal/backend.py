@@ -2,7 +2,8 @@
 
 On a set, conjugate gradients solve K u = f - C_Aᵀ λ, C_A u = c_A in the displacements that leave
 the active rows alone: every residual is projected by Πᵀ, every correction of the V-cycle by Π
-(`solver.primal.projector`). A set begins where the last one ended.
+(`solver.primal.projector`). A set begins where the last one ended. Prescribed multipliers, as of
+sliding points, are loads; rows that give way are springs (`solver.primal.springs`).
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from solver.primal.cycle import Cycle, truncated_cycle
 from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
 from solver.primal.first_set import FirstSet, find_first_set
 from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
-from solver.primal.merged import MergedSystem, bodies_alone, merge, multiply
-from solver.primal.projector import Projector
+from solver.primal.merged import MergedSystem, bodies_alone, merge, multiply, multiply_transposed
+from solver.primal.projector import REDUNDANT, Projector
 from solver.primal.rigid_space import RigidSpace, floating_motions
+from solver.primal.springs import Springs
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
@@ -66,10 +68,11 @@ class PrimalState:
     Attributes
     ----------
     multiplier, jumps, sizes : (dual,)
-        λ; B u - c; what each row's jump is relative to. Zero, zero and one but in contact and tied
-        rows.
+        λ; B u - c; what each row's jump is relative to. Zero, zero and one but in contact,
+        tangential and tied rows.
     u : (unknowns,)
     active : (dual,)
+        Contact and tangential rows that hold with equality.
     strained
         a(u, u).
     error_square
@@ -99,6 +102,7 @@ class PrimalState:
         """Largest jump or penetration, over the displacement of its body (collective)."""
         open_rows = problem.inequality & ~self.active
         found = np.where(open_rows, np.maximum(self.distance, 0.0), np.abs(self.distance))
+        found[problem.tangential & ~self.active] = 0.0
         return float(problem.comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX))
 
 
@@ -175,14 +179,16 @@ class Multigrid:
         """Conjugate gradients on a set, from where the last set ended (collective)."""
         return PrimalSet(self, statuses)
 
-    def correction(self, projector: Projector) -> Cycle | Factor:
+    def correction(
+        self, system: MergedSystem, projector: Projector, springs: Springs
+    ) -> Cycle | Factor:
         """A factor of the set, or the V-cycle truncated for the first set it was asked for.
 
         Later sets differ by few rows: their own cycles save no steps. A set that differs by more
         than `CHANGED` of the rows gets a new one.
         """
         if self.direct:
-            return Factor(self.system, projector, self.factors)
+            return Factor(system, projector, self.factors, springs.stiffness)
         active = np.zeros(len(self.system.rows), bool)
         active[projector.rows] = True
         changed, rows = self.comm.allreduce(
@@ -262,34 +268,53 @@ class PrimalSet:
 
     def __init__(self, backend: Multigrid, statuses: Statuses) -> None:
         self._backend, self.statuses = backend, statuses
-        system = self._system = backend.system
-        if statuses.tractions is not None and statuses.tractions.any():
-            raise NotImplementedError("multigrid has no prescribed tractions")
-        active = statuses.active[system.rows] | system.equality
-        self._projector = projector = Projector(system, active)
+        turn, system = statuses.turn, backend.system
+        self._system = system = system if turn is None else system.turned(turn)
+        held = statuses.holding[system.rows] | system.equality
+        self._projector = projector = Projector(system, held)
+        self._springs = springs = Springs(system, statuses)
+        self._given = np.zeros(len(system.rows))
+        if statuses.tractions is not None:
+            self._given = np.where(held, 0.0, statuses.tractions[system.rows])
+        self._load = system.load
+        if system.comm.allreduce(int(self._given.any())):
+            self._load = system.load - multiply_transposed(system.C, self._given)
         jumps = (multiply(system.C, backend.u) - system.c)[projector.rows]
         lifting = -projector.lifting(jumps)
-        self._rigid = rigid = RigidSpace(system, projector, backend.floating)
+        operator = _ProjectedStiffness(system, projector, springs)
+        self._rigid = rigid = RigidSpace(system, projector, backend.floating, operator.product)
         self._start = backend.u + lifting
         if not rigid.empty:
-            self._start += rigid.balance(backend.left(), lifting)
-        self._left = system.load - multiply(system.K, self._start)
-        operator = _ProjectedStiffness(system, projector)
+            left = backend.left() + (self._load - system.load) - springs.forces_at(backend.u)
+            self._start += rigid.balance(left, lifting)
+        left = self._load - multiply(system.K, self._start)
+        self._left = left if springs.empty else left - springs.forces_at(self._start)
         self._preconditioner = self._made()
         rhs = projector.apply_transpose(self._left)
-        if system.has_rigid_bodies and rigid.leaves(rhs, system.load):
-            raise ArithmeticError("the active rows leave a rigid body that the load drives")
+        may_slide = system.has_rigid_bodies or backend.problem.friction is not None
+        if may_slide and rigid.leaves(rhs, system.load):
+            raise ArithmeticError("the active rows leave a body that the load drives")
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()
         it.begin()
         it.counts.hessian += 1  # of the right-hand side
         self._scale = it.reduction.norm(system.load) or it.b_norm or 1.0
+        # rows that may be redundant leave that share of their forces
+        self._held = it.reduction.norm(self._left - rhs)
         self._lanczos = _Lanczos(self._preconditioner.square)
         self._steps, self._stalls = 0, False
 
     def _made(self) -> _Preconditioner:
-        backend, projector = self._backend, self._projector
-        return _Preconditioner(backend.correction(projector), projector, self._rigid)
+        backend, projector, springs = self._backend, self._projector, self._springs
+        cycle = backend.correction(self._system, projector, springs)
+        if springs.empty or isinstance(cycle, Factor):  # a factor knows of springs
+            return _Preconditioner(cycle, projector, self._rigid)
+        active = np.zeros(len(self._system.rows), bool)
+        active[projector.rows] = active[springs.rows] = True
+        compliance = np.zeros(len(active))
+        compliance[springs.rows] = springs.compliance
+        soft = Projector(self._system, active, compliance)
+        return _Preconditioner(cycle, soft, self._rigid, gives=True)
 
     @property
     def residual(self) -> float:
@@ -305,7 +330,7 @@ class PrimalSet:
     def _rounding(self) -> float:
         it, eps = self._iterate, float(np.finfo(np.float64).eps)
         moved = it.reduction.norm(self._start) + math.sqrt(it.x_square)
-        return max(it.round_off, 0.1 * eps * it.largest * moved)
+        return max(it.round_off, 0.1 * eps * it.largest * moved, 2.0 * REDUNDANT * self._held)
 
     @property
     def counts(self) -> Counts:
@@ -373,21 +398,24 @@ class PrimalSet:
         problem = system.problem
         assert it.image is not None
         u, left = self._start + it.x, self._left - it.image
-        backend.begin_at(u, left)
-        multiplier = np.zeros(len(system.rows))
+        unheld = left + (system.load - self._load) + self._springs.forces_at(u)  # f - K u
+        backend.begin_at(u, unheld)
+        multiplier = self._given.copy()
         multiplier[self._projector.rows] = self._projector.multipliers(left)
+        multiplier[self._springs.rows] += self._springs.multipliers(u)
         jumps = multiply(system.C, u) - system.c
         moved = np.zeros(problem.bodies.count)
         np.maximum.at(moved, system.body, np.abs(u))
         lengths = body_lengths(problem.bodies, largest(system.comm, moved), problem.free_lengths)
-        square = self._error_square()
+        square, turn = self._error_square(), self.statuses.turn
+        found, apart = system.stretch(multiplier), system.stretch(jumps)
         return PrimalState(
-            system.stretch(multiplier),
-            system.stretch(jumps),
+            found if turn is None else turn.back(found),
+            apart if turn is None else turn.back(apart),
             problem.spread * problem.bodies.of_rows(lengths),
             u,
-            self.statuses.active,
-            backend.strained(u, left),
+            self.statuses.holding,
+            backend.strained(u, unheld),
             square,
             self._shares(square),
             it.projected_gradient_norm,
@@ -403,21 +431,29 @@ class PrimalSet:
 
 
 class _ProjectedStiffness:
-    """Πᵀ K on displacements that leave the active rows alone; `image` is K x itself."""
+    """Πᵀ K on displacements that leave the active rows alone; `image` is K x itself.
 
-    def __init__(self, system: MergedSystem, projector: Projector) -> None:
+    K with springs, where the set has some.
+    """
+
+    def __init__(self, system: MergedSystem, projector: Projector, springs: Springs) -> None:
         self.comm, self.size = system.comm, system.size
-        self._system, self._projector = system, projector
+        self._system, self._projector, self._springs = system, projector, springs
         self.image = np.zeros(system.size)
+
+    def product(self, x: Array) -> Array:
+        """K x, with springs."""
+        image = multiply(self._system.K, x)
+        return image if self._springs.empty else image + self._springs.forces(x)
 
     def apply(self, x: Vector, out: Vector) -> None:
         """Put the product into out."""
-        self.image = multiply(self._system.K, x)
+        self.image = self.product(x)
         out[:] = self._projector.apply_transpose(self.image)
 
 
 class _Preconditioner:
-    """Π M⁻¹ with a V-cycle M⁻¹.
+    """Π M⁻¹ with a V-cycle M⁻¹; with rows that give way as `solver.primal.springs` has it.
 
     Attributes
     ----------
@@ -425,15 +461,23 @@ class _Preconditioner:
         rᵀ M⁻¹ r of the last residual.
     """
 
-    def __init__(self, cycle: Cycle | Factor, projector: Projector, rigid: RigidSpace) -> None:
+    def __init__(
+        self, cycle: Cycle | Factor, projector: Projector, rigid: RigidSpace, gives: bool = False
+    ) -> None:
         self._cycle, self._projector, self._rigid = cycle, projector, rigid
+        self._gives = gives
         self.square = 0.0
 
     def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
         """Put the correction into out."""
         z = np.empty_like(r)
-        self._cycle.apply(r, z)
-        out[:] = self._rigid.correct(r, self._projector.apply(z))
+        if self._gives:
+            self._cycle.apply(self._projector.apply_transpose(r), z)
+            z = self._projector.apply(z) + self._projector.giving(r)
+        else:
+            self._cycle.apply(r, z)
+            z = self._projector.apply(z)
+        out[:] = self._rigid.correct(r, z)
         self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
 
 

@@ -18,6 +18,7 @@ from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.certify import certify
+from solver.tfeti.methods.by_active_sets import contact_law, options_of
 from solver.tfeti.methods.task import Task
 
 METHOD = "primal"
@@ -77,18 +78,21 @@ def _solve(
         active = backend.system.stretch(first.active.astype(float)) > 0.5
         active &= problem.inequality
     saver = Saver(task.checkpoint).after(before)
+    options = replace(task.active_sets, first_reduction=FIRST_REDUCTION, release_at_edge=False)
+    near = restart.x if restart is not None else guess
 
     def save(state: PrimalState, spent: Counts) -> None:
         saver(without_outer_iterations(state.multiplier, state.active, spent))
 
     found = active_set_loop(
         backend,
-        Start(active),
+        Start(active, near if problem.friction is not None else None),
         StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early),
         task.inner,
         task.monitor,
         StateSaver(lambda: saver.due, save),
-        replace(task.active_sets, first_reduction=FIRST_REDUCTION, release_at_edge=False),
+        options_of(problem, options),
+        contact_law(problem, task.rule.tolerance),
     )
     return _answer(test, found, before)
 

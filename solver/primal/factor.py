@@ -105,12 +105,19 @@ class Factor:
     """
 
     def __init__(
-        self, system: MergedSystem, projector: Projector, options: FactorOptions | None = None
+        self,
+        system: MergedSystem,
+        projector: Projector,
+        options: FactorOptions | None = None,
+        springs: Array | None = None,
     ) -> None:
+        """Springs have a stiffness (rows,) on rows that are not active; zero on others."""
         options = options or FactorOptions()
         self.comm = system.comm
         stiff = row_stiffness(system)
         weights = FAINT * stiff
+        if springs is not None:
+            weights = np.maximum(weights, springs)
         weights[projector.rows] = options.penalty * stiff[projector.rows]
         near = NEAR + spread_supports(system)
         matrix = with_springs(system.K, system.C, weights, near * system.diagonal)

@@ -7,7 +7,7 @@ On the coarse space of a level, Q = C P₁ … P_k,
 is solved by Newton's method with an exact line search, which ends after finitely many steps
 (D. Sun, J. Han, 1997). s_i is the stiffness that K has against row i alone, so that the springs
 yield by what the finest mesh cannot resolve. The faint springs (w) keep bodies in place which only
-contact holds, and pull open rows near. The coarsest level is solved by a factor, the others by a
+contact holds, and pull open rows near. Friction is as faint here. The coarsest level is solved by a factor, the others by a
 few conjugate gradients with a cycle of the levels below. The rows that press are the first active
 set, and the displacement is where its solve begins.
 """
@@ -97,7 +97,7 @@ def find_first_set(
     springs = multiply_transposed(squared_rows(system), row_stiffness(system))
     hierarchy, A = with_motions(system, hierarchy, _with_supports(system, hierarchy), springs)
     P = hierarchy.prolongations
-    rows = _Rows(system.comm, system.c, system.equality, row_stiffness(system))
+    rows = _Rows(system.comm, system.c, system.normal, system.equality, row_stiffness(system))
     start = system.at_rest
     if not P:  # the problem is coarse itself
         level = _Level(rows, A[0], system.C, system.load, options)
@@ -149,12 +149,13 @@ class _Rows:
     ----------
     c, stiffness : (rows,)
         Right-hand side, and stiffness of the springs.
-    equality : (rows,)
-        Which hold with equality.
+    normal, equality : (rows,)
+        Which are contact rows, and which hold with equality.
     """
 
     comm: MPI.Intracomm
     c: Array
+    normal: NDArray[np.bool_]
     equality: NDArray[np.bool_]
     stiffness: Array
 
@@ -162,7 +163,7 @@ class _Rows:
         """All rows, on a rank of its own (collective)."""
         every = [
             np.concatenate(self.comm.allgather(own))
-            for own in (self.c, self.equality, self.stiffness)
+            for own in (self.c, self.normal, self.equality, self.stiffness)
         ]
         return _Rows(MPI.COMM_SELF, *every)
 
@@ -183,7 +184,7 @@ class _Level:
 
     def pressed(self, x: Array) -> NDArray[np.bool_]:
         """Rows whose spring presses, (rows,)."""
-        return np.asarray(multiply(self.Q, x) > self.rows.c)
+        return np.asarray(self.rows.normal & (multiply(self.Q, x) > self.rows.c))
 
     def on_every_rank(self) -> Array:
         """The solution by factors; every rank solves the whole problem (collective).
@@ -218,7 +219,7 @@ class _Level:
 
     def _weights(self, jump: Array) -> Array:
         """Stiffness of each spring, (rows,)."""
-        stiff = (jump > 0.0) | self.rows.equality
+        stiff = (self.rows.normal & (jump > 0.0)) | self.rows.equality
         return np.where(stiff, self.s, self.options.faint * self.s)
 
     def _hessian(self, weights: Array) -> PETSc.Mat:

@@ -2,7 +2,7 @@
 
     min ½ uᵀ K u - fᵀ u  subject to  C u ≤ c on contact rows, C u = c on tied rows.
 
-Rows that hold a rigid motion hold with equality, too. Gluing rows are gone, and held unknowns have
+Tangential rows of points with friction are among them, too. Rows that hold a rigid motion hold with equality, too. Gluing rows are gone, and held unknowns have
 their displacement: their rows and columns of K are those of a scaled identity. C is what is left of
 B, with its scaling, so that the multipliers of both are the same numbers. Unknowns of rigid bodies
 have no stiffness (`solver.primal.rigid_bodies`).
@@ -11,7 +11,7 @@ have no stiffness (`solver.primal.rigid_bodies`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
@@ -97,7 +98,9 @@ class MergedSystem:
     K
         Stiffness with the held unknowns taken out.
     C
-        Contact and tied rows, and rows that hold rigid motions, (rows, unknowns).
+        Contact, tangential and tied rows, and rows that hold rigid motions, (rows, unknowns).
+    c : (rows,)
+        Right-hand side of these.
     rows : (rows,)
         Which rows of B these are.
     load : (unknowns,)
@@ -115,6 +118,7 @@ class MergedSystem:
     nodes: MergedNodes
     K: PETSc.Mat
     C: PETSc.Mat
+    c: Array
     rows: NDArray[np.int64]
     load: Array
     held: NDArray[np.bool_]
@@ -173,11 +177,6 @@ class MergedSystem:
         return np.where(self.held, self.load / self.diagonal, 0.0)
 
     @cached_property
-    def c(self) -> Array:
-        """Right-hand side of the contact and tied rows, (rows,)."""
-        return self.problem.c[self.rows]
-
-    @cached_property
     def wide_supports(self) -> NDArray[np.bool_]:
         """Rows that hold a rigid motion in the mean over many nodes, (rows,)."""
         entries = np.diff(self.C.getValuesCSR()[0])
@@ -187,7 +186,28 @@ class MergedSystem:
     @cached_property
     def equality(self) -> NDArray[np.bool_]:
         """Rows that always hold with equality, (rows,)."""
-        return ~self.problem.inequality[self.rows]
+        return ~self.problem.conditional[self.rows]
+
+    @cached_property
+    def normal(self) -> NDArray[np.bool_]:
+        """Contact rows, (rows,)."""
+        return self.problem.inequality[self.rows]
+
+    def turned(self, turn: Turn) -> MergedSystem:
+        """The same in turned tangential frames."""
+        place = np.full(self.problem.size, -1, np.int64)
+        place[self.rows] = np.arange(len(self.rows))
+        first, second = place[turn.first], place[turn.second]
+        other = np.arange(len(self.rows))
+        other[first], other[second] = second, first
+        own, across = np.ones(len(self.rows)), np.zeros(len(self.rows))
+        own[first], own[second] = turn.cosine, turn.cosine
+        across[first], across[second] = turn.sine, -turn.sine
+        local = local_rows(self.C)
+        local = sparse.csr_matrix(sparse.diags(own) @ local + sparse.diags(across) @ local[other])
+        local.sort_indices()
+        C = petsc_rows(self.comm, local, self.size)
+        return replace(self, C=C, c=own * self.c + across * self.c[other])
 
     def stretch(self, values: Array) -> Array:
         """Values of contact and tied rows (rows,) among those of all rows, (dual,)."""
@@ -271,13 +291,14 @@ def merge(problem: DualProblem) -> MergedSystem:
     _set_diagonal(K, stiffless, 0.0)
     K.setOption(PETSc.Mat.Option.SPD, True)
     kinds = problem.kinds
-    one_of = RowKind.CONTACT, RowKind.TIED, RowKind.SUPPORT
+    one_of = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.SUPPORT
     rows = np.flatnonzero(np.isin(kinds, one_of))
     B = petsc_rows(comm, problem.B.local[rows], problem.B.columns)
     C = B.matMult(transfer)
     return MergedSystem(
-        problem, nodes, K, C, rows, load, held, stiffless, rigid, body, transfer, scatter
-    )
+        problem, nodes, K, C, problem.c[rows], rows, load, held, stiffless, rigid, body, transfer,
+        scatter,
+    )  # fmt: skip
 
 
 def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:

@@ -36,6 +36,8 @@ class Projector:
     ----------
     active : (rows,)
         Which contact and tied rows hold with equality.
+    compliance : (rows,)
+        Of the active rows, added to S, as `solver.primal.springs` needs it; None for none.
 
     Attributes
     ----------
@@ -44,12 +46,18 @@ class Projector:
     C : (active, unknowns)
     """
 
-    def __init__(self, system: MergedSystem, active: NDArray[np.bool_]) -> None:
+    def __init__(
+        self,
+        system: MergedSystem,
+        active: NDArray[np.bool_],
+        compliance: Array | None = None,
+    ) -> None:
         self.system, comm = system, system.comm
         self.rows = np.flatnonzero(active)
         self.empty = comm.allreduce(len(self.rows)) == 0
         self.C = chosen_rows(system.C, self.rows)
         self._inverse = system.flexibility
+        self._compliance = np.zeros(0) if compliance is None else compliance[self.rows]
         if self.empty:
             return
         moved = self.C if system.deforming is system.C else chosen_rows(system.deforming, self.rows)
@@ -59,6 +67,8 @@ class Projector:
         self.S = moved.matMult(self.Ct)
         diagonal = self.S.getDiagonal()
         diagonal.scale(1.0 + REDUNDANT)
+        if compliance is not None:
+            diagonal.getArray()[:] += self._compliance
         stiffless = diagonal.getArray() == 0.0
         diagonal.getArray()[stiffless] = 1.0
         self.S.setDiagonal(diagonal)
@@ -103,6 +113,10 @@ class Projector:
         motions = self._of_motions.lifting(jumps)
         left = jumps - multiply(self.C, motions)
         return motions + multiply(self.Ct, self._inverse_of_rows.apply(left))
+
+    def giving(self, residual: Array) -> Array:
+        """D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r, what rows with a compliance give way."""
+        return self.lifting(self._compliance * self.multipliers(residual))
 
     def truncating(self, P: PETSc.Mat) -> PETSc.Mat:
         """E in Π P ≈ P - E for a prolongation P: D⁻¹ C_Aᵀ X with X near S⁻¹ C_A P.

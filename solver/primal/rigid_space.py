@@ -14,6 +14,8 @@ the contact. Rigid bodies are such bodies, too: their motions have no other prec
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -73,9 +75,17 @@ class RigidSpace:
     ----------
     motions : (unknowns, motions)
         R, from `floating_motions`.
+    stiffness
+        A product with K and what springs add to it.
     """
 
-    def __init__(self, system: MergedSystem, projector: Projector, motions: Array) -> None:
+    def __init__(
+        self,
+        system: MergedSystem,
+        projector: Projector,
+        motions: Array,
+        stiffness: Callable[[Array], Array],
+    ) -> None:
         self._comm = system.comm
         self.empty = motions.shape[1] == 0
         if self.empty:
@@ -87,7 +97,7 @@ class RigidSpace:
         before, after = self._comm.allreduce(np.stack(norms))
         some = after > SINGULAR * before
         W *= np.divide(1.0, np.sqrt(after), out=np.zeros_like(after), where=some)
-        images = np.stack([multiply(system.K, w) for w in W.T])
+        images = np.stack([stiffness(w) for w in W.T])
         images[np.abs(images) < ROUNDING * np.sqrt(system.diagonal.max(initial=0.0))] = 0.0
         self._KWt = sparse.csr_matrix(images)
         energy = self._comm.allreduce(self._KWt @ W)

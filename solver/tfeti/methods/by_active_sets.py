@@ -8,7 +8,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, active_set_loop
+from solver.contact.active_set import (
+    ActiveSetOptions,
+    Outcome,
+    Start,
+    StateSaver,
+    StoppingTest,
+    active_set_loop,
+)
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless
@@ -116,14 +123,8 @@ def solve_from(
     """
     test = _CertificateTest(task.problem, task.rule)
     asks = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
-    law, options = contact_law(task.problem, task.rule.tolerance), task.active_sets
-    if task.problem.friction is not None:
-        options = replace(
-            options,
-            most_sets=FRICTION * options.most_sets,
-            patience=PATIENCE,
-            largest_error=LARGEST_ERROR,
-        )
+    law = contact_law(task.problem, task.rule.tolerance)
+    options = options_of(task.problem, task.active_sets)
     found = active_set_loop(
         TotalFeti(task.problem), start, asks, task.inner, task.monitor, saver, options, law
     )
@@ -135,6 +136,18 @@ def solve_from(
         answer = answer_of_state(task.problem, task.rule, found.state)
     assert answer is not None
     return found, replace(answer, reason=found.reason, method=METHOD)
+
+
+def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOptions:
+    """Those of the loop, with what friction changes of them."""
+    if problem.friction is None:
+        return options
+    return replace(
+        options,
+        most_sets=FRICTION * options.most_sets,
+        patience=PATIENCE,
+        largest_error=LARGEST_ERROR,
+    )
 
 
 def contact_law(problem: DualProblem, tolerance: float) -> ContactLaw:

@@ -1,0 +1,81 @@
+"""Rows of an active set that give way: sliding points in space, across their slip.
+
+In such a row B u - c = C λ with a compliance C (`solver.backend.Statuses`). It is a spring of
+stiffness 1/C: K becomes K + Bᵀ C⁻¹ B. The V-cycle does not know of it. With all active rows in B,
+C = 0 in those that hold exactly, D the diagonal of K and S = B D⁻¹ Bᵀ,
+
+    Π = I - D⁻¹ Bᵀ (S + C)⁻¹ B,      z = Π M⁻¹ Πᵀ r + D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r
+
+is the inverse of D + Bᵀ C⁻¹ B where M = D, and leaves the rows alone that hold exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.backend import Statuses
+from solver.primal.factor import row_stiffness
+from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
+
+Array = NDArray[np.float64]
+
+STIFFEST = 1e4
+"""Largest stiffness of such a row, over what K holds against it. What slips by so little hardly
+turns, and a stiffer spring takes digits from its force."""
+
+
+class Springs:
+    """The rows of a set that give way.
+
+    Attributes
+    ----------
+    rows : (springs,)
+        Places among the rows of the system.
+    compliance : (springs,)
+    empty
+        Whether no rank has any.
+    """
+
+    def __init__(self, system: MergedSystem, statuses: Statuses) -> None:
+        self._system = system
+        self.rows = np.zeros(0, np.int64)
+        self.compliance = np.zeros(0)
+        if statuses.compliance is not None:
+            given = np.where(statuses.active, statuses.compliance, 0.0)[system.rows]
+            self.rows = np.flatnonzero(given > 0.0)
+            self.compliance = given[self.rows]
+        self.empty = system.comm.allreduce(len(self.rows)) == 0
+        if not self.empty:
+            least = 1.0 / (STIFFEST * row_stiffness(system)[self.rows])
+            self.compliance = np.maximum(self.compliance, least)
+            self._B = chosen_rows(system.C, self.rows)
+            self._c = system.c[self.rows]
+
+    @property
+    def stiffness(self) -> Array | None:
+        """C⁻¹ of its rows, zero on others, (rows,); None where no rank has any."""
+        if self.empty:
+            return None
+        result = np.zeros(len(self._system.rows))
+        result[self.rows] = 1.0 / self.compliance
+        return result
+
+    def forces(self, x: Array) -> Array:
+        """Bᵀ C⁻¹ B x, (unknowns,)."""
+        if self.empty:
+            return np.zeros(self._system.size)
+        stretched = multiply(self._B, x) / self.compliance
+        return multiply_transposed(self._B, stretched)
+
+    def multipliers(self, u: Array) -> Array:
+        """C⁻¹ (B u - c), (springs,)."""
+        if self.empty:
+            return np.zeros(0)
+        return np.asarray((multiply(self._B, u) - self._c) / self.compliance)
+
+    def forces_at(self, u: Array) -> Array:
+        """Bᵀ C⁻¹ (B u - c), (unknowns,)."""
+        if self.empty:
+            return np.zeros(self._system.size)
+        return multiply_transposed(self._B, self.multipliers(u))
