@@ -7,9 +7,9 @@ On the coarse space of a level, Q = C P₁ … P_k,
 is solved by Newton's method with an exact line search, which ends after finitely many steps
 (D. Sun, J. Han, 1997). s_i is the stiffness that K has against row i alone, so that the springs
 yield by what the finest mesh cannot resolve. The faint springs (w) keep bodies in place which only
-contact holds, and pull open rows near. Friction is as faint here. The coarsest level is solved by a factor, the others by a
-few conjugate gradients with a cycle of the levels below. The rows that press are the first active
-set, and the displacement is where its solve begins.
+contact holds, and pull open rows near; tangential rows have no others. The coarsest level is solved
+by a factor, the others by a few conjugate gradients with a cycle of the levels below. The rows that
+press are the first active set, and the displacement is where its solve begins.
 """
 
 from __future__ import annotations

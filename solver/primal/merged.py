@@ -2,10 +2,11 @@
 
     min ½ uᵀ K u - fᵀ u  subject to  C u ≤ c on contact rows, C u = c on tied rows.
 
-Tangential rows of points with friction are among them, too. Rows that hold a rigid motion hold with equality, too. Gluing rows are gone, and held unknowns have
-their displacement: their rows and columns of K are those of a scaled identity. C is what is left of
-B, with its scaling, so that the multipliers of both are the same numbers. Unknowns of rigid bodies
-have no stiffness (`solver.primal.rigid_bodies`).
+Tangential rows of points with friction are among them, too. Rows that hold a rigid motion hold with
+equality. Gluing rows are gone, and held unknowns have their displacement: their rows and columns of
+K are those of a scaled identity. C is what is left of B, with its scaling, so that the multipliers
+of both are the same numbers. Unknowns of rigid bodies have no stiffness
+(`solver.primal.rigid_bodies`).
 """
 
 from __future__ import annotations

@@ -332,10 +332,3 @@ def test_a_law_that_is_none(change: dict[str, Any], words: str) -> None:
     made["contacts"][0].update(change)
     with pytest.raises((ConfigurationError, ValueError), match=words):
         scenes.build(made)
-
-
-def test_the_primal_method_is_refused() -> None:
-    made = rough(scenes.pushed("quadrilateral", 2), {"coulomb": 0.3})
-    made["solver"] = {"method": "primal"}
-    with pytest.raises(ConfigurationError, match=r"contacts\[0\]\.friction"):
-        scenes.build(made)

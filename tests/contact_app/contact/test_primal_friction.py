@@ -1,0 +1,116 @@
+"""Friction on undecomposed bodies against an independent method and against Total FETI."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from contact_app.run.increments import solved_increments
+from solver.contact.stopping import StoppingRule
+from solver.primal.by_active_sets import solve_by_multigrid
+from solver.primal.factor import FactorOptions
+from solver.qp.mprgp import MPRGP
+from solver.tfeti.methods.task import Task
+from tests import friction_reference, scenes
+from tests.comparison import in_order_of, solve
+from tests.contact_app.contact.test_friction import LAWS, on_a_slope, pair, random_scene, rough
+from tests.rows import covering
+from tests.scenes_on_ranks import summary_of
+
+CELLS = ("quadrilateral", "triangle", "hexahedron", "tetrahedron")
+
+
+def check(made: scenes.Config) -> Any:
+    """Solve a scene and compare displacements and the work of friction with the reference."""
+    solved = solve(made, method="primal")
+    known = friction_reference.solve(scenes.build(made))
+    summary = solved.summary
+    assert summary["certificate"]["passed"], summary["certificate"]
+    assert summary["solver"]["method"] == "primal", summary["certificate"]["warnings"]
+    u = in_order_of(known, solved)
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
+    work = float(np.einsum("pi,pi->", known.tangential, known.slip))
+    none = 1e-8 * abs(known.energy)
+    assert summary["solution"]["dissipated_work"] == pytest.approx(work, rel=1e-6, abs=none)
+    return solved
+
+
+@pytest.mark.parametrize(
+    ("law", "cell", "name"), covering(LAWS, CELLS, ["wall", "pushed", "hollow_sphere"]), ids=str
+)
+def test_obstacles(name: str, cell: str, law: dict[str, float]) -> None:
+    n = 4 if scenes.dimension(cell) == 2 else 2
+    check(rough(scenes.ALL[name](cell, n), law))
+
+
+@pytest.mark.parametrize(
+    ("law", "cell", "degree"),
+    [(LAWS[0], "triangle", 2), (LAWS[1], "quadrilateral", 1), (LAWS[0], "tetrahedron", 1)],
+    ids=str,
+)
+def test_pairs(cell: str, degree: int, law: dict[str, float]) -> None:
+    check(pair(cell, law, degree))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_scenes(seed: int) -> None:
+    check(random_scene(seed))
+
+
+@pytest.mark.parametrize(("cell", "along"), [("quadrilateral", 0.0), ("tetrahedron", 0.2)])
+def test_friction_alone_holds_a_block_on_a_slope(cell: str, along: float) -> None:
+    solved = solve(on_a_slope(cell, {"coulomb": 0.4}, 0.3, along), method="primal")
+    assert solved.summary["solver"]["method"] == "primal"
+    force = np.array(solved.summary["contacts"][0]["force"])
+    held = np.linalg.norm(force[: scenes.dimension(cell) - 1])
+    assert held == pytest.approx(20.0 * 0.4 * np.sin(0.3), rel=1e-6)
+
+
+MULTIGRID_ALWAYS = FactorOptions(small=0.0, thin_seconds=0.0, slow_seconds=0.0)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+def test_multigrid_knows_rows_that_give_way(law: dict[str, float]) -> None:
+    """Where a factor would be taken; the V-cycle alone would not converge on stiff springs."""
+    made = {**rough(scenes.ALL["pushed"]("hexahedron", 5), law), "solver": {"method": "primal"}}
+    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
+    found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
+    known = solve(made, [2, 2, 2], method="active-set", tolerance=1e-10)
+    assert found.converged, found.certificate
+    assert found.counts.hessian < 130, found.counts
+    assert found.measures.energy == pytest.approx(known.summary["solution"]["energy"], rel=1e-7)
+
+
+def test_steps() -> None:
+    """Slip measured from the last increment; the way back is another one."""
+    made = pair("quadrilateral", {"coulomb": 0.3})
+    made["conditions"][1:] = [
+        {"name": "press", "on": "upper.y+", "displacement": [None, -0.02]},
+        {"name": "push", "on": "upper.y+", "traction": [3.0, 0.0]},
+    ]
+    made["steps"] = [{"press": 1}, {"push": 1, "increments": 2}, {"push": -1, "increments": 2}]
+    ends = []
+    for method in ("active-set", "primal"):
+        made["solver"] = {"method": method, "tolerance": 1e-9}
+        *_, last = solved_increments(scenes.build(made), MPI.COMM_SELF, lambda place: None)
+        assert last.solved.summary["solver"]["method"] == method
+        ends.append(last.solved.nodes.displacement)
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7 * np.abs(ends[0]).max())
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks(ranks: int, tmp_path: Path) -> None:
+    made = pair("tetrahedron", {"coulomb": 0.3})
+    made["solver"] = {"tolerance": 1e-9, "method": "primal"}
+    one, more = (summary_of(made, tmp_path, n) for n in (1, ranks))
+    assert more["solver"]["method"] == "primal"
+    for key in ("energy", "dissipated_work"):
+        assert more["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7)
