@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.primal.merged import MergedSystem, multiply
+from solver.primal.merged import MergedSystem
 from solver.primal.projector import Projector
 
 Array = NDArray[np.float64]
