@@ -26,7 +26,7 @@ from solver.tfeti.constraints.conditions import (
     NodeConditions,
 )
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.merge import cut_held, drop_parallel, merge_contact, merge_held
+from solver.tfeti.constraints.merge import merge_contact, merge_held
 
 Array = NDArray[np.float64]
 
@@ -74,11 +74,7 @@ def rows_of(
     conditions = NodeConditions(*_held(parts, bcs), *joined)
     try:
         held = merge_held(exchange, conditions)
-        rows, merged = merge_contact(exchange, conditions, held, size)
-        if means:
-            cut = [cut_held(exchange, mean, held, size) for mean in means]
-            rows, redundant = drop_parallel(exchange, ContactRows.join([rows, *cut]), size)
-            merged = ContactRows.join([merged, redundant])
+        rows, merged = merge_contact(exchange, conditions, held, size, means)
     except ContradictionError as error:
         raise _contradiction(contacts, error) from error
     return held, rows, merged

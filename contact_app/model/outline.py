@@ -56,7 +56,7 @@ from solver.tfeti.constraints.conditions import (
 )
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.merge import cut_held, drop_parallel, merge_contact, merge_held
+from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.ties import undecided
 
 
@@ -324,12 +324,7 @@ def _merged_rows(
     fixed = conditions.of_contacts(~moving)
     try:
         held = merge_held(exchange, conditions)
-        contact, merged = merge_contact(exchange, fixed, held, length)
-        if uncut:
-            cut = [cut_held(exchange, rows, held, length) for rows in uncut]
-            contact = ContactRows.join([contact, *cut])
-            contact, redundant = drop_parallel(exchange, contact, length)
-            merged = ContactRows.join([merged, redundant])
+        contact, merged = merge_contact(exchange, fixed, held, length, uncut)
         if scene.moving:
             of_moving = conditions.of_contacts(moving)
             found = moving_rows(scene, partition, exchange, of_moving, held)

@@ -6,6 +6,7 @@ contact rows to their right-hand sides.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -58,7 +59,11 @@ def merge_held(exchange: NodeExchange, conditions: NodeConditions) -> HeldRows:
 
 
 def merge_contact(
-    exchange: NodeExchange, conditions: NodeConditions, held: HeldRows, length: float
+    exchange: NodeExchange,
+    conditions: NodeConditions,
+    held: HeldRows,
+    length: float,
+    means: Sequence[ContactRows] = (),
 ) -> tuple[ContactRows, ContactRows]:
     """Bring together the contact rows of each owned node and drop redundant ones.
 
@@ -66,6 +71,8 @@ def merge_contact(
     ----------
     length
         A length of the scene; penetrations of held nodes below 1e-9 of it are round-off.
+    means
+        Rows of contacts in the mean, before what is held is taken out of them.
 
     Returns
     -------
@@ -83,7 +90,12 @@ def merge_contact(
     direction, gap = cut / norm[:, None], rows.gaps / norm
     _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
     keep = tightest_of_each_node(rows.nodes, direction, gap)
-    return rows.of(keep), rows.of(~keep)
+    kept, redundant = rows.of(keep), rows.of(~keep)
+    if not means:
+        return kept, redundant
+    free = [cut_held(exchange, mean, held, length) for mean in means]
+    kept, parallel = drop_parallel(exchange, ContactRows.join([kept, *free]), length)
+    return kept, ContactRows.join([redundant, parallel])
 
 
 def contact_rows(exchange: NodeExchange, conditions: NodeConditions) -> ContactRows:
