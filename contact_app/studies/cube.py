@@ -34,6 +34,7 @@ from solver import MPRGP, SMALBE, BoxQP, Counts
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.operators import estimate_norm
 from solver.tfeti.methods.answers import certified_answer
+from solver.tfeti.methods.by_smalbe import METHOD
 from solver.tfeti.projected import ProjectorEquality
 
 SMALL_CELLS = 40
@@ -138,7 +139,7 @@ class _Study:
             force = np.empty(problem.size)
             constraint.apply_transpose(result.multiplier, force)
             answer = certified_answer(problem, result.x, force, RTOL)
-            solution = replace(answer, counts=result.counts, reason=result.reason)
+            solution = replace(answer, counts=result.counts, reason=result.reason, method=METHOD)
         with clock.measure("output"):
             nodes, cells = node_fields(model, solution), cell_fields(model, solution)
             solved = SolvedScene(model, solution, nodes, cells, self._accuracy(solution), clock)

@@ -35,6 +35,7 @@ from solver.qp.operators import estimate_norm
 from solver.qp.outer_state import Hooks
 from solver.qp.result import Monitor
 from solver.tfeti.methods.answers import certified_answer
+from solver.tfeti.methods.by_smalbe import METHOD
 
 PAPER_CELLS = 300
 """Hexahedra along each edge of the paper's cube."""
@@ -144,4 +145,4 @@ def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Sol
     force = np.empty(problem.size)
     constraint.apply_transpose(result.multiplier, force)
     answer = certified_answer(problem, result.x, force, model.scene.solver.expected_tolerance)
-    return replace(answer, counts=result.counts, reason=result.reason)
+    return replace(answer, counts=result.counts, reason=result.reason, method=METHOD)
