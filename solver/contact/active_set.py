@@ -43,8 +43,6 @@ class ActiveSetOptions:
     first_reduction, next_reduction
         Reduction of the residual before the first evaluation of the KKT residuals on a set and
         between later ones.
-    early_reduction
-        The same between evaluations that may end a solve before the set is settled.
     coarse_reduction
         `first_reduction` on the coarser levels of the constraint hierarchy: the next level has to
         undo what a coarser one decides wrongly.
@@ -80,7 +78,6 @@ class ActiveSetOptions:
     most_sets: int = 60
     first_reduction: float = 0.3
     next_reduction: float = 0.1
-    early_reduction: float = 0.5
     coarse_reduction: float = 0.1
     evaluations: int = 3
     significant: float = 0.1
@@ -307,9 +304,7 @@ def solve_on_set(
             return Outcome(None, state, following, on_set.counts, released)
         evaluations += 1
         wanted = options.margin * on_set.residual / max(lack, 1.0)
-        if test.may_end_early:
-            wanted = max(wanted, options.early_reduction * on_set.residual)
-        elif evaluations < options.evaluations:
+        if test.may_end_early or evaluations < options.evaluations:
             wanted = max(wanted, options.next_reduction * on_set.residual)
 
 
