@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from contact_app.model.boundaries import facets_of
 from contact_app.model.facets import moments
 from contact_app.model.pairs import gather_surface, owned_rows
+from contact_app.model.rigid import RigidUnknowns, with_slips
 from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -78,8 +79,11 @@ def friction_rows(
             shares = _shares(scene, partition, exchange, touching, own.nodes)
             given = friction.tresca * np.where(np.isnan(own.areas), shares, own.areas)
         if isinstance(touching, Contact):
-            tangents, along = _tangents(own, None if own.wide.any() else held)
+            moves = touching.rigid in scene.moving
+            tangents, along = _tangents(own, None if own.wide.any() or moves else held)
             rows = _at_obstacle(own, tangents)
+            if touching.rigid is not None:
+                rows = with_slips(rows, RigidUnknowns.of(scene, partition), touching.rigid)
         else:
             tangents, along = _tangents(own, None)
             rows = _between(scene, partition, exchange, number, own, tangents)

@@ -261,6 +261,32 @@ def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
     return replace(rows, gaps=gaps, rigid=entries)
 
 
+def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> ContactRows:
+    """Tangential rows at an obstacle of a rigid body, with what moves the body along them.
+
+    The free components are entries, the held ones gaps: slips are relative to the body, and count
+    from where it is drawn.
+    """
+    scene, d = unknowns.scene, unknowns.scene.dimension
+    center = np.array(scene.rigid_bodies[number].center)
+    center = center + np.array(scene.placements[number].displacement)
+    force = np.zeros((len(rows.nodes), 3))
+    force[:, :d] = rows.normals
+    turn = np.cross(rows.points - center, force) + rows.moments
+    own = np.concatenate([rows.normals, turn if d == 3 else turn[:, 2:]], axis=1) / unknowns.units
+    held, values = scene.held_components(number)
+    gaps = rows.gaps - own[:, held] @ (np.asarray(values) * unknowns.units)[held]
+    if number not in scene.moving:
+        return replace(rows, gaps=gaps)
+    own[:, held] = 0.0
+    own[np.abs(own) < FAINT] = 0.0
+    row, component = np.nonzero(own)
+    node, inside = np.divmod(unknowns.slots[component], d)
+    first = unknowns.first + NODES * scene.moving.index(number)
+    entries = ContactEntries(row, first + node, rows.points[row], inside, own[row, component])
+    return replace(rows, gaps=gaps, rigid=entries)
+
+
 def rigid_subdomains(
     unknowns: RigidUnknowns, surface: SurfaceCopies, partition: Partition
 ) -> list[CongruentSubdomains]:

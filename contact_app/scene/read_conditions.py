@@ -176,11 +176,13 @@ class ConditionReader:
                 f"is for two elastic bodies; {contact.against} is rigid: hold the boundary with a "
                 "displacement condition instead",
             )
-        if self._friction(contact.friction, (*path, "friction")) is not None:
+        friction = self._friction(contact.friction, (*path, "friction"))
+        if friction is not None and self.keys.configuration.steps:
             self.keys.fail(
                 (*path, "friction"),
-                f"is for obstacles and elastic bodies; {contact.against} is rigid: leave friction "
-                "out, or give the body as an obstacle or with a mesh",
+                f"is not available at rigid bodies with steps: each increment places "
+                f"{contact.against} anew, and what has slipped before is not carried over; leave "
+                "steps out, or give the body as an obstacle or with a mesh",
             )
         if contact.round:
             self.keys.fail(
@@ -193,7 +195,7 @@ class ConditionReader:
         number = self.rigid.names.index(contact.against or "")
         source, overlap = f"contacts[{i}]", contact.interference
         return [
-            Contact(body, boundary, shape, source, overlap, rigid=number, part=part)
+            Contact(body, boundary, shape, source, overlap, friction, rigid=number, part=part)
             for part, shape in enumerate(self.rigid.bodies[number].obstacles)
         ]
 

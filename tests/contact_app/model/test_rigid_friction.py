@@ -1,0 +1,154 @@
+"""Friction at rigid bodies: held, pressed, pushed by forces, and turned."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from tests import scenes
+from tests.comparison import solve
+from tests.rows import covering
+from tests.scenes_on_ranks import summary_of
+
+CELLS = ("quadrilateral", "tetrahedron")
+LAWS = ({"coulomb": 0.3}, {"tresca": 8.0})
+Law = dict[str, float]
+
+
+def top(cell: str) -> scenes.Config:
+    """A plane above the block, which points down."""
+    d = scenes.dimension(cell)
+    return {"plane": {"point": [0.0] * (d - 1) + [1.0], "normal": [0.0] * (d - 1) + [-1.0]}}
+
+
+def under_a_plate(
+    cell: str, law: Law, conditions: list[scenes.Config], degree: int = 1
+) -> scenes.Config:
+    """A block, clamped at its foot, under a rigid plate."""
+    block = {**scenes.block(cell, 3), "degree": degree}
+    foot = scenes.clamp(cell, f"block.{scenes.down(cell)}")
+    contact = {"on": f"block.{scenes.up(cell)}", "against": "plate", "friction": law}
+    plate = {"name": "plate", "rigid": top(cell)}
+    return scenes.config(cell, [block, plate], [foot, *conditions], [contact])
+
+
+def plate(cell: str, displacement: list[float | None], **load: Any) -> list[scenes.Config]:
+    """Conditions of a plate that does not turn."""
+    rotation: Any = [0.0, 0.0, 0.0] if scenes.dimension(cell) == 3 else 0.0
+    held = {"in": "plate", "displacement": displacement, "rotation": rotation}
+    return [held, *([{"in": "plate", **load}] if load else [])]
+
+
+@cache
+def reference(cell: str, law: tuple[str, float], degree: int) -> Any:
+    """The block pressed against a fixed obstacle by its foot, which goes the other way."""
+    block = {**scenes.block(cell, 3), "degree": degree}
+    foot = scenes.vector(cell, -0.03, -0.01, 0.04)
+    contact = {
+        "on": f"block.{scenes.up(cell)}", "obstacle": top(cell), "friction": dict([law]),
+    }  # fmt: skip
+    made = scenes.config(
+        cell, [block], [{"on": f"block.{scenes.down(cell)}", "displacement": foot}], [contact]
+    )
+    return solve(made, 1)
+
+
+@pytest.mark.parametrize(
+    ("law", "cell", "degree", "method"), covering(LAWS, CELLS, [1, 2], ["active-set", "primal"])
+)
+def test_a_plate_that_moves_is_a_foot_that_moves_back(
+    cell: str, law: Law, degree: int, method: str
+) -> None:
+    """Held, and pressed by the force that this takes."""
+    known = reference(cell, next(iter(law.items())), degree).summary
+    force, moved = known["contacts"][0]["force"], scenes.vector(cell, 0.03, 0.01, -0.04)
+    d = len(moved)
+    pressed = [0.0] * (d - 1) + [force[d - 1]]
+    held = plate(cell, [*moved])
+    loaded = plate(cell, [*moved[:-1], None], total_force=pressed)
+    for conditions in (held, loaded):
+        made = under_a_plate(cell, law, conditions, degree)
+        found = solve(made, None, method=method).summary
+        assert found["certificate"]["passed"]
+        assert found["solver"]["method"] == method
+        np.testing.assert_allclose(found["contacts"][0]["force"], force, rtol=0, atol=1e-5)
+        assert found["contacts"][0]["nodes"] == known["contacts"][0]["nodes"]
+        work = known["solution"]["dissipated_work"]
+        assert found["solution"]["dissipated_work"] == pytest.approx(work, rel=1e-6)
+        assert found["rigid_bodies"]["plate"]["displacement"] == pytest.approx(moved, rel=1e-6)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("method", ["active-set", "primal"])
+def test_friction_alone_holds_a_plate_up_to_its_limit(cell: str, method: str) -> None:
+    """Pushed in any direction by 0.99 of μ times the press; at 1.01 it slides away."""
+    d = scenes.dimension(cell)
+    along = np.array([1.0] if d == 2 else [0.6, 0.8])
+    for share in (0.99, 1.01):
+        load = [*(share * 0.3 * 40.0 * along), -40.0]
+        made = under_a_plate(
+            cell, {"coulomb": 0.3}, plate(cell, [None] * d, total_force=[float(f) for f in load])
+        )
+        if share > 1.0:
+            with pytest.raises(NoEquilibriumError, match="plate"):
+                solve(made, None, method=method)
+        else:
+            found = solve(made, None, method=method).summary
+            assert found["certificate"]["passed"]
+            np.testing.assert_allclose(
+                found["contacts"][0]["force"][:d], load, rtol=0, atol=1e-6 * 40.0
+            )
+
+
+def roller(moment: float) -> scenes.Config:
+    """A rigid roller pressed into a block and turned by a moment, which friction carries."""
+    block = scenes.block("quadrilateral", 8)
+    circle = {"sphere": {"center": [0.5, 3.0], "radius": 2.0}}
+    conditions = [
+        scenes.clamp("quadrilateral", "block.y-"),
+        {"in": "roller", "displacement": [0.0, None]},
+        {"in": "roller", "total_force": [0.0, -30.0], "total_moment": moment},
+    ]
+    contact = {"on": "block.y+", "against": "roller", "friction": {"coulomb": 0.3}}
+    rigid = {"name": "roller", "rigid": circle}
+    return scenes.config("quadrilateral", [block, rigid], conditions, [contact])
+
+
+@pytest.mark.parametrize("method", ["active-set", "primal"])
+def test_a_roller_turns_until_friction_carries_its_moment(method: str) -> None:
+    found = solve(roller(-9.0), None, method=method).summary
+    assert found["certificate"]["passed"]
+    contact, sunk = found["contacts"][0], found["rigid_bodies"]["roller"]["displacement"][1]
+    force, arm = np.array(contact["force"]), np.array(contact["point"]) - [0.5, 3.0 + sunk, 0.0]
+    assert force[1] == pytest.approx(-30.0, rel=1e-6)
+    about_center = contact["moment"] + arm[0] * force[1] - arm[1] * force[0]
+    assert about_center == pytest.approx(-9.0, rel=1e-5)
+    assert abs(found["rigid_bodies"]["roller"]["rotation"]) > 1e-5
+    with pytest.raises(NoEquilibriumError, match="roller"):
+        solve(roller(-25.0), None, method=method)
+
+
+def test_steps_are_refused() -> None:
+    made = under_a_plate("quadrilateral", LAWS[0], plate("quadrilateral", [0.01, -0.01]))
+    made["conditions"][1]["name"] = "press"
+    made["steps"] = [{"press": 1}]
+    with pytest.raises(ConfigurationError, match=r"contacts\[0\]\.friction.*rigid bodies"):
+        scenes.build(made)
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["active-set", "primal"])
+def test_ranks(method: str, tmp_path: Path) -> None:
+    load = plate("tetrahedron", [None] * 3, total_force=[4.0, 2.0, -40.0])
+    made = under_a_plate("tetrahedron", {"coulomb": 0.3}, load)
+    made["solver"] = {"tolerance": 1e-9, "method": method}
+    one, *others = (summary_of(made, tmp_path, ranks) for ranks in (1, 2, 3))
+    for other in others:
+        for key in ("energy", "dissipated_work"):
+            assert other["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7)
