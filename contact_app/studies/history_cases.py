@@ -127,9 +127,10 @@ def graded_block(path: Path, cells: int, size: float = 100.0) -> Path:
     """
     step = 1.0 / cells
     inner = np.arange(0.0, FINE + 0.5 * step, step)
-    beside = inner[-1] + _growing(step, size - inner[-1])
+    beside = inner[-1] + growing(step, size - inner[-1], GROWTH)
     x = np.concatenate([inner, beside])
-    x, y = np.concatenate([-x[:0:-1], x]), -np.concatenate([[0.0], _growing(step, size)])[::-1]
+    x = np.concatenate([-x[:0:-1], x])
+    y = -np.concatenate([[0.0], growing(step, size, GROWTH)])[::-1]
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     number = np.arange(len(points)).reshape(len(x), len(y))
     corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
@@ -138,11 +139,11 @@ def graded_block(path: Path, cells: int, size: float = 100.0) -> Path:
     return path
 
 
-def _growing(step: float, length: float) -> Array:
-    """Ends of cells that grow from a size on over a length."""
+def growing(step: float, length: float, factor: float) -> Array:
+    """Ends of cells over a length, each longer than the last one by a factor."""
     ends, at = [], 0.0
     while at < length:
         at += step
         ends.append(at)
-        step *= GROWTH
+        step *= factor
     return np.array(ends) * length / ends[-1]

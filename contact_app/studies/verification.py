@@ -21,8 +21,8 @@ the answer beside those of the theory. How each is measured:
 * Confined column: resultant of the wall that is squeezed against.
 * Rod on a rough floor: mean displacement of its end, and the distance from there of the farthest
   node that slips.
-* Load histories: `contact_app.studies.history_cases`, and the block on an incline:
-  `contact_app.studies.incline`.
+* Load histories: `contact_app.studies.history_cases`; the block on an incline:
+  `contact_app.studies.incline`; Mindlin's contact in space: `contact_app.studies.mindlin`.
 
 Meshes of round bodies are coarse ones drawn in Gmsh (``meshes/samples/coarse``), every edge halved
 so often as a size asks for, new nodes put on the circle or ball (`refine_on_sphere`).
@@ -53,6 +53,7 @@ from contact_app.studies.exact_fields import lame_ring, relative_errors
 from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
 from contact_app.studies.history_cases import cattaneo, graded_block, rod_cycle
 from contact_app.studies.incline import incline
+from contact_app.studies.mindlin import graded_half_block, mindlin
 from contact_app.studies.refine_on_sphere import refined_round
 from meshes import CellMesh
 
@@ -465,6 +466,14 @@ CASES = (
         "contact; a status is known to a node, ±1/(2 n).",
         None, tuple(Level(f"{n} cells over a", size=n) for n in (10, 20, 40)),
         history=cattaneo, graded=graded_block,
+    ),
+    Case(
+        "mindlin", "Mindlin in space: a block pressed against a ball and pushed",
+        "Radius c of what sticks, by its area, and tractions under the push, beside those of the "
+        "loads and of the radius a of the answer. Half-blocks of 20 x 10 x 10 are graded towards "
+        "the contact.",
+        None, tuple(Level(f"{n} cells over a", size=n) for n in (3, 4, 6)),
+        history=mindlin, graded=graded_half_block,
     ),
 )  # fmt: skip
 

@@ -115,3 +115,21 @@ def test_a_block_on_an_incline_slides_where_statics_say() -> None:
     (row,) = study(case, [box(4, 1)])
     assert row.certified
     assert max(errors(row)) < 2e-6, row
+
+
+@pytest.mark.slow
+def test_the_rim_of_a_contact_in_space_slips_under_a_push() -> None:
+    """Mindlin: the radius of what sticks; tractions come down slowly."""
+    (case,) = find(["mindlin"])
+    (row,) = study(case, case.levels[:1])
+    assert row.certified
+    _, stick, tractions = errors(row)
+    assert stick < 0.04, row
+    assert tractions < 0.2, row
+
+
+def test_the_radius_of_sticking_is_that_of_theory_on_a_coarse_mesh() -> None:
+    (case,) = find(["mindlin"])
+    (row,) = study(case, [Level("2 cells over a", size=2)])
+    assert row.certified
+    assert errors(row)[1] < 0.15, row

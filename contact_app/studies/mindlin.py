@@ -1,0 +1,102 @@
+"""What `contact-app verify mindlin` measures: a block pressed against a rigid ball and pushed.
+
+Normal and tangential tractions do not couple in an incompressible block, so that the pressure is
+Hertz's, nodes within c = a (1 - Q/(μ P))^(1/3) stick, and the tractions are along the push,
+
+    q = μ p0 (√(1 - r²/a²) - (c/a) √(1 - r²/c²)),   the second root zero beyond c
+
+(R. D. Mindlin, *Compliance of elastic bodies in contact*, J. Appl. Mech. 16, 1949; K. L. Johnson,
+*Contact Mechanics*, 1985, section 7.2). P, Q, and a by a line through p² over r², are those of the
+answer. c is the radius of a circle of the area of the nodes that stick, each node having the area
+of the cells about it. Half of the block is modelled, symmetric about y = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.run.increments import SolvedIncrement
+from contact_app.studies.hertz import Quantity, fitted
+from contact_app.studies.history_cases import growing
+
+Array = NDArray[np.float64]
+
+SIZE = 10.0
+"""Half the width of the block, and its height, where the ball touches it over a radius of 1."""
+
+GROWTH, FINE = 1.6, 1.4
+"""Factor from cell to cell beside the contact, and how far out cells are equal."""
+
+
+def mindlin(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+    """The block at the end of the push: radii, and tractions as a root mean square of μ p0."""
+    solved = found[-1].solved
+    nodes, friction = solved.nodes, solved.model.scene.contacts[0].friction
+    assert friction is not None
+    coefficient = friction.coulomb or 0.0
+    at = nodes.contact_pressure > 0.0
+    r2 = (nodes.points[at, :2] ** 2).sum(axis=1)
+    a, peak = fitted(r2, nodes.contact_pressure[at])
+    force = np.abs(solved.summary["contacts"][0]["force"])
+    stick = float((1.0 - force[0] / (coefficient * force[2])) ** (1.0 / 3.0))
+    sticks = (nodes.contact_status == 1.0) & at
+    area = 2.0 * float(_areas(nodes.points)[sticks].sum())
+    exact = _root(r2, a) - stick * _root(r2, stick * a)
+    side = np.sign(solved.summary["contacts"][0]["force"][0])
+    traction = side * nodes.friction_traction[at, 0] / (coefficient * peak)
+    rms = float(np.sqrt(np.mean((traction - exact) ** 2)))
+    radius, (material,) = 20.0, solved.model.scene.bodies[0].materials
+    modulus = material.young / (1.0 - material.poisson**2)
+    return [
+        Quantity("a", a, float((1.5 * force[2] * radius / modulus) ** (1.0 / 3.0))),
+        Quantity("c/a", float(np.sqrt(area / np.pi)) / a, stick),
+        Quantity("1 + rms of tractions", 1.0 + rms, 1.0),
+    ]
+
+
+def _root(r2: Array, radius: float) -> Array:
+    return np.asarray(np.sqrt(np.maximum(1.0 - r2 / radius**2, 0.0)))
+
+
+def _areas(points: Array) -> Array:
+    """Of the cells about each node of the top of a grid of boxes, a quarter of each."""
+    x, y = (_lengths(points[:, i]) for i in (0, 1))
+    return x * y
+
+
+def _lengths(values: Array) -> Array:
+    """Half of the intervals beside each of the grid's coordinates (n,)."""
+    grid, number = np.unique(np.round(values, 9), return_inverse=True)
+    steps = np.pad(np.diff(grid), 1)
+    return np.asarray(0.5 * (steps[1:] + steps[:-1])[number])
+
+
+def graded_half_block(path: Path, cells: int) -> Path:
+    """Write half of a block whose cells are smallest about (0, 0, 0) in the middle of its top.
+
+    Parameters
+    ----------
+    cells
+        In a unit of length there.
+    """
+    step = 1.0 / cells
+    inner = np.arange(0.0, FINE + 0.5 * step, step)
+    y = np.concatenate([inner, inner[-1] + growing(step, SIZE - inner[-1], GROWTH)])
+    x = np.concatenate([-y[:0:-1], y])
+    z = -np.concatenate([[0.0], growing(step, SIZE, GROWTH)])[::-1]
+    points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(len(points)).reshape(len(x), len(y), len(z))
+    turn = ((0, 0), (1, 0), (1, 1), (0, 1))
+    corners = [
+        number[i : len(x) - 1 + i, j : len(y) - 1 + j, k : len(z) - 1 + k]
+        for k in (0, 1)
+        for i, j in turn
+    ]
+    cells_of = np.stack(corners, axis=-1).reshape(-1, 8)
+    meshio.Mesh(points, [("hexahedron", cells_of)]).write(path)
+    return path
