@@ -67,6 +67,8 @@ class ContactLoads:
         Along what is touched.
     sticks : (loads,)
         Whether friction holds the node.
+    rubs : (loads,)
+        Whether it has a friction force that needs no contact force.
     """
 
     sources: NDArray[np.int64]
@@ -78,6 +80,7 @@ class ContactLoads:
     friction: Array
     slips: Array
     sticks: NDArray[np.bool_]
+    rubs: NDArray[np.bool_]
 
 
 def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactLoads:
@@ -101,15 +104,16 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     vectors[:, : model.scene.dimension] = force[:, None] * rows.normals
     rough = friction_at_rows(problem, solution)
     friction, turned, slips = np.zeros((3, len(order), 3))
-    sticks = np.zeros(len(order), bool)
+    sticks, rubs = np.zeros((2, len(order)), bool)
     for mine, values in (
         (friction, rough.forces), (turned, rough.moments), (slips, rough.slips),
-        (sticks, rough.sticks),
+        (sticks, rough.sticks), (rubs, rough.rubs),
     ):  # fmt: skip
         mine[own] = values[order[own]]
     loads = ContactLoads(
         rows.sources, rows.nodes, force, vectors + friction,
         force[:, None] * rows.moments + turned, rows.areas, friction, slips, sticks,
+        rubs,
     )  # fmt: skip
     label = _together(rows, own, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
@@ -200,6 +204,7 @@ def _divided(
     return ContactLoads(
         loads.sources, loads.nodes, divided(loads.force), divided(loads.vectors),
         divided(loads.moments), loads.areas, divided(loads.friction), loads.slips, loads.sticks,
+        loads.rubs,
     )  # fmt: skip
 
 

@@ -29,22 +29,25 @@ class FrictionAtRows:
     slips : (rows, 3)
     sticks : (rows,)
         Points with friction whose force is below its limit, or nearly at it without a slip.
+    rubs : (rows,)
+        Points with a friction force whose limit is given: it also acts where they are open.
     """
 
     forces: Array
     moments: Array
     slips: Array
     sticks: NDArray[np.bool_]
+    rubs: NDArray[np.bool_]
 
 
 def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows:
     """Friction of an answer."""
     count, d = len(problem.contact.nodes), problem.dimension
     forces, moments, slips = np.zeros((3, count, 3))
-    sticks = np.zeros(count, bool)
+    sticks, rubs = np.zeros((2, count), bool)
     points, rows = problem.friction, problem.system.friction
     if points is None or rows is None:
-        return FrictionAtRows(forces, moments, slips, sticks)
+        return FrictionAtRows(forces, moments, slips, sticks, rubs)
     place, normals = rows.places(problem.contact), rows.rows.normals
     force = points.forces(solution.multiplier)
     slip = points.slips(problem.residual(problem.on_interface(solution.displacements)))
@@ -54,7 +57,8 @@ def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows
     still = solution.tolerance * solution.measures.displacement
     rests = ~points.sliding(solution.multiplier)[points.rows[points.first]]
     sticks[place] = (rests | (points.sizes(slip) <= still))[points.point]
-    return FrictionAtRows(forces, moments, slips, sticks)
+    rubs[place] = ((points.limits > 0.0) & (points.sizes(force) > 0.0))[points.point]
+    return FrictionAtRows(forces, moments, slips, sticks, rubs)
 
 
 def dissipated_work(problem: DualProblem, solution: Solution) -> float:

@@ -77,7 +77,9 @@ class NodesInContact:
     slips : (n, 3)
         Of the body of `on` along what it touches.
     sticks : (n,)
-        Closed nodes that friction holds.
+        Nodes that friction holds.
+    rubs : (n,)
+        Nodes with a friction force that needs no contact force: they may be open.
     """
 
     nodes: NDArray[np.int64]
@@ -92,11 +94,15 @@ class NodesInContact:
     traction: Array
     slips: Array
     sticks: NDArray[np.bool_]
+    rubs: NDArray[np.bool_]
 
     @property
     def status(self) -> NDArray[np.int64]:
-        """0 where a node is open, 1 where it sticks, 2 where it slides, (n,)."""
-        return np.where(self.closed, np.where(self.sticks, 1, 2), 0)
+        """0 where a node is open, 1 where it sticks, 2 where it slides, (n,).
+
+        Where friction of a given limit acts on an open node, it sticks or slides, too.
+        """
+        return np.where(self.closed | self.rubs, np.where(self.sticks, 1, 2), 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +190,7 @@ def _in_contact(
         traction=traction,
         slips=at_owned(every, loads.slips[mine]),
         sticks=at_owned(every, loads.sticks[mine].astype(float)) > 0.0,
+        rubs=at_owned(every, loads.rubs[mine].astype(float)) > 0.0,
     )
     found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
     smoothed = smoothed_pressure(model, number, found.nodes, found.pressure, found.shares)

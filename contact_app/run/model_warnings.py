@@ -300,6 +300,18 @@ def _free_motions(answer: Answer) -> list[str]:
     return [note for note in answer.model.notes if "can move freely" in note]
 
 
+def _rubs_where_open(answer: Answer) -> Iterator[str]:
+    """Friction of a given limit at nodes without a contact force."""
+    scene, comm = answer.model.scene, answer.model.comm
+    for contact, found in zip(scene.touching, answer.nodes.contacts, strict=True):
+        count = comm.allreduce(int((found.rubs & ~found.closed).sum()))
+        if count:
+            yield (
+                f"{contact.source}: friction of the given limit acts on {count} nodes that no "
+                "contact force presses; with friction: {coulomb: …} it would not"
+            )
+
+
 def _slides(answer: Answer) -> Iterator[str]:
     """Bodies that slide where facets alone resist (collective)."""
     scene = answer.model.scene
@@ -420,6 +432,6 @@ CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _between_nodes, _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending,
     _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
-    _certificates, _free_motions, _slides, _apart,
+    _certificates, _free_motions, _slides, _rubs_where_open, _apart,
 )  # fmt: skip
 """What an answer is asked, in the order in which its warnings are told."""

@@ -332,3 +332,19 @@ def test_a_law_that_is_none(change: dict[str, Any], words: str) -> None:
     made["contacts"][0].update(change)
     with pytest.raises((ConfigurationError, ValueError), match=words):
         scenes.build(made)
+
+
+@pytest.mark.parametrize(("law", "acts"), [({"tresca": 8.0}, True), ({"coulomb": 0.3}, False)])
+def test_the_status_tells_of_friction_on_open_nodes(law: dict[str, float], acts: bool) -> None:
+    solved = solve(rough(scenes.ALL["wall"]("quadrilateral", 6), law))
+    nodes, summary = solved.nodes, solved.summary
+    pulled = np.linalg.norm(nodes.friction_traction, axis=1) > 0.0
+    pressed = nodes.contact_pressure > 0.0
+    assert (pulled & ~pressed).any() == acts
+    np.testing.assert_array_equal(nodes.contact_status > 0, pulled | pressed)
+    counts = summary["contacts"][0]["nodes"]
+    assert counts["stick"] + counts["slip"] == (pulled | pressed).sum()
+    said = [w for w in summary["certificate"]["warnings"] if "of the given limit" in w]
+    assert len(said) == acts
+    if acts:
+        assert f"acts on {(pulled & ~pressed).sum()} nodes" in said[0]
