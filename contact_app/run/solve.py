@@ -15,6 +15,7 @@ from contact_app.accuracy.nodal_stress import nodal_stresses
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.machine.environment import slow_blas_warning
+from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed, more_needed
 from contact_app.model.method import chosen, is_undecomposed
@@ -246,6 +247,7 @@ def _solve_once(asked: _Request) -> SolvedScene:
     estimator = asked.estimator(model)
     with timings.measure("solve"):
         solution, failed = _solution_of(model, estimator, asked)
+    give_back()  # what the solver freed; the estimate would not find it
     said = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
