@@ -212,8 +212,11 @@ class Multigrid:
 
     @property
     def _peels(self) -> bool:
-        """Whether bodies are thin and may lift off row by row."""
-        return self.thin and self.problem.held_without_contact
+        """Whether bodies are thin and may lift off row by row.
+
+        Without a factor the many sets of a constraint hierarchy would cost too many iterations.
+        """
+        return self.thin and self.direct and self.problem.held_without_contact
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
         """No rows: sets settle without."""

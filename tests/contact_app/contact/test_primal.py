@@ -115,6 +115,18 @@ def test_a_strip_that_lifts_off_takes_few_products(degree: int) -> None:
     assert found["solver"]["hessian_multiplications"] < 60
 
 
+@pytest.mark.ratchet
+def test_multigrid_alone_finds_the_line_where_a_shelf_rests() -> None:
+    """From all rows on, most sets would do nothing but let go of rows that never touch."""
+    shelf = CONFIGS / "cylinder.yaml"
+    coarse = ["bodies.0.mesh.box.cells=[30, 5, 1]", "solver.method=primal"]
+    problem = build_model(build_scene(load(shelf, coarse)), MPI.COMM_SELF).problem
+    task = Task(problem, StoppingRule(1e-6), MPRGP(rtol=1e-8, max_iterations=2000))
+    found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
+    assert found.converged
+    assert found.counts.hessian < 190  # 134; 253 from all rows on
+
+
 def test_a_begun_solve_goes_on_from_contact_forces() -> None:
     scene = scenes.build(
         {**scenes.wall("hexahedron", 8), "solver": {"method": "primal", "tolerance": 1e-8}}
