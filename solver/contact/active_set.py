@@ -284,7 +284,11 @@ def solve_on_set(
     while True:
         ended = on_set.solve(inner, wanted, monitor, watch)
         state = on_set.state()
-        if ended.converged and on_set.error(state.strained) > options.largest_error:
+        if (
+            ended.converged
+            and not on_set.at_round_off  # without strains the error counts as one, and stays so
+            and on_set.error(state.strained) > options.largest_error
+        ):
             wanted *= options.tighten
             continue
         following, released = update.following(on_set, state)
