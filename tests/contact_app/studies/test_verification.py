@@ -133,3 +133,10 @@ def test_the_radius_of_sticking_is_that_of_theory_on_a_coarse_mesh() -> None:
     (row,) = study(case, [Level("2 cells over a", size=2)])
     assert row.certified
     assert errors(row)[1] < 0.15, row
+
+
+def test_the_roller_with_friction_is_that_without_to_two_percent() -> None:
+    (case,) = find(["roller_with_friction"])
+    (row,) = study(case, case.levels[1:2])
+    assert row.certified
+    assert max(errors(row)) < 0.02, row
