@@ -169,7 +169,12 @@ def spread_supports(system: MergedSystem) -> Array:
 
 def squared_rows(system: MergedSystem) -> PETSc.Mat:
     """C with squared entries."""
-    squares = system.C.copy()
+    return squared(system.C)
+
+
+def squared(matrix: PETSc.Mat) -> PETSc.Mat:
+    """A matrix with squared entries."""
+    squares = matrix.copy()
     begins, places, values = squares.getValuesCSR()
     squares.setValuesCSR(begins, places, values**2)
     squares.assemble()

@@ -28,10 +28,11 @@ from solver.primal.factor import (
     change_springs,
     row_stiffness,
     spread_supports,
+    squared,
     squared_rows,
     with_springs,
 )
-from solver.primal.hierarchy import Hierarchy, galerkin
+from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem, multiply, multiply_transposed
 from solver.primal.rigid_bodies import with_motions
 from solver.tfeti.constraints.matrix import lent, local_rows
@@ -123,21 +124,22 @@ def find_first_set(
 
 
 def _with_supports(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Mat]:
-    """The stiffness of each level with springs for motions held in the mean (collective)."""
+    """The stiffness of each level with springs for motions held in the mean (collective).
+
+    On coarser levels they are the diagonal of their Galerkin products.
+    """
     if not system.comm.allreduce(int(system.wide_supports.any())):
         return hierarchy.operators
-    extra = PETSc.Mat().createAIJ(system.K.getSizes(), nnz=1, comm=system.comm)
-    extra.setUp()
-    with lent(system.comm, spread_supports(system) * system.diagonal) as (diagonal,):
-        extra.setDiagonal(diagonal)
-    extra.assemble()
+    springs = spread_supports(system) * system.diagonal
     result = []
     for k, operator in enumerate(hierarchy.operators):
         held = operator.copy()
-        held.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        held.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        with lent(system.comm, springs) as (extra,):
+            held.setDiagonal(held.getDiagonal() + extra)
         result.append(held)
         if k < len(hierarchy.prolongations):
-            extra = galerkin(extra, hierarchy.prolongations[k])
+            springs = multiply_transposed(squared(hierarchy.prolongations[k]), springs)
     return result
 
 
