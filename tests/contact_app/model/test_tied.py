@@ -210,6 +210,26 @@ def test_a_tie_costs_little(cell: str, whole: list[int], parts: list[list[int]])
     assert counts[1] <= 1.3 * counts[0]
 
 
+@pytest.mark.ratchet
+def test_contact_that_reaches_the_tie_costs_little() -> None:
+    """Rows of obstacles at tied nodes are weighed with the tied rows: half as many applications."""
+    counts = []
+    for parts, split in (([[12, 6, 6]], [4, 2, 2]), ([[6, 6, 6], [5, 5, 5]], [2, 2, 2])):
+        made = beam("hexahedron", 1, parts)
+        name = made["bodies"][-1]["name"]
+        made["bodies"][-1]["boundaries"] = {
+            side: {"where": f"abs(z - {z}) < 1e-9 and x > 2 - 1e-9"}
+            for side, z in (("floor", 0.0), ("top", 1.0))
+        }
+        made["conditions"][1] = {"on": f"{name}.top", "traction": [0.0, 0.0, -20.0]}
+        floor = {"plane": {"point": [0.0, 0.0, -0.005], "normal": [0.0, 0.0, 1.0]}}
+        made["contacts"] = [*made.get("contacts", []), {"on": f"{name}.floor", "obstacle": floor}]
+        solved = solve(made, split)
+        assert solved.summary["certificate"]["passed"]
+        counts.append(solved.summary["solver"]["hessian_multiplications"])
+    assert counts[1] <= 1.3 * counts[0]
+
+
 @pytest.mark.parametrize("n", [(2, 2), (2, 3), (3, 2)])
 @pytest.mark.parametrize("side", ["both", "on"])
 def test_held_across_the_tie(n: tuple[int, int], side: str) -> None:
