@@ -15,11 +15,11 @@ from itertools import product
 from meshes.box import BoxShape
 from solver.tfeti.subdomain.costs import Group, run_seconds
 
-PRODUCTS_GLUED, PRODUCTS_WHOLE = 30.0, 30.0
+APPLICATIONS_GLUED, APPLICATIONS_WHOLE = 30.0, 30.0
 """Applications of the dual operator a solve takes about, with gluing and without."""
 
 EDGE = 8.0
-"""Cells along the edge of a sub-box at which gluing takes `PRODUCTS_GLUED`; they grow slowly."""
+"""Cells along the edge of a sub-box at which `APPLICATIONS_GLUED` holds; they grow slowly."""
 
 WORTH_SPLITTING = 0.8
 """Time of the best split over that of one subdomain above which the box stays whole."""
@@ -64,8 +64,10 @@ def seconds(box: BoxShape, split: tuple[int, ...], alone: bool = True) -> float:
         math.prod(box.degree * c + p for c, p in zip(box.cells, split, strict=True)) - box.nodes
     )
     edge = (math.prod(box.degree * c for c in box.cells) / subdomains) ** (1.0 / box.dimension)
-    products = PRODUCTS_GLUED * (edge / EDGE) ** 0.2 if subdomains > 1 else PRODUCTS_WHOLE
-    return run_seconds(groups, rows, products, subdomains > 1 or not alone)
+    applications = (
+        APPLICATIONS_GLUED * (edge / EDGE) ** 0.2 if subdomains > 1 else APPLICATIONS_WHOLE
+    )
+    return run_seconds(groups, rows, applications, subdomains > 1 or not alone)
 
 
 def groups_of(box: BoxShape, split: tuple[int, ...]) -> list[Group]:

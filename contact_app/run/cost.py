@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.machine.memory import available_bytes, needed_bytes
-from contact_app.model.decomposition import PRODUCTS_GLUED, PRODUCTS_WHOLE
+from contact_app.model.decomposition import APPLICATIONS_GLUED, APPLICATIONS_WHOLE
 from contact_app.model.outline import Outline
 from contact_app.scene.scene import Scene
 from meshes import Subdomain
@@ -52,21 +52,21 @@ def estimate(scene: Scene, known: Outline) -> Cost:
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
     seconds = STARTED + CELL_RATE[d] * partition.cells
-    products = _products(scene, bool(gluing))
-    seconds += PACE * run_seconds(groups, rows, products, bool(gluing))
-    seconds += STEP_SECONDS * products if gluing else 0.0
+    applications = _applications(scene, bool(gluing))
+    seconds += PACE * run_seconds(groups, rows, applications, bool(gluing))
+    seconds += STEP_SECONDS * applications if gluing else 0.0
     return Cost(memory, seconds)
 
 
-def _products(scene: Scene, glued: bool) -> float:
+def _applications(scene: Scene, glued: bool) -> float:
     """Applications of the dual operator expected: more for slender bodies and more digits."""
     slenderness = 1.0
     for body in scene.bodies:
         edges = np.subtract(body.mesh.upper, body.mesh.lower)[: scene.dimension]
         slenderness = max(slenderness, float(edges.max() / edges.min()))
     digits = max(-math.log10(scene.solver.expected_tolerance), 2.0) / 6.0
-    products = PRODUCTS_GLUED if glued else PRODUCTS_WHOLE
-    return float(products * math.sqrt(slenderness) * digits**0.6)
+    applications = APPLICATIONS_GLUED if glued else APPLICATIONS_WHOLE
+    return float(applications * math.sqrt(slenderness) * digits**0.6)
 
 
 def cost_lines(scene: Scene, known: Outline) -> list[str]:

@@ -5,15 +5,16 @@ An expansion is one small frozen object that moves an iterate to a feasible poin
 * :class:`ProjectedLineSearch`, the standard expansion and its adaptive lengths: the half step to
   the bound, then a projected step along the free or the reduced free gradient, whose length is
   fixed, ᾱ = α_u/‖A‖; approximately optimal (optapprox), ᾱ = α_u/‖A‖ · dᵀg/dᵀd; or optimal (opt),
-  ᾱ = α_u dᵀg/dᵀAd, with one more product. ``gfgr``: along g^f, with the length from d = g^r.
+  ᾱ = α_u dᵀg/dᵀAd, one more Hessian multiplication. ``gfgr``: along g^f, with the length
+  from d = g^r.
 * :class:`ProjectedCG`: the full CG step, projected.
 * :class:`SafeguardedCG`: the same, with a guaranteed descent. From the half step x½, the last
   feasible point of the CG step, the straight way to the projected CG step is feasible, and all its
-  points keep the bound that x½ met. The product that plain ``projcg`` spends on the new gradient
-  is spent on Ad, d the way: it gives cost and gradient everywhere on it. Where the projected CG
+  points keep the bound that x½ met. The multiplication that plain ``projcg`` spends on the
+  new gradient is spent on Ad, d the way: it gives cost and gradient everywhere on it. Where the projected CG
   step raises the cost, the way ends at its minimum, or the way of the standard expansion,
-  d = α g^r, is taken, whichever is lower; the product that would tell which is spent only where
-  what is known leaves it open.
+  d = α g^r, is taken, whichever is lower; the multiplication that would tell which is spent
+  only where what is known leaves it open.
 
 Descent. Let δ = f(x) - f(x½) and D = ½ g^rᵀg^f/‖A‖ at x½ (g^r for the length 1/‖A‖): Dostál's
 theory guarantees that the standard expansion decreases the cost by δ + D, and the proof of MPRGP's
@@ -27,7 +28,7 @@ known; it is a lower bound, which makes D larger.)
 Losing to the standard expansion. It ends at most m(gᵀd', c) below x½, d' its way, c any lower bound
 of d'ᵀAd' and m(s, c) the largest of ts - ½t²c for 0 ≤ t ≤ 1. By Cauchy and Schwarz
 c = (dᵀAd')²/dᵀAd will do, and Ad is known. So a minimum on the way to the projected CG step that
-is m(gᵀd', c) below x½ cannot lose, and no product is spent to see it.
+is m(gᵀd', c) below x½ cannot lose, and no multiplication is spent to see it.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def optapprox(it: Iterate, d: Vector, alpha_u: float) -> float:
 
 
 def opt(it: Iterate, d: Vector, alpha_u: float) -> float:
-    """ᾱ = α_u dᵀg / dᵀAd; one more product with the Hessian."""
+    """ᾱ = α_u dᵀg / dᵀAd; one more Hessian multiplication."""
     it.operator.apply(d, it.Ap)
     it.counts.hessian += 1
     dg, dAd = it.reduction.sums(float(np.dot(d, it.g)), float(np.dot(d, it.Ap)))
@@ -174,7 +175,7 @@ class SafeguardedCG:
             return
         guaranteed = 0.5 * product / it.largest  # D
         enough = self.kappa * (half + guaranteed) - half
-        hopeless = slope < enough  # the cost is convex: no product can show that it falls enough
+        hopeless = slope < enough  # the cost is convex: none shows that it falls enough
         if hopeless:
             it.aim_reduced(self.standard / it.largest_known)
             enough = self.kappa * guaranteed

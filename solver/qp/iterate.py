@@ -127,7 +127,7 @@ class Iterate:
 
     @property
     def largest_known(self) -> float:
-        """‖A‖ where it is known, else the largest ‖Ap‖/‖p‖ seen: no product is spent on it."""
+        """‖A‖ where it is known, else the largest ‖Ap‖/‖p‖ seen: no multiplication is spent."""
         return max(self.largest, self._norm or 0.0)
 
     # ------------------------------------------------------------------ passes
@@ -138,7 +138,7 @@ class Iterate:
         self._norm = norm
 
     def evaluate(self) -> None:
-        """g = Ax - b by a product; split it and restart the directions at the free gradient."""
+        """g = Ax - b by a multiplication, split; the directions restart at the free gradient."""
         self.operator.apply(self.x, self.g)
         image = self._image_of_last()
         self.image = None if image is None else image.copy()
@@ -147,7 +147,7 @@ class Iterate:
         self.restart(subtract_b=True)
 
     def begin(self) -> None:
-        """The gradient -b of x = 0, which takes no product, and the first directions."""
+        """The gradient -b of x = 0, which takes no multiplication, and the first directions."""
         self.g.fill(0.0)
         image = self._image_of_last()
         self.image = None if image is None else np.zeros_like(image)

@@ -86,7 +86,7 @@ class MPRGP:
         watch : callable of Iterate
             Sees the iterate after each step, after the monitor.
         from_zero : bool
-            Whether x0 is zero and feasible. Its gradient is -b, so that no product is spent on it;
+            Whether x0 is zero and feasible. Its gradient is -b, so that no multiplication is spent;
             the paper's counts include one.
 
         Raises

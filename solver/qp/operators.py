@@ -146,7 +146,7 @@ def estimate_norm(
     -------
     norm : float
     products : int
-        Number of products spent.
+        Hessian multiplications spent.
     """
     reduction = Reduction(operator.comm)
     first = reduction.offset(operator.size)

@@ -10,7 +10,7 @@ components at a bound, the gradient splits into
 
 P the projection onto the box. x is the solution where φ + β = 0. Γ weighs the two against each
 other: x is proportional where ‖β‖² ≤ Γ² φ̃ᵀφ. `solver.qp.mprgp` is the same for distributed vectors,
-with fewer products by the Hessian and fewer passes; tests hold the two together step for step.
+with fewer Hessian multiplications and fewer passes; tests hold the two together step for step.
 """
 
 from __future__ import annotations

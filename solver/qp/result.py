@@ -48,8 +48,8 @@ class Counts:
     """Work done, counted as the paper counts it (its Table 1 and Appendix A).
 
     Every row satisfies ``hessian = gradients + cg + k * expansion + proportioning``, with
-    ``gradients`` the products for initial gradients (one a solve, or one an outer iteration
-    where SMALBE recomputes it) and ``k`` the products of an expansion step: 2, or 3 for ``opt``.
+    ``gradients`` the multiplications for initial gradients (one a solve, or one an outer iteration
+    where SMALBE recomputes it) and ``k`` those of an expansion step: 2, or 3 for ``opt``.
     """
 
     hessian: int = 0
@@ -57,7 +57,7 @@ class Counts:
     expansion: int = 0
     proportioning: int = 0
     outer: int = 0
-    #: products of the power method, which the paper leaves out of ``hessian``
+    #: multiplications of the power method, which the paper leaves out of ``hessian``
     norm_estimation: int = 0
     #: sums over all ranks, which every rank waits for
     collectives: int = 0

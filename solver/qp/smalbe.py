@@ -11,7 +11,7 @@ over the box by MPRGP until ‖g^P‖ ≤ min(M_k ‖Cx - c‖, η), and then se
     L(x_k, μ_k, ρ) < L(x_{k-1}, μ_{k-1}, ρ) + ρ/2 ‖Cx_k - c‖²,
 
 while ρ stays. A new multiplier changes the gradient by Cᵀ(μ_{k+1} - μ_k), so the next outer
-iteration starts from a known gradient, without a product with the Hessian; the paper's
+iteration starts from a known gradient, without a Hessian multiplication; the paper's
 implementation spends one, which ``recompute_gradient`` repeats.
 """
 
@@ -55,7 +55,7 @@ class SMALBE:
         when ‖g^P‖ and the scaled ‖Cx - c‖ are below max(rtol ‖b‖, atol).
     rho : float
         Penalty ρ in units of ‖A‖/‖C‖². With 1, CᵀC adds no eigenvalue outside A's; larger ones
-        save outer iterations, which cost no product here, at the price of more inner ones.
+        save outer iterations, which cost no multiplication here, at the price of more inner ones.
     M : float
         First M in units of ‖A‖/‖C‖.
     shrink : float
@@ -67,7 +67,7 @@ class SMALBE:
         Factor of ρ whenever ‖Cx - c‖ has not fallen tenfold in ten outer iterations, which
         happens where few rows carry the load (a body on the edge of its support); 1 keeps ρ.
     recompute_gradient : bool
-        Spend one product on the gradient at each outer iteration, as the paper counts.
+        Spend one multiplication on the gradient at each outer iteration, as the paper counts.
     """
 
     inner: MPRGP = field(default_factory=MPRGP)
@@ -112,8 +112,8 @@ class SMALBE:
         multiplier0 : array (m,) or PETSc.Vec
             First multiplier; zeros if None.
         restart : Restart
-            Go on from there, instead of from x0 and multiplier0, for one product more than the
-            solve that was not interrupted.
+            Go on from there, instead of from x0 and multiplier0, for one multiplication more than
+            the solve that was not interrupted.
         """
         if restart is not None:
             x0, multiplier0 = restart.x, restart.multiplier
@@ -387,7 +387,7 @@ class OuterIterations:
         return size, 1e-3 * size + steps * float(np.finfo(np.float64).eps) * self._peak
 
     def _raise_penalty(self) -> None:
-        """A + ρ CᵀC gets a larger ρ: the gradient follows without a product."""
+        """A + ρ CᵀC gets a larger ρ: the gradient follows without a multiplication."""
         it, problem = self._it, self._problem
         added = (self._rules.growth - 1.0) * self._rho
         problem.equalities.apply_transpose(added * self._residual, self._change)
@@ -401,7 +401,7 @@ class OuterIterations:
         self._previous = -math.inf
 
     def _lagrangian(self) -> float:
-        """L(x, μ, ρ) = ½ xᵀ(g - b_aug) - μᵀc + ρ/2 ‖c‖², without a product."""
+        """L(x, μ, ρ) = ½ xᵀ(g - b_aug) - μᵀc + ρ/2 ‖c‖², without a multiplication."""
         it = self._it
         xg, xb, mc = it.reduction.sums(
             float(np.dot(it.x, it.g)),

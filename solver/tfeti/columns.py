@@ -31,15 +31,15 @@ FIRST = 0.5
 
 
 def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
-    """Multipliers (dual,) from which little or nothing is left to do, and the products they took.
+    """Multipliers (dual,) that leave little or nothing to do, and the operator applications spent.
 
     Where no subdomain floats. Zeros at no cost where no body is slender.
     """
     comm = problem.comm
     levels = ConstraintHierarchy(problem, coarsened=True)
-    result, products = np.zeros(problem.size), 0
+    result, applications = np.zeros(problem.size), 0
     if levels.finest:
-        return result, products
+        return result, applications
     first = comm.exscan(problem.size) or 0
     columns: dict[int, NDArray[np.float64]] = {}
     closed = np.zeros(problem.size, bool)
@@ -55,7 +55,7 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
                 unit[row - first] = 1.0
             problem.F.apply(unit, column)
             columns[row] = column
-        products += len(missing)
+        applications += len(missing)
         own = np.array([columns[row] for row in rows]).reshape(len(rows), problem.size)
         matrix = np.concatenate(comm.allgather(own[:, closed].T)) if len(rows) else np.empty((0, 0))
         target = np.concatenate(comm.allgather(problem.d[closed]))
@@ -79,4 +79,4 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
         if not some:
             break
         closed, deepest = closed ^ changed, 0.0
-    return np.maximum(result, 0.0), products
+    return np.maximum(result, 0.0), applications

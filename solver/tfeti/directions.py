@@ -63,7 +63,7 @@ class RecyclingOptions:
 
 
 class Directions:
-    """Vectors p of earlier products, F p on all rows, and K⁺ Bᵀ p on the interface.
+    """Vectors p of earlier operator applications, F p on all rows, and K⁺ Bᵀ p on the interface.
 
     They are of one operator F, whatever the loads: problems that differ in these alone may share
     them (`DualProblem.recycling`).

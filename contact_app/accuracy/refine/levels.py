@@ -21,7 +21,7 @@ class Level:
     discretisation, algebraic, total
         Relative errors in energy norm.
     hessian_multiplications, seconds
-        The price: products, and wall-clock time from the scene to its summary.
+        The price: operator applications, and wall-clock time from the scene to its summary.
     calibration
         What the energies of the levels so far made of the estimate: `discretisation` over it, below
         1 where they lowered it, above 1 where they raised it.
