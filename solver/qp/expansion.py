@@ -11,10 +11,10 @@ An expansion is one small frozen object that moves an iterate to a feasible poin
 * :class:`SafeguardedCG`: the same, with a guaranteed descent. From the half step x½, the last
   feasible point of the CG step, the straight way to the projected CG step is feasible, and all its
   points keep the bound that x½ met. The multiplication that plain ``projcg`` spends on the
-  new gradient is spent on Ad, d the way: it gives cost and gradient everywhere on it. Where the projected CG
-  step raises the cost, the way ends at its minimum, or the way of the standard expansion,
-  d = α g^r, is taken, whichever is lower; the multiplication that would tell which is spent
-  only where what is known leaves it open.
+  new gradient is spent on Ad, d the way: it gives cost and gradient everywhere on it. Where the
+  projected CG step raises the cost, the way ends at its minimum, or the way of the standard
+  expansion, d = α g^r, is taken, whichever is lower; the multiplication that would tell which is
+  spent only where what is known leaves it open.
 
 Descent. Let δ = f(x) - f(x½) and D = ½ g^rᵀg^f/‖A‖ at x½ (g^r for the length 1/‖A‖): Dostál's
 theory guarantees that the standard expansion decreases the cost by δ + D, and the proof of MPRGP's
