@@ -17,6 +17,9 @@ from solver.tfeti.subdomain.classes import SubdomainClass
 ROUNDS = 40
 """Corrections tried; a solver's iterate needs two or three."""
 
+ROUND_OFF = 1e-16
+"""Contact forces up to this share of the largest multiplier are what rounding left of none."""
+
 OPEN_WEIGHT = 1e-3
 """Root of the share of a correction that an open contact row takes beside touching ones."""
 
@@ -57,9 +60,10 @@ def _balance(
     sliding = problem.tangential & open_rows
     missing = np.empty(len(problem.e))
     change = np.empty(problem.size)
-    tolerance = 1e-13 * max(
+    largest = max(
         largest_magnitude(problem.comm, problem.e), largest_magnitude(problem.comm, multiplier)
     )
+    tolerance = 1e-13 * largest
     for attempt in range(2 * ROUNDS):
         empty = problem.inequality & (multiplier < 0.0)
         if attempt < ROUNDS:
@@ -75,7 +79,7 @@ def _balance(
         if attempt < ROUNDS:
             change[sliding] = 0.0
         multiplier += change
-    multiplier[problem.inequality & (multiplier < 0.0)] = 0.0
+    multiplier[problem.inequality & (multiplier <= ROUND_OFF * largest)] = 0.0
     return multiplier
 
 
