@@ -6,7 +6,7 @@ a body and G = RᵀR, the motions R z of no energy are the null vectors of
 
     RᵀKR z = λ G z.
 
-The form is not asked for motions that are not rigid: a body whose parts hang together at a point or
+The form is not asked for motions that are not rigid: a body whose cells hang together at a point or
 a line can turn about it, and the coarse problem is found to be singular.
 """
 
@@ -21,7 +21,7 @@ from scipy import linalg, sparse
 from scipy.linalg import block_diag
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.forms.parts import Parts
+from contact_app.forms.subdomains import Subdomains
 from contact_app.model.equilibrium import directions_in_words
 from meshes.connected import connected
 from solver.contact.equilibrium import balance, by_body, holds, loose_motions, spanned
@@ -42,19 +42,19 @@ class Bodies:
 
     Attributes
     ----------
-    of_part : (parts,)
-        Body of each part of this rank.
+    of_subdomain : (subdomains,)
+        Body of each subdomain of this rank.
     of_node : (owned nodes,)
         Body of each node this rank owns, as the exchange counts owners.
     first : (bodies,)
-        Number of the first part of each body, among those of all ranks.
+        Number of the first subdomain of each body, among those of all ranks.
     sizes : (bodies,)
-        Number of parts of each body.
+        Number of subdomains of each body.
     centres, lengths : (bodies, 3), (bodies,)
         To which rigid motions refer.
     """
 
-    of_part: NDArray[np.int64]
+    of_subdomain: NDArray[np.int64]
     of_node: NDArray[np.int64]
     first: NDArray[np.int64]
     sizes: NDArray[np.int64]
@@ -71,30 +71,30 @@ class Bodies:
         return rigid_motions(points, d, self.centres[body], float(self.lengths[body]))
 
 
-def bodies_of(parts: Parts, exchange: NodeExchange) -> Bodies:
+def bodies_of(subdomains: Subdomains, exchange: NodeExchange) -> Bodies:
     """Find them (collective)."""
-    comm = parts.comm
-    before = comm.exscan(parts.count) or 0
-    total = comm.allreduce(parts.count)
-    part = np.repeat(before + np.arange(parts.count), np.diff(parts.starts))
+    comm = subdomains.comm
+    before = comm.exscan(subdomains.count) or 0
+    total = comm.allreduce(subdomains.count)
+    part = np.repeat(before + np.arange(subdomains.count), np.diff(subdomains.starts))
     arrived = exchange.to_owners(part)
     order = np.argsort(exchange.nodes, kind="stable")
     same = exchange.nodes[order][1:] == exchange.nodes[order][:-1]
     links = np.stack([arrived[order][:-1][same], arrived[order][1:][same]], axis=1)
     label = _connected(comm, links, total)
     count = int(label.max()) + 1
-    of_part = label[before : before + parts.count]
+    of_subdomain = label[before : before + subdomains.count]
     of_node = np.zeros(exchange.last - exchange.first, np.int64)
     of_node[exchange.nodes - exchange.first] = label[arrived]
     lower, upper = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    for number in range(parts.count):
-        points = parts.points[parts.copies(number)]
-        body = of_part[number]
+    for number in range(subdomains.count):
+        points = subdomains.points[subdomains.copies(number)]
+        body = of_subdomain[number]
         lower[body] = np.minimum(lower[body], points.min(axis=0))
         upper[body] = np.maximum(upper[body], points.max(axis=0))
     lower, upper = np.min(comm.allgather(lower), axis=0), np.max(comm.allgather(upper), axis=0)
     return Bodies(
-        of_part, of_node, np.unique(label, return_index=True)[1], np.bincount(label),
+        of_subdomain, of_node, np.unique(label, return_index=True)[1], np.bincount(label),
         0.5 * (lower + upper), (upper - lower).max(axis=1),
     )  # fmt: skip
 
@@ -121,7 +121,7 @@ def _of_entries(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> ND
 
 
 def kernel_of(K: sparse.csr_matrix, points: Array, d: int) -> Array:
-    """Orthonormal rigid motions of a part that its stiffness does not resist, (n, k).
+    """Orthonormal rigid motions of a subdomain that its stiffness does not resist, (n, k).
 
     Raises
     ------
@@ -138,21 +138,24 @@ def kernel_of(K: sparse.csr_matrix, points: Array, d: int) -> Array:
 
 
 def resisted(
-    parts: Parts, bodies: Bodies, stiffness: list[sparse.csr_matrix]
+    subdomains: Subdomains, bodies: Bodies, stiffness: list[sparse.csr_matrix]
 ) -> list[NDArray[np.float64]]:
     """Motions that the form resists in each body, (resisted, motions) (collective).
 
     As rows that hold them: orthonormal and perpendicular to those it does not resist.
     """
-    d, m = parts.dimension, MOTIONS[parts.dimension]
+    d, m = subdomains.dimension, MOTIONS[subdomains.dimension]
     grams, scale = np.zeros((2, bodies.count, m, m)), np.zeros(bodies.count)
-    for number, (K, body) in enumerate(zip(stiffness, bodies.of_part, strict=True)):
-        points = parts.points[parts.copies(number)]
+    for number, (K, body) in enumerate(zip(stiffness, bodies.of_subdomain, strict=True)):
+        points = subdomains.points[subdomains.copies(number)]
         R = bodies.motions(int(body), points, d).reshape(K.shape[0], m)
         grams[0, body] += R.T @ (K @ R)
         grams[1, body] += R.T @ R
         scale[body] = max(scale[body], K.diagonal().max())
-    grams, scale = parts.comm.allreduce(grams), np.max(parts.comm.allgather(scale), axis=0)
+    grams, scale = (
+        subdomains.comm.allreduce(grams),
+        np.max(subdomains.comm.allgather(scale), axis=0),
+    )
     rows = []
     for energy, gram, size in zip(*grams, scale, strict=True):
         values, vectors = linalg.eigh(energy, gram)
@@ -185,7 +188,7 @@ class Holding:
 
 
 def holding(
-    parts: Parts,
+    subdomains: Subdomains,
     bodies: Bodies,
     exchange: NodeExchange,
     stiffness: list[sparse.csr_matrix],
@@ -204,15 +207,15 @@ def holding(
     NoEquilibriumError
         A load drives a body away.
     """
-    d, m, comm = parts.dimension, MOTIONS[parts.dimension], parts.comm
+    d, m, comm = subdomains.dimension, MOTIONS[subdomains.dimension], subdomains.comm
     held, contact, groups = rows
     work, scale = np.zeros((bodies.count, m)), np.zeros(bodies.count)
-    for number, (f, body) in enumerate(zip(loads, bodies.of_part, strict=True)):
-        points = parts.points[parts.copies(number)]
+    for number, (f, body) in enumerate(zip(loads, bodies.of_subdomain, strict=True)):
+        points = subdomains.points[subdomains.copies(number)]
         work[body] += f @ bodies.motions(int(body), points, d).reshape(len(f), m)
         scale[body] += np.abs(f).sum()
     work, scale = comm.allreduce(work), comm.allreduce(scale)
-    springs = resisted(parts, bodies, stiffness)
+    springs = resisted(subdomains, bodies, stiffness)
     body_of_held = bodies.of_node[held.nodes - exchange.first]
     seen = _contact_motions(bodies, exchange, contact, d)
     moved = _moved_by_contact(bodies, exchange, contact, d)

@@ -1,4 +1,4 @@
-"""From forms, conditions and contacts to the dual problem of the parts."""
+"""From forms, conditions and contacts to the dual problem of the subdomains."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from scipy import sparse
 
 from contact_app.forms.bodies import Bodies, Holding, bodies_of, groups_of, holding, kernel_of
 from contact_app.forms.boundary import Facets
 from contact_app.forms.checks import check_matrices, together
+from contact_app.forms.congruent import Congruent, congruent
 from contact_app.forms.contacts import Contact
-from contact_app.forms.grid import Grid
+from contact_app.forms.grid import ALIKE, Grid
 from contact_app.forms.kept import all_equal, fingerprint_of_form, fingerprint_of_rows
 from contact_app.forms.parts import Parts, parts_of
 from contact_app.forms.rows import rows_of, tagged_facets
+from contact_app.forms.subdomains import Subdomains, subdomains_of
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -31,13 +32,6 @@ from solver.tfeti.subdomain.kernels import MOTIONS, fixing_nodes
 from solver.tfeti.system import NodePlaces
 
 Array = NDArray[np.float64]
-
-EQUAL = 1e-12
-"""Difference of entries of two matrices, over the largest, that is round-off."""
-
-ALIKE = 3
-"""Sub-boxes of a grid that have to share a stiffness on the average; multigrid is cheaper than a
-factor for nearly each of them."""
 
 
 class NotCongruentError(ArithmeticError):
@@ -53,8 +47,8 @@ class FormModel:
 
     Attributes
     ----------
-    parts
-        The mesh in parts, with the copies of nodes that `exchange` brings to their owners.
+    subdomains
+        With the copies of nodes that `exchange` brings to their owners.
     bodies
         What hangs together.
     facets
@@ -63,13 +57,13 @@ class FormModel:
         Rows that a tighter one of the same node makes redundant.
     notes
         Sentences for the certificate.
-    place : (parts, 2)
-        Class and column of each part of this rank in the problem.
+    place : (subdomains, 2)
+        Class and column of each subdomain of this rank in the problem.
     form, of_form, of_rows
         a, and fingerprints of its values and of the rows.
     """
 
-    parts: Parts
+    subdomains: Subdomains
     bodies: Bodies
     exchange: NodeExchange
     contacts: tuple[Contact, ...]
@@ -82,11 +76,16 @@ class FormModel:
     of_form: bytes
     of_rows: bytes
 
+    @property
+    def parts(self) -> Parts:
+        """The mesh, in what each rank has cells of."""
+        return self.subdomains.parts
+
     def at_copies(self, values: Sequence[Array]) -> Array:
         """Values of the classes, (n, members) each, at the copies of the nodes, (copies, d)."""
-        parts = [values[cls][:, column].reshape(-1, self.parts.dimension)
-                 for cls, column in self.place]  # fmt: skip
-        return np.concatenate([np.zeros((0, self.parts.dimension)), *parts])
+        d = self.subdomains.dimension
+        found = [values[cls][:, column].reshape(-1, d) for cls, column in self.place]
+        return np.concatenate([np.zeros((0, d)), *found])
 
 
 def build_model(
@@ -107,9 +106,9 @@ def build_model(
     measure
         Measures the time of a stage.
     options
-        Of the decomposition: whether parts are factored.
+        Of the decomposition: whether subdomains are factored.
     grid
-        The cut of a regular mesh; each rank's cells are one part unless given.
+        The cut of a regular mesh; each rank's cells are one subdomain unless given.
 
     Raises
     ------
@@ -120,43 +119,43 @@ def build_model(
     """
     with measure("assembly"):
         parts = parts_of(space, grid)
-        stiffness, loads = parts.stiffness(forms[0]), parts.loads(forms[1])
-    classes = _congruent(stiffness, grid is not None)
-    if grid is not None and len(classes) * ALIKE > parts.count:
-        raise NotCongruentError
+        own = subdomains_of(parts, grid)
+        stiffness, loads = own.stiffness(forms[0]), own.loads(forms[1])
+    classes = congruent(own, stiffness, grid is not None)
+    if grid is not None:
+        kinds = parts.comm.allreduce(max((c.number + 1 for c in classes), default=0), op=MPI.MAX)
+        if kinds * ALIKE > grid.count:
+            raise NotCongruentError
     with together(parts.comm):
-        check_matrices([stiffness[members[0]] for members in classes])
-    exchange = NodeExchange(parts.comm, parts.numbers, parts.nodes)
+        check_matrices([cls.stiffness for cls in classes])
+    exchange = NodeExchange(parts.comm, own.numbers, parts.nodes)
     facets = tuple(tagged_facets(parts, contact, i) for i, contact in enumerate(contacts))
     held, contact, merged = rows_of(parts, exchange, bcs, contacts, facets)
     of_rows = fingerprint_of_rows(held, contact)
-    bodies = bodies_of(parts, exchange)
+    bodies = bodies_of(own, exchange)
     groups = groups_of(bodies, exchange, contact)
-    found = holding(parts, bodies, exchange, stiffness, loads, (held, contact, groups))
+    found = holding(own, bodies, exchange, stiffness, loads, (held, contact, groups))
     eliminated = found.held & (bodies.sizes == 1)
-    first = parts.comm.exscan(parts.count) or 0
-    numbers = np.repeat(first + np.arange(parts.count), np.diff(parts.starts))
+    first = parts.comm.exscan(own.count) or 0
+    numbers = np.repeat(first + np.arange(own.count), np.diff(own.starts))
     of_held = eliminated[bodies.of_node[held.nodes - exchange.first]]
     rows, contact, _, tied = write_rows(exchange, numbers, held, contact, of_held)
     constraints = ConstraintRows(
-        exchange, rows, contact, _supports(parts, bodies, found, first), found.without_contact, tied
+        exchange, rows, contact, _supports(own, bodies, found, first), found.without_contact, tied
     )
     lifted = _lifted(exchange, held)
     with together(parts.comm):
-        pieces = [
-            _subdomain(parts, bodies, eliminated, (stiffness, loads), lifted, members)
-            for members in classes
-        ]
-    place = np.empty((parts.count, 2), np.int64)
-    for number, members in enumerate(classes):
-        place[members, 0], place[members, 1] = number, np.arange(len(members))
+        pieces = [_subdomain(own, bodies, eliminated, loads, lifted, cls) for cls in classes]
+    place = np.empty((own.count, 2), np.int64)
+    for number, cls in enumerate(classes):
+        place[cls.members, 0], place[cls.members, 1] = number, np.arange(len(cls.members))
     problem = DualProblem(
         build_system(
             pieces, constraints, groups, lambda: measure("factorization"), options, found.loose
         )
     )
     return FormModel(
-        parts, bodies, exchange, tuple(contacts), facets, problem, merged, _notes(bodies, found),
+        own, bodies, exchange, tuple(contacts), facets, problem, merged, _notes(bodies, found),
         place, forms[0], fingerprint_of_form(forms[0], space.mesh), of_rows,
     )  # fmt: skip
 
@@ -187,16 +186,16 @@ def with_new_loads(
     if not all_equal(parts.comm, fingerprint_of_rows(held, contact), model.of_rows):
         return None
     with measure("assembly"):
-        loads = parts.loads(forms[1])
+        loads = model.subdomains.loads(forms[1])
     stiffness = [problem.classes[cls].stiffness for cls, _ in model.place]
     groups = problem.bodies.groups
-    holding(parts, model.bodies, exchange, stiffness, loads, (held, contact, groups))
+    holding(model.subdomains, model.bodies, exchange, stiffness, loads, (held, contact, groups))
     forces = [np.zeros_like(own) for own in problem.forces]
     lifting = [np.zeros_like(own) for own in problem.lifting]
     value = _lifted(exchange, held)[1].ravel()
     for number, (cls, column) in enumerate(model.place):
         forces[cls][:, column] = loads[number]
-        lifting[cls][:, column] = value[parts.unknowns(number)]
+        lifting[cls][:, column] = value[model.subdomains.unknowns(number)]
     for lift, own in zip(lifting, problem.classes, strict=True):
         lift[own.free] = 0.0  # what is held there is held by rows
     c = np.zeros(problem.size)
@@ -219,42 +218,22 @@ def _lifted(exchange: NodeExchange, held: HeldRows) -> tuple[NDArray[np.bool_], 
     return exchange.from_owners(mask[at]), exchange.from_owners(value[at])
 
 
-def _congruent(stiffness: list[sparse.csr_matrix], grid: bool) -> list[list[int]]:
-    """Parts whose matrices are equal but for rounding; each by itself where there is no grid."""
-    classes: list[list[int]] = []
-    for number, K in enumerate(stiffness):
-        for members in classes if grid else ():
-            first = stiffness[members[0]]
-            if (
-                first.shape == K.shape
-                and first.nnz == K.nnz
-                and np.array_equal(first.indices, K.indices)
-                and np.abs(first.data - K.data).max() <= EQUAL * np.abs(first.data).max()
-            ):
-                members.append(number)
-                break
-        else:
-            classes.append([number])
-    return classes
-
-
 def _subdomain(
-    parts: Parts,
+    subdomains: Subdomains,
     bodies: Bodies,
     eliminated: NDArray[np.bool_],
-    assembled: tuple[list[sparse.csr_matrix], list[Array]],
+    loads: list[Array],
     lifted: tuple[NDArray[np.bool_], Array],
-    members: list[int],
+    alike: Congruent,
 ) -> CongruentSubdomains:
-    """Parts of one stiffness."""
-    stiffness, loads = assembled
-    K, of_members = stiffness[members[0]], [parts.copies(number) for number in members]
-    part, body = of_members[0], bodies.of_part[members[0]]
-    points, nodes = parts.points[part], np.arange(part.stop - part.start)
-    kernel = kernel_of(K, points, parts.dimension)
+    """Subdomains of one stiffness."""
+    K, members, points = alike.stiffness, alike.members, alike.points
+    of_members = [subdomains.copies(number) for number in members]
+    body, nodes = bodies.of_subdomain[members[0]], np.arange(len(points))
+    kernel = kernel_of(K, points, subdomains.dimension)
     lift, fixed = np.zeros((K.shape[0], len(members)), order="F"), None
     if eliminated[body]:
-        mask, value = (v[part].ravel() for v in lifted)
+        mask, value = (v[of_members[0]].ravel() for v in lifted)
         fixed = np.flatnonzero(mask)
         lift[fixed, 0] = value[fixed]
     elif kernel.shape[1] == 0:
@@ -268,29 +247,29 @@ def _subdomain(
         forces=np.asfortranarray(np.stack([loads[number] for number in members], axis=1)),
         lifting=lift,
         eliminated=fixed,
-        bodies=bodies.of_part[members],
-        kernel=None if kernel.shape[1] == MOTIONS[parts.dimension] else kernel,  # as it knows
+        bodies=bodies.of_subdomain[members],
+        kernel=None if kernel.shape[1] == MOTIONS[subdomains.dimension] else kernel,  # as it knows
         places=NodePlaces(
-            np.stack([parts.numbers[own] for own in of_members]),
-            parts.points[starts] - points[0],
+            np.stack([subdomains.numbers[own] for own in of_members]),
+            subdomains.points[starts] - points[0],
             points,
         ),
     )
 
 
-def _supports(parts: Parts, bodies: Bodies, found: Holding, first: int) -> SupportRows:
-    """Rows that hold free motions at a few nodes of each body's first part."""
+def _supports(subdomains: Subdomains, bodies: Bodies, found: Holding, first: int) -> SupportRows:
+    """Rows that hold free motions at a few nodes of each body's first subdomain."""
     supports = SupportRows()
-    for number, body in enumerate(bodies.of_part):
+    for number, body in enumerate(bodies.of_subdomain):
         motions = found.free_motions[body]
         if first + number != bodies.first[body] or motions.shape[1] == 0:
             continue
-        part = parts.copies(number)
-        points = parts.points[part]
-        chosen = fixing_nodes(points, parts.dimension)
-        seen = bodies.motions(int(body), points[chosen], parts.dimension) @ motions
+        own = subdomains.copies(number)
+        points = subdomains.points[own]
+        chosen = fixing_nodes(points, subdomains.dimension)
+        seen = bodies.motions(int(body), points[chosen], subdomains.dimension) @ motions
         for row in np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0].T:
-            supports.copies.append(part.start + chosen)
+            supports.copies.append(own.start + chosen)
             supports.values.append(row.reshape(len(chosen), -1))
     return supports
 

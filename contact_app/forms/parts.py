@@ -1,7 +1,8 @@
 """A dolfinx space cut into the parts of a decomposition, and forms assembled on each part.
 
 A part is a set of cells of one rank that hang together through facets, so that a kernel of the
-elasticity form on it consists of rigid motions. Each part has copies of its nodes of its own. A
+elasticity form on it consists of rigid motions; or the cells of one rank in a sub-box of a regular
+mesh (`subdomains`). Each part has copies of its nodes of its own. A
 form is assembled once over a space whose nodes are these copies (`dolfinx_compat.torn_space`): the
 matrix falls apart into the stiffness matrices of the parts, which no condition has changed, and
 loads are the shares of the parts.
@@ -120,18 +121,21 @@ def parts_of(space: Any, grid: Grid | None = None) -> Parts:
     """
     mesh, dofmap = space.mesh, space.dofmap
     every = dolfinx_compat.dof_nodes(space)
-    of_cell = pieces(mesh) if grid is None else grid.of_cell
+    of_cell = pieces(mesh) if grid is None else np.unique(grid.of_cell, return_inverse=True)[1]
     owned, ghosts = len(of_cell), len(every) - len(of_cell)
     count = int(of_cell.max(initial=-1)) + 1
     here = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
-    order = np.arange(here) if grid is None else grid.order
+    order = np.arange(here) if grid is None else grid.lattice
+    span = int(order.max(initial=0)) + 1
     # cells of other ranks come last, in a part that no form is integrated over
     part = np.concatenate([of_cell, np.full(ghosts, count)])
-    key, cells = np.unique(part[:, None] * here + order[every], return_inverse=True)
+    key, first, cells = np.unique(
+        part[:, None] * span + order[every], return_index=True, return_inverse=True
+    )
     cells = cells.reshape(every.shape)
     torn = dolfinx_compat.torn_space(space, cells, len(key))
-    starts = np.searchsorted(key, np.arange(count + 1) * here)
-    blocks = np.argsort(order)[key[: starts[-1]] % here]
+    starts = np.searchsorted(key, np.arange(count + 1) * span)
+    blocks = every.ravel()[first[: starts[-1]]].astype(np.int64)
     numbers = dofmap.index_map.local_to_global(blocks.astype(np.int32)).astype(np.int64)
     return Parts(
         space, torn, of_cell, cells[:owned].astype(np.int64), starts, blocks, numbers,

@@ -22,6 +22,7 @@ from contact_app.forms.model import (
     with_new_loads,
 )
 from contact_app.forms.results import (
+    OnSpace,
     Owners,
     contact_at_nodes,
     contact_records,
@@ -70,8 +71,7 @@ class ContactProblem:
         The solve ends when penetration, equilibrium, complementarity and duality gap are below
         it, relative to displacement, load and energy.
     method
-        ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid of one rank;
-        else active sets on the undecomposed bodies with multigrid, and Total FETI with one
+        ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid; else active sets on the undecomposed bodies with multigrid, and Total FETI with one
         subdomain a rank where that ends without a certificate. Or an algorithm by name, as
         `solver.method` of a scene: ``primal``, ``active-set``, ``smalbe``.
     max_iterations
@@ -216,9 +216,10 @@ class ContactProblem:
         """Fields and summary (collective)."""
         parts, d = model.parts, model.parts.dimension
         with timings.measure("output"):
-            owners = Owners(parts, model.exchange)
-            displacement = owners.mean(model.at_copies(solution.displacements))
-            self.u.x.array[:] = owners.on_space(displacement).ravel()
+            copies = model.at_copies(solution.displacements)
+            displacement = Owners.of_subdomains(model).mean(copies)
+            on_space, owners = OnSpace(parts, model.exchange), Owners.of_parts(model)
+            self.u.x.array[:] = on_space.values(displacement).ravel()
             found = [
                 contact_at_nodes(model, solution, owners, i) for i in range(len(model.contacts))
             ]
@@ -229,7 +230,7 @@ class ContactProblem:
 
             def function(values: NDArray[np.float64], name: str) -> Any:
                 result = fem.Function(scalars, name=name)
-                result.x.array[:] = owners.on_space(values)[nodes]
+                result.x.array[:] = on_space.values(values)[nodes]
                 return result
 
             fields = function(pressure, "contact_pressure"), function(gap, "gap")

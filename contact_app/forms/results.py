@@ -29,16 +29,22 @@ Array = NDArray[np.float64]
 class Owners:
     """Values at copies of nodes and at their owners; all methods are collective."""
 
-    def __init__(self, parts: Parts, exchange: NodeExchange) -> None:
+    def __init__(self, exchange: NodeExchange) -> None:
         self._exchange = exchange
         self.count = exchange.last - exchange.first
         self._at = exchange.nodes - exchange.first
-        dofmap = parts.space.dofmap
-        here = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
-        numbers = dofmap.index_map.local_to_global(np.arange(here, dtype=np.int32))
-        self._space = NodeExchange(exchange.comm, numbers.astype(np.int64), exchange.total)
-        self.points = np.zeros((self.count, 3))
-        self.points[self._at] = exchange.to_owners(parts.points)
+
+    @classmethod
+    def of_subdomains(cls, model: FormModel) -> Owners:
+        """Those of the copies that subdomains have."""
+        return cls(model.exchange)
+
+    @classmethod
+    def of_parts(cls, model: FormModel) -> Owners:
+        """Those of the copies that the parts have, with the cells of their ranks."""
+        if model.subdomains.moved is None:
+            return cls(model.exchange)
+        return cls(model.exchange.among(model.parts.numbers))
 
     def sums(self, copies: Array) -> Array:
         """Values (copies, …) summed over the copies of a node, (owned, …)."""
@@ -59,9 +65,25 @@ class Owners:
         total = self.sums(np.where(among.reshape(shape), copies, 0.0))
         return np.divide(total, count, out=np.zeros(total.shape), where=count > 0.0)
 
-    def on_space(self, owned: Array) -> Array:
+    def at(self, copies: Array) -> Array:
+        """Values (copies, …) that are equal at all copies of a node, (owned, …)."""
+        result = np.zeros((self.count, *copies.shape[1:]), copies.dtype)
+        result[self._at] = self._exchange.to_owners(copies)
+        return result
+
+
+class OnSpace:
+    """From the owners of nodes to the space of the forms (collective)."""
+
+    def __init__(self, parts: Parts, exchange: NodeExchange) -> None:
+        dofmap = parts.space.dofmap
+        here = dofmap.index_map.size_local + dofmap.index_map.num_ghosts
+        numbers = dofmap.index_map.local_to_global(np.arange(here, dtype=np.int32))
+        self._space = exchange.among(numbers.astype(np.int64))
+
+    def values(self, owned: Array) -> Array:
         """Values (owned, …) at the nodes of the space that this rank knows, ghosts among them."""
-        return self._space.from_owners(owned[self._space.nodes - self._exchange.first])
+        return self._space.from_owners(owned[self._space.nodes - self._space.first])
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,10 +182,10 @@ def contact_records(
     model: FormModel, owners: Owners, found: list[ContactAtNodes]
 ) -> list[dict[str, Any]]:
     """The list `contacts` of the summary (collective)."""
-    records = []
+    records, points = [], owners.at(model.parts.points)
     for contact, nodes in zip(model.contacts, found, strict=True):
         comm, carriers, closed = model.parts.comm, nodes.carriers, nodes.carriers & nodes.closed
-        resultant = summed(comm, owners.points, carriers, nodes.forces, nodes.shares, nodes.moments)
+        resultant = summed(comm, points, carriers, nodes.forces, nodes.shares, nodes.moments)
         counts = np.array([nodes.areas.sum(), (carriers & ~closed).sum(), closed.sum()])
         area, left, shut = comm.allreduce(counts)
         records.append({
@@ -184,8 +206,9 @@ def reaction_records(
     """
     d, comm = model.parts.dimension, model.parts.comm
     force = np.zeros((owners.count, 3))
-    force[:, :d] = _force_of_conditions(model, solution, owners)
+    force[:, :d] = _force_of_conditions(model, solution)
     taken, records = np.zeros((owners.count, 3), bool), []
+    points = owners.at(model.parts.points)
     for number, condition in enumerate(bcs):
         holds = np.zeros((owners.count, 3), bool)
         held = held_components(model.parts, [condition]).astype(float)
@@ -193,12 +216,12 @@ def reaction_records(
         mine = np.where(holds & ~taken, force, 0.0)
         taken |= holds
         on = holds.any(axis=1)
-        resultant = summed(comm, owners.points, on, mine, np.zeros(owners.count))
+        resultant = summed(comm, points, on, mine, np.zeros(owners.count))
         records.append({"on": f"bcs[{number}]", **joined([resultant], d)})
     return records
 
 
-def _force_of_conditions(model: FormModel, solution: Solution, owners: Owners) -> Array:
+def _force_of_conditions(model: FormModel, solution: Solution) -> Array:
     """Force of conditions and contacts on each node, (owned, d) (collective).
 
     It is the residual K u - f. In held components, where contact rows have no part of it, what
@@ -209,7 +232,7 @@ def _force_of_conditions(model: FormModel, solution: Solution, owners: Owners) -
         cls.stiffness @ u - f
         for cls, u, f in zip(problem.classes, solution.displacements, problem.forces, strict=True)
     ]
-    force = owners.sums(model.at_copies(residual))
+    force = Owners.of_subdomains(model).sums(model.at_copies(residual))
     rows, held = problem.contact, problem.contact.held
     of_rows = solution.multiplier[problem.inequality] * rows.spread
     query = NodeExchange(model.parts.comm, held.node, model.exchange.total)
@@ -237,7 +260,7 @@ def summary_of(
     contacts, reactions = records
     comm, parts = model.parts.comm, model.parts
     magnitude = np.linalg.norm(displacement, axis=1)
-    mesh = parts.space.mesh
+    mesh, count = parts.space.mesh, comm.allreduce(model.subdomains.count)
     multiplier = solution.multiplier[model.problem.inequality]
     certificate = solution.certificate.as_dict()
     forces = [c["force"] for c, own in zip(contacts, model.contacts, strict=True)
@@ -248,7 +271,7 @@ def summary_of(
             "nodes": parts.nodes,
             "dofs": parts.nodes * parts.dimension,
         },
-        "decomposition": decomposition_record(model.problem, comm.allreduce(parts.count)),
+        "decomposition": decomposition_record(model.problem, count),
         "solver": solver_record(solution),
         "solution": {
             "energy": solution.measures.energy,

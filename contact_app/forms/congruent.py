@@ -1,0 +1,87 @@
+"""Subdomains of forms that share a stiffness matrix, on one rank and among ranks.
+
+Sub-boxes of a regular mesh have matrices that are equal but for rounding. A class takes the matrix
+and the points of its first member on the first rank that has it, so that they are equal to the last
+bit on all ranks, which then make one factor together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact_app.forms.subdomains import Subdomains
+
+Array = NDArray[np.float64]
+
+EQUAL = 1e-12
+"""Difference of entries of two matrices, over the largest, that is round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Congruent:
+    """Subdomains of this rank that share a stiffness.
+
+    Attributes
+    ----------
+    members : (members,)
+        Numbers of the subdomains.
+    stiffness : (n, n)
+    points : (nodes, 3)
+        Those of one member, of this rank or another.
+    number
+        Of the class among those of all ranks.
+    """
+
+    members: NDArray[np.int64]
+    stiffness: sparse.csr_matrix
+    points: Array
+    number: int
+
+
+def congruent(
+    subdomains: Subdomains, stiffness: list[sparse.csr_matrix], grid: bool
+) -> list[Congruent]:
+    """The classes of this rank (collective); each subdomain by itself where there is no grid."""
+    classes: list[list[int]] = []
+    for number, K in enumerate(stiffness):
+        for members in classes if grid else ():
+            if _equal(stiffness[members[0]], K):
+                members.append(number)
+                break
+        else:
+            classes.append([number])
+    own = [
+        Congruent(np.array(c), stiffness[c[0]], subdomains.points[subdomains.copies(c[0])], k)
+        for k, c in enumerate(classes)
+    ]  # fmt: skip
+    return _of_all_ranks(subdomains, own) if grid and subdomains.comm.size > 1 else own
+
+
+def _of_all_ranks(subdomains: Subdomains, own: list[Congruent]) -> list[Congruent]:
+    """Classes in an order that is the same on all ranks, with equal matrices (collective)."""
+    comm, found, left, number = subdomains.comm, [], own, 0
+    for rank in range(comm.size):
+        told = comm.bcast(
+            [(c.stiffness, c.points) for c in left] if rank == comm.rank else None, root=rank
+        )
+        for K, points in told:
+            same = next((c for c in left if _equal(K, c.stiffness)), None)
+            if same is not None:
+                found.append(replace(same, stiffness=K, points=points, number=number))
+                left = [c for c in left if c is not same]
+            number += 1
+    return found
+
+
+def _equal(one: sparse.csr_matrix, other: sparse.csr_matrix) -> bool:
+    """Whether two matrices are equal but for rounding."""
+    return bool(
+        one.shape == other.shape
+        and one.nnz == other.nnz
+        and np.array_equal(one.indices, other.indices)
+        and np.abs(one.data - other.data).max() <= EQUAL * np.abs(one.data).max()
+    )
