@@ -71,9 +71,10 @@ class ContactProblem:
         The solve ends when penetration, equilibrium, complementarity and duality gap are below
         it, relative to displacement, load and energy.
     method
-        ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid; else active sets on the undecomposed bodies with multigrid, and Total FETI with one
-        subdomain a rank where that ends without a certificate. Or an algorithm by name, as
-        `solver.method` of a scene: ``primal``, ``active-set``, ``smalbe``.
+        ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid; else active
+        sets on the undecomposed bodies with multigrid, and Total FETI with one subdomain a rank
+        where that ends without a certificate. Or an algorithm by name, as `solver.method` of a
+        scene: ``primal``, ``active-set``, ``smalbe``.
     max_iterations
         Of the solver.
     u
