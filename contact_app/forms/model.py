@@ -278,7 +278,7 @@ def _notes(bodies: Bodies, found: Holding) -> tuple[str, ...]:
     loose = [b for b, motions in enumerate(found.free_motions) if motions.shape[1]]
     return tuple(
         f"the body about ({', '.join(f'{v:.3g}' for v in bodies.centres[b])}) can move freely and "
-        "no load works on that motion: it is held where it is"
+        "no load does work in that motion: it is held in its place"
         for b in loose
     )
 

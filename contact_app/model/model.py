@@ -263,8 +263,8 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
         if found.free_motions.shape[1]:
             freely = directions_in_words(upward(found.free_motions))
             notes.append(
-                f"{name} can move freely along {freely} and no load works on that motion: it "
-                "is held where it is"
+                f"{name} can move freely along {freely} and no load does work in that motion: "
+                "the run holds it in its place"
             )
     if is_undecomposed(scene):
         notes.append("undecomposed bodies: conjugate gradients with algebraic multigrid")

@@ -83,7 +83,8 @@ def cost_lines(scene: Scene, known: Outline) -> list[str]:
         "checked: names, sizes, boundaries, contradictions and equilibrium; nothing was solved",
     ]
     if cost.memory > available_bytes():
-        lines.insert(1, "  which is more than there is: use a coarser mesh or more subdomains")
+        more = "this is more memory than is available: use a coarser mesh or more subdomains"
+        lines.insert(1, f"  {more}")
     return lines
 
 

@@ -33,7 +33,7 @@ LEFT_OUT = (
     "large strains and rotations: strains are linear in the displacement",
     "motion of the contact point: the gap is the signed distance of the undeformed node along the "
     "obstacle's normal there, between bodies along the normal of the undeformed surface",
-    "contact of a body with itself, and between bodies that no contact names",
+    "contact of a body with itself, and contact between bodies that no entry of contacts names",
     "inertia: the answer is the static equilibrium",
 )
 
@@ -72,7 +72,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         lines.append("  from {} to {}".format(*ends))
         lines += [f"  {note}" for note in body.mesh.notes]
         if not scene.loadings:
-            lines.append(f"  load in all {_vector(_resultant(known, i, scene.dimension))}")
+            lines.append(f"  total load {_vector(_resultant(known, i, scene.dimension))}")
     lines += _held(scene, known)
     for traction in scene.tractions:
         lines.append(
@@ -96,8 +96,8 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         )
     for heat in scene.temperatures:
         lines.append(
-            f"{_name(heat)}: {scene.bodies[heat.body].name} warmer by {heat.rise.text} than free "
-            "of stress"
+            f"{_name(heat)}: temperature of {scene.bodies[heat.body].name} is {heat.rise.text} "
+            "above the stress-free state"
         )
     lines += rigid_lines(scene)
     for i, contact in enumerate(scene.contacts):
@@ -169,18 +169,19 @@ def _cases(scene: Scene) -> list[str]:
     lines = []
     for case in scene.cases:
         factors = ", ".join(f"{factor:g} × {name}" for name, factor in case.factors if factor)
-        lines.append(f"case {case.name}: {factors or 'what has no name'}")
+        lines.append(f"case {case.name}: {factors or 'only the conditions without a name'}")
     for number, step in enumerate(scene.steps, start=1):
         ends = ", ".join(f"{name} {factor:g}" for name, factor in step.factors)
-        lines.append(f"step {number}: to {ends}, in {step.increments} increments")
+        many = "increments" if step.increments > 1 else "increment"
+        lines.append(f"step {number}: to {ends}, in {step.increments} {many}")
     return lines
 
 
 def loads_on_bodies(scene: Scene, known: Outline) -> list[str]:
-    """The load in all on each body of a case (collective)."""
+    """The total load on each body of a case (collective)."""
     d = scene.dimension
     return [
-        f"load on {body.name} in all {_vector(_resultant(known, i, d))}"
+        f"total load on {body.name} {_vector(_resultant(known, i, d))}"
         for i, body in enumerate(scene.bodies)
     ]
 
@@ -202,25 +203,25 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
         "glue them"
     ]
     obstacles = [body.name for body in scene.rigid_bodies if body.name not in scene.body_names]
-    lines += [f"  {name}: held in all components: an obstacle" for name in obstacles]
+    lines += [f"  {name}: held in all components, so it is a fixed obstacle" for name in obstacles]
     whole = np.append(known.eliminated, np.zeros(len(scene.moving), bool))
     for name, found, eliminated in zip(scene.body_names, known.balances, whole, strict=True):
         if eliminated:
-            how = "one held subdomain: no gluing and no coarse problem"
+            how = "held by its conditions and not decomposed: no gluing and no coarse problem"
         elif name not in [body.name for body in scene.bodies] and not found.free_motions.shape[1]:
-            how = "rigid, all kernel: kept by what it touches and its conditions"
+            how = "rigid: its contacts and its conditions hold it"
         elif found.held:
             how = "held by its conditions; its subdomains float (Total FETI)"
         elif found.free_motions.shape[1]:
             how = (
-                f"free along {found.free_motions.shape[1]} rigid motions no load works on: it is "
-                "held where it is"
+                f"free in {found.free_motions.shape[1]} rigid motions on which no load does work: "
+                "the run holds it in its place"
             )
         else:
-            how = "kept by what it touches alone, or by that and its conditions"
+            how = "held by its contacts alone, or by its contacts and conditions together"
         lines.append(f"  {name}: {how}")
     if not scene.touching:
-        lines.append("  no contacts: plain conjugate gradients")
+        lines.append("  no contacts: conjugate gradients solve the linear problem")
     if may_peel(scene):
         lines.append(
             f"method: Total FETI; after {PATIENCE} iterations the undecomposed bodies are solved "
@@ -237,12 +238,15 @@ def _left_out(scene: Scene, known: Outline) -> list[str]:
     smooth = [contact.source for contact in scene.touching if contact.friction is None]
     if smooth:
         of = f" of {', '.join(dict.fromkeys(smooth))}" if scene.has_friction else ""
-        lines.append(f"  friction: contact forces{of} are normal to the surface")
+        lines.append(f"  friction: contact forces{of} act along the normal of the surface")
     if scene.has_friction and not scene.steps:
         lines.append("  the history of loads: slips are measured from the undeformed state")
     lines += [f"  {sentence}" for sentence in LEFT_OUT]
     if scene.plane:
-        lines.append(f"  the third direction: it is plane {scene.plane}, per unit of thickness")
+        lines.append(
+            f"  the third direction: the model is plane {scene.plane}, forces are per unit of "
+            "thickness"
+        )
     if any(contact.obstacle.curvature_radius for contact in scene.contacts):
         lines.append(
             "  curvature of the obstacles under sliding nodes: the run warns where it matters"
@@ -305,12 +309,12 @@ def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:
     gaps, sources = known.candidates
     smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
     if np.isinf(smallest):
-        return "no candidate nodes left: other conditions decide on all of them"
+        return "no candidate nodes: other conditions determine all nodes of the boundary"
     count = comm.allreduce(int((known.contact.sources == contact).sum()))
     if count == 0:
-        return f"none of its nodes can come that far, smallest gap {smallest:.4g}"
+        return f"no node can move that far, smallest gap {smallest:.4g}"
     others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
-    decided = f" and {others:,} that are held or decided by other contacts" if others else ""
+    decided = f" and {others:,} that are held or belong to other contacts" if others else ""
     return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}"
 
 

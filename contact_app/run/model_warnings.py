@@ -101,9 +101,9 @@ def _straight_edges(answer: Answer) -> Iterator[str]:
             second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
             remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
             yield (
-                f"{contact.source}: {body.name} is round there and has straight edges: their "
-                f"middles lie up to {sagitta:.2g} off the curve of their ends, {share}, and the "
-                f"mesh answers for the polygon; {remedy}"
+                f"{contact.source}: the boundary of {body.name} is round and the edges of its mesh "
+                f"are straight: the middle of an edge lies up to {sagitta:.2g} beside the curve, "
+                f"{share}, and the answer is that of the polygon; {remedy}"
             )
 
 
@@ -119,17 +119,17 @@ def _straight_facets(answer: Answer) -> Iterator[str]:
         names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
         second = "degree: 2 and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
         said = (
-            "gaps and largest pressure are those of the facets; use `round: true` of the contact "
+            "the facets decide the gaps and the largest pressure; use `round: true` of the contact "
             f"and max_smoothed_pressure, or {second}"
         )
         if pair.round:
             said = (
-                "the largest pressure is that of the facets; max_smoothed_pressure is without "
-                f"them, as is {second}"
+                "the facets decide the largest pressure; use max_smoothed_pressure instead, or "
+                f"{second}"
             )
         yield (
             f"{pair.source}: {names} are round there and meet by flat facets, which lie up to "
-            f"{sagitta:.2g} off the curve (h²/8R), {share}: {said}"
+            f"{sagitta:.2g} beside the curve (h²/8R), {share}: {said}"
         )
 
 
@@ -145,15 +145,15 @@ def _beside_obstacles(answer: Answer) -> Iterator[str]:
             if sagitta > SMALL_SAGITTA * solution.measures.deformations[contact.body] > 0.0:
                 yield (
                     f"{contact.source}: nodes in contact slide by up to {sliding:.3g} along an "
-                    f"obstacle of radius {radius:.3g}: its curvature moves the surface by "
+                    f"obstacle of radius {radius:.3g}: over this length its surface curves away by "
                     f"{sagitta:.2g}, which the linearised gap leaves out"
                 )
         entered, depth = entered_beside(model, solution, i)
         if entered:
             yield (
                 f"{contact.source}: {entered:,} surface nodes of {scene.bodies[contact.body].name} "
-                f"beside {contact.boundary} enter the obstacle, by up to {depth:.3g}: contact "
-                "leaves the boundary it is given on; give it a larger one"
+                f"beside {contact.boundary} enter the obstacle, by up to {depth:.3g}: the contact "
+                "is wider than this boundary; name a larger boundary"
             )
 
 
@@ -172,14 +172,14 @@ def _coarse_pressures(answer: Answer) -> Iterator[str]:
         if across >= FEWEST_FACETS and min(axes) < FEWEST_ALONG:
             short, long = sorted(axes)[0], sorted(axes)[-1]
             yield (
-                f"{item.source}: the pressure varies within single facets: about {short:.1f} lie "
-                f"across the narrow side of the contact and {long:.0f} along it; its largest value "
-                "is that of the mesh; use smaller cells there"
+                f"{item.source}: the pressure varies within single facets: about {short:.1f} "
+                f"facets lie across the narrow side of the contact and {long:.0f} along it; the "
+                "largest pressure depends on the mesh; use smaller cells there"
             )
         if across < FEWEST_FACETS:
             yield (
-                f"{item.source}: the pressure varies within single facets, as where about "
-                f"{max(across, 1.0):.0f} across carry the contact: its largest value is that of "
+                f"{item.source}: the pressure varies within single facets: only about "
+                f"{max(across, 1.0):.0f} across carry the contact; the largest pressure depends on "
                 "the mesh; use smaller cells there"
             )
 
@@ -192,7 +192,7 @@ def _sliding_bodies(answer: Answer) -> Iterator[str]:
         if sliding > facet:
             yield (
                 f"{pair.source}: the bodies slide along each other by up to {sliding:.3g}, more "
-                f"than a facet ({facet:.2g}); which parts meet is decided on the undeformed shape"
+                f"than a facet ({facet:.2g}); the undeformed shape decides which parts may touch"
             )
 
 
@@ -219,9 +219,8 @@ def _locking_in_bending(answer: Answer) -> Iterator[str]:
             near = " or near ν = 0.5" if body.plain else ""
             yield (
                 f"{body.name}: {100.0 * share:.0f} % of its strain energy lies in strains that "
-                f"vary within cells, as where first-order cells lock in bending{near}: "
-                "displacements come out too small; use degree: 2 or several times as many cells "
-                "across"
+                f"vary within cells: first-order cells lock in bending{near}, and displacements "
+                "come out too small; use degree: 2 or several times as many cells across"
             )
 
 
@@ -246,8 +245,8 @@ def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
         return
     if np.isnan(accuracy.algebraic):
         yield (
-            "the bodies expand by their temperature without stress beyond rounding errors: no "
-            "relative error exists"
+            "the bodies expand with the temperature and have no stress but rounding errors, so a "
+            "relative error does not exist"
         )
     elif accuracy.algebraic > SMALL_PART:
         yield (
@@ -266,9 +265,10 @@ def _straddled_facets(answer: Answer) -> Iterator[str]:
         area = loaded_facets(scene, partition, load)[1] if left > 0.0 else 0.0
         if left > STRADDLED * area:
             yield (
-                f"{load.source}: facets straddle the edge of {load.boundary} and carry no load: it "
-                f"acts on an area of {area:.4g}, the expression holds on about {area + left:.4g}; "
-                "the total force changes with the mesh (total_force keeps it)"
+                f"{load.source}: facets that straddle the edge of {load.boundary} carry no load: "
+                f"the load acts on an area of {area:.4g}, but the expression holds on about "
+                f"{area + left:.4g}; the total force then depends on the mesh; total_force "
+                "prescribes it"
             )
 
 
@@ -277,8 +277,8 @@ def _without_facets(answer: Answer) -> Iterator[str]:
     lost = answer.model.comm.allreduce(answer.nodes.without_area)
     if lost:
         yield (
-            f"{lost} touching nodes lie on no whole facet of their contact boundary: their force "
-            "counts, their pressure is not shown"
+            f"{lost} nodes in contact lie on no whole facet of their contact boundary: their "
+            "contact forces count, but their contact pressure is not shown"
         )
 
 
@@ -287,9 +287,9 @@ def _certificates(answer: Answer) -> Iterator[str]:
     solution, certificate = answer.solution, answer.solution.certificate
     if certificate.passed and certificate.equilibrium > max(solution.tolerance, EQUILIBRIUM_FLOOR):
         yield (
-            f"forces balance to {certificate.equilibrium:.1g} of the load only, as far as the last "
-            "digit of the displacements lets them: a stiff body moves far and is hardly strained, "
-            "so its stresses have few digits"
+            f"forces balance only to {certificate.equilibrium:.1g} of the load, because of "
+            "rounding errors of the displacements: a stiff body moves far and is hardly "
+            "strained, so its stresses have few digits"
         )
     if not certificate.passed:
         yield f"not certified: {reason_text(solution)}"
@@ -307,8 +307,8 @@ def _rubs_where_open(answer: Answer) -> Iterator[str]:
         count = comm.allreduce(int((found.rubs & ~found.closed).sum()))
         if count:
             yield (
-                f"{contact.source}: friction of the given limit acts on {count} nodes that no "
-                "contact force presses; with friction: {coulomb: …} it would not"
+                f"{contact.source}: Tresca friction acts on {count} nodes that carry no contact "
+                "force; with friction: {coulomb: …} friction acts on pressed nodes alone"
             )
 
 
@@ -323,8 +323,9 @@ def _slides(answer: Answer) -> Iterator[str]:
         names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in found.names)
         yield (
             f"{body.name} slides by {found.largest:.3g} along {found.along}, which its contacts "
-            f"hardly resist: facets of round surfaces alone decide how far; without that motion "
-            f"its largest displacement is {found.without:.3g}; `hold: [{names}]` holds it"
+            f"hardly resist: the facets of round surfaces alone decide how far it slides; without "
+            f"this motion its largest displacement is {found.without:.3g}; `hold: [{names}]` on "
+            "the body prevents it"
         )
 
 
@@ -370,13 +371,13 @@ def _moved_far(answer: Answer) -> list[str]:
         if share > ROUNDED_STRAINS:
             said.append(
                 f"{body.name} moves by {moved:.3g} and is hardly strained: rounding errors of its "
-                f"displacements come to {100.0 * share:.2g} % of its strains; let its conditions "
-                "and obstacles move it less"
+                f"displacements reach {100.0 * share:.2g} % of its strains; draw the body nearer "
+                "to its final place"
             )
         elif scale == 0.0 and force > 0.0:
             said.append(
-                f"{body.name} is moved by {moved:.3g} and not strained beyond rounding errors: its "
-                f"contact forces, {force:.2g} in all, are no more than these make"
+                f"{body.name} moves by {moved:.3g} and its strains are rounding errors: so are its "
+                f"contact forces, {force:.2g} in total"
             )
     return said
 

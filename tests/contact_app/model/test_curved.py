@@ -195,9 +195,9 @@ def test_a_polygon_is_told(cell: str, tmp_path: Path) -> None:
     """Straight edges on a round boundary: the certificate names the sagitta h²/8R."""
     n = 4
     straight = ring(cell, None, n, tmp_path).summary["certificate"]["warnings"]
-    (told,) = [w for w in straight if "answers for the polygon" in w]
-    assert "ring is round there and has straight edges" in told
-    found = float(told.split("lie up to ")[1].split()[0])
+    (told,) = [w for w in straight if "answer is that of the polygon" in w]
+    assert "the boundary of ring is round and the edges of its mesh are straight" in told
+    found = float(told.split("lies up to ")[1].split()[0])
     exact = 20.0 * (1.0 - np.cos(np.pi / (4 * n)))
     assert found == pytest.approx(exact, rel=0.4 if cell == "tetrahedron" else 0.1)
     name = meshfiles.SECOND[cell][-1]
@@ -216,11 +216,11 @@ def test_a_polygon_that_was_refined_is_told() -> None:
         else:
             solved = solve_to_accuracy(scene, lambda level, start: solve_scene(level)).solved
         warnings = solved.summary["certificate"]["warnings"]
-        told[key] = [w for w in warnings if "answers for the polygon" in w]
+        told[key] = [w for w in warnings if "answer is that of the polygon" in w]
     sagitta = 5.0 * (1.0 - np.cos(np.pi / 40))  # 40 corners on a circle of radius 5
     for key, said in told.items():
         assert len(said) == (key != "bodies.0.mesh.refine=0"), key
         for text in said:
-            found = float(text.split("lie up to ")[1].split()[0])
+            found = float(text.split("lies up to ")[1].split()[0])
             assert found == pytest.approx(sagitta, rel=0.1)
             assert "use degree: 2 and a mesh file of second order" in text

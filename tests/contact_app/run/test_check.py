@@ -28,7 +28,7 @@ def test_says_which_nodes_are_out_of_reach() -> None:
     made = scenes.far_obstacle("hexahedron", 2)
     made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (1.9, 0, 0), (-1, 0, 0))
     text = lines_of(made)
-    assert "none of its nodes can come that far, smallest gap 0.9" in text
+    assert "no node can move that far, smallest gap 0.9" in text
     assert "contacts[0]: 6 of 6 candidate nodes are farther away than they can move (0.7" in text
 
 
@@ -65,7 +65,7 @@ def test_says_what_is_modelled() -> None:
     assert "soft.z+ loaded by (0, 0, -50) per area (16 facets, area 1)" in text
     assert "plane through (1, 0, 0) with normal (-1, 0, 0) (20 candidate nodes" in text
     assert "smallest gap 0.01)" in text
-    assert "load in all (0, 0, -50)" in text
+    assert "total load (0, 0, -50)" in text
     assert "friction" in text
     assert "nothing was solved" in text
 
@@ -74,12 +74,12 @@ def test_says_what_is_modelled() -> None:
     ("name", "subdomains", "told"),
     [
         ("duplicate_obstacles", 1, "contacts[1]: repeats contacts[0] and adds no rows"),
-        ("duplicate_obstacles", 1, "6 candidate nodes and 3 that are held or decided by other"),
-        ("no_contacts", 1, "no contacts: plain conjugate gradients"),
-        ("wall", 1, "one held subdomain: no gluing and no coarse problem"),
+        ("duplicate_obstacles", 1, "6 candidate nodes and 3 that are held or belong to other"),
+        ("no_contacts", 1, "no contacts: conjugate gradients solve the linear problem"),
+        ("wall", 1, "held by its conditions and not decomposed: no gluing"),
         ("wall", [2, 2, 2], "its subdomains float (Total FETI)"),
-        ("floating_in_corner", 1, "kept by what it touches alone"),
-        ("sliding", 1, "free along 3 rigid motions no load works on"),
+        ("floating_in_corner", 1, "held by its contacts alone"),
+        ("sliding", 1, "free in 3 rigid motions on which no load does work"),
     ],
 )
 def test_says_what_is_left_out_and_why(name: str, subdomains: Any, told: str) -> None:

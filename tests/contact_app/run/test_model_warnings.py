@@ -44,12 +44,12 @@ def test_contact_that_leaves_its_boundary(cell: str) -> None:
     for boundary, told in (("part", True), (scenes.up(cell), False)):
         made["contacts"] = [{"on": f"block.{boundary}", "obstacle": ball}]
         found = warnings_of(made)
-        assert ("contact leaves the boundary" in found) == told
+        assert ("the contact is wider than this boundary" in found) == told
         assert ("beside part enter the obstacle" in found) == told
 
 
 def test_a_plane_ends_where_an_expression_ends_it() -> None:
-    assert "leaves the boundary" not in warnings_of(scenes.heavy("quadrilateral", 4))
+    assert "wider than this boundary" not in warnings_of(scenes.heavy("quadrilateral", 4))
 
 
 def hertz(cell: str, n: int, width: float) -> scenes.Config:
@@ -78,7 +78,7 @@ def test_few_facets_across_a_long_contact_are_told() -> None:
     found = solve_scene(build_scene(load(config))).summary
     told = [w for w in found["certificate"]["warnings"] if "narrow side of the contact" in w]
     assert [w.split(":")[0] for w in told] == ["contacts[0]", "contacts[1]"]
-    assert "about 2.6 lie across" in told[0]
+    assert "about 2.6 facets lie across" in told[0]
     assert found["solution"]["max_contact_pressure"] > 1.5 * 2249.0  # Hertz
 
 
