@@ -15,14 +15,15 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy.linalg import eigvalsh_tridiagonal
 
 from solver.backend import Statuses
 from solver.contact.bodies import body_lengths, largest
 from solver.primal.cycle import Cycle, truncated_cycle
 from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
 from solver.primal.first_set import FirstSet, find_first_set
+from solver.primal.held_energy import HeldEnergy
 from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
+from solver.primal.lanczos import Lanczos
 from solver.primal.merged import MergedSystem, bodies_alone, merge, multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
 from solver.primal.rigid_space import RigidSpace, floating_motions
@@ -144,7 +145,7 @@ class Multigrid:
         self._truncated = np.zeros(len(self.system.rows), bool)
         if earlier is not None:
             self._truncated = earlier._truncated
-        self._held = _HeldEnergy(self.system)
+        self._held = HeldEnergy(self.system)
         self.smallest_eigenvalue = UNKNOWN
 
     @property
@@ -237,29 +238,6 @@ class Multigrid:
         return self._held.strained(u, left)
 
 
-class _HeldEnergy:
-    """What held displacements add to the energy."""
-
-    def __init__(self, system: MergedSystem) -> None:
-        self._system, problem = system, system.problem
-        at_rest = system.at_rest
-        moved = system.comm.allreduce(int(at_rest.any()))
-        self._coupling, self._own = None, 0.0
-        if moved:
-            moves = system.on_subdomains(at_rest)
-            forces = [cls.stiffness @ u for cls, u in zip(problem.classes, moves, strict=True)]
-            self._own = sum(float(np.vdot(u, f)) for u, f in zip(moves, forces, strict=True))
-            self._coupling = np.where(system.held, 0.0, system.summed(forces))
-
-    def strained(self, u: Array, left: Array) -> float:
-        """a(u, u): u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h, where f already lacks K_fh u_h."""
-        system = self._system
-        own = float(np.sum(np.where(system.held, 0.0, u * (system.load - left)))) + self._own
-        if self._coupling is not None:
-            own += 2.0 * float(u @ self._coupling)
-        return max(float(system.comm.allreduce(own)), 0.0)
-
-
 class PrimalSet:
     """Conjugate gradients with the contact rows of an active set as equalities.
 
@@ -304,7 +282,7 @@ class PrimalSet:
         self._scale = it.reduction.norm(system.load) or it.b_norm or 1.0
         # rows that may be redundant leave that share of their forces
         self._held = it.reduction.norm(self._left - rhs)
-        self._lanczos = _Lanczos(self._preconditioner.square)
+        self._lanczos = Lanczos(self._preconditioner.square)
         self._steps, self._stalls = 0, False
 
     def _made(self) -> _Preconditioner:
@@ -378,13 +356,13 @@ class PrimalSet:
             wanted = max(residual * self._scale, self._rounding)
             if it.projected_gradient_norm <= wanted and it.drift > 0.5 * wanted:
                 it.evaluate()
-                self._lanczos = _Lanczos(self._preconditioner.square)
+                self._lanczos = Lanczos(self._preconditioner.square)
             if it.projected_gradient_norm <= wanted:
                 return Reason.CONVERGED
             if it.counts.cg >= self._backend.factors.slow and self._backend.give_up_multigrid():
                 self._preconditioner = it.preconditioner = self._made()
                 it.evaluate()
-                self._lanczos = _Lanczos(self._preconditioner.square)
+                self._lanczos = Lanczos(self._preconditioner.square)
                 self._backend.smallest_eigenvalue = UNKNOWN
             self._stalls = it.counts.cg >= STALLED
             return Reason.ROUND_OFF if self._stalls else None
@@ -482,33 +460,3 @@ class _Preconditioner:
             z = self._projector.apply(z)
         out[:] = self._rigid.correct(r, z)
         self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
-
-
-class _Lanczos:
-    """Lanczos' tridiagonal matrix of conjugate gradients.
-
-    Attributes
-    ----------
-    lengths
-        Of the steps so far.
-    squares
-        rᵀ M⁻¹ r before the first step and after each.
-    """
-
-    def __init__(self, square: float) -> None:
-        self.lengths: list[float] = []
-        self.squares = [square]
-
-    def add(self, length: float, square: float) -> None:
-        """One more step."""
-        self.lengths.append(length)
-        self.squares.append(square)
-
-    def smallest_ritz_value(self) -> float:
-        """Its smallest eigenvalue."""
-        lengths, squares = np.array(self.lengths), np.array(self.squares[:-1])
-        ratios = squares[1:] / squares[:-1]
-        diagonal = 1.0 / lengths
-        diagonal[1:] += ratios / lengths[:-1]
-        off = np.sqrt(np.maximum(ratios, 0.0)) / lengths[:-1]
-        return float(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(0, 0))[0])

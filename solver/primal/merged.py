@@ -23,7 +23,7 @@ from scipy import sparse
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.primal.merged_nodes import MergedNodes
 from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
@@ -35,57 +35,6 @@ Array = NDArray[np.float64]
 
 FEW_ENTRIES = 60
 """Entries of a row up to which its square does not fill a matrix."""
-
-
-class MergedNodes:
-    """Every node once: numbers, ranks and copies of the nodes of all subdomains (collective).
-
-    Attributes
-    ----------
-    copies : one (members, nodes) array a class
-        Place of each copy among the distinct nodes of this rank.
-    numbers : (distinct,)
-        Merged number of each distinct node; a rank owns consecutive ones.
-    points : (distinct, 3)
-    body : (distinct,)
-    owned : (distinct,)
-        Whether this rank owns the node.
-    """
-
-    def __init__(self, problem: DualProblem) -> None:
-        comm, places = problem.comm, problem.system.places
-        every = [p.numbers.ravel() for p in places]
-        unique, inverse = np.unique(
-            np.concatenate([np.zeros(0, np.int64), *every]), return_inverse=True
-        )
-        ends = np.cumsum([0, *map(len, every)])
-        self.copies = [
-            inverse[a:b].reshape(p.numbers.shape)
-            for a, b, p in zip(ends[:-1], ends[1:], places, strict=True)
-        ]
-        self.points = np.zeros((len(unique), 3))
-        self.body = np.zeros(len(unique), np.int64)
-        for at, p, body in zip(self.copies, places, problem.bodies.members, strict=True):
-            self.points[at] = p.points + p.translations[:, None]
-            self.body[at] = body[:, None]
-        exchange = NodeExchange(comm, unique, problem.system.nodes)
-        where = exchange.nodes - exchange.first
-        lowest = np.full(exchange.last - exchange.first, comm.size)
-        ranks = exchange.to_owners(np.full(len(unique), comm.rank))
-        np.minimum.at(lowest, where, ranks)
-        self.owned = exchange.from_owners(lowest[where]) == comm.rank
-        self.count = int(self.owned.sum())
-        first = comm.exscan(self.count) or 0
-        self.numbers = np.full(len(unique), -1)
-        self.numbers[self.owned] = first + np.arange(self.count)
-        given = np.full(len(lowest), -1)
-        np.maximum.at(given, where, exchange.to_owners(self.numbers))
-        self.numbers = exchange.from_owners(given[where])
-
-    def unknowns(self, nodes: NDArray[np.int64], dimension: int) -> NDArray[np.int64]:
-        """Unknowns of nodes, (…, nodes · dimension)."""
-        spread = nodes[..., None] * dimension + np.arange(dimension)
-        return np.asarray(spread.reshape(*nodes.shape[:-1], -1))
 
 
 @dataclass(frozen=True, eq=False)

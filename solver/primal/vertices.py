@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.primal.merged import MergedNodes, MergedSystem
+from solver.primal.merged import MergedSystem
+from solver.primal.merged_nodes import MergedNodes
 from solver.tfeti.constraints.matrix import petsc_rows
 
 Array = NDArray[np.float64]

@@ -29,11 +29,7 @@ from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.friction import friction_points
-from solver.tfeti.constraints.matrix import (
-    ConstraintMatrix,
-    local_rows,
-    petsc_rows,
-)
+from solver.tfeti.constraints.matrix import ConstraintMatrix, local_rows, petsc_rows
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator, interface_slices
 from solver.tfeti.free_solution import FreeSolution, solve_free

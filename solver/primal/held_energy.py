@@ -1,0 +1,33 @@
+"""The energy of the strains where some unknowns are held away from zero."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.primal.merged import MergedSystem
+
+Array = NDArray[np.float64]
+
+
+class HeldEnergy:
+    """What held displacements add to the energy."""
+
+    def __init__(self, system: MergedSystem) -> None:
+        self._system, problem = system, system.problem
+        at_rest = system.at_rest
+        moved = system.comm.allreduce(int(at_rest.any()))
+        self._coupling, self._own = None, 0.0
+        if moved:
+            moves = system.on_subdomains(at_rest)
+            forces = [cls.stiffness @ u for cls, u in zip(problem.classes, moves, strict=True)]
+            self._own = sum(float(np.vdot(u, f)) for u, f in zip(moves, forces, strict=True))
+            self._coupling = np.where(system.held, 0.0, system.summed(forces))
+
+    def strained(self, u: Array, left: Array) -> float:
+        """a(u, u): u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h, where f already lacks K_fh u_h."""
+        system = self._system
+        own = float(np.sum(np.where(system.held, 0.0, u * (system.load - left)))) + self._own
+        if self._coupling is not None:
+            own += 2.0 * float(u @ self._coupling)
+        return max(float(system.comm.allreduce(own)), 0.0)

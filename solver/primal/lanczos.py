@@ -1,0 +1,36 @@
+"""The smallest Ritz value that the step lengths of conjugate gradients tell."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import eigvalsh_tridiagonal
+
+
+class Lanczos:
+    """Lanczos' tridiagonal matrix of conjugate gradients.
+
+    Attributes
+    ----------
+    lengths
+        Of the steps so far.
+    squares
+        rᵀ M⁻¹ r before the first step and after each.
+    """
+
+    def __init__(self, square: float) -> None:
+        self.lengths: list[float] = []
+        self.squares = [square]
+
+    def add(self, length: float, square: float) -> None:
+        """One more step."""
+        self.lengths.append(length)
+        self.squares.append(square)
+
+    def smallest_ritz_value(self) -> float:
+        """Its smallest eigenvalue."""
+        lengths, squares = np.array(self.lengths), np.array(self.squares[:-1])
+        ratios = squares[1:] / squares[:-1]
+        diagonal = 1.0 / lengths
+        diagonal[1:] += ratios / lengths[:-1]
+        off = np.sqrt(np.maximum(ratios, 0.0)) / lengths[:-1]
+        return float(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(0, 0))[0])
