@@ -43,11 +43,15 @@ class MeanJumps:
         As `MeanGaps`; the force on the `on` body for a multiplier of one is minus the unit vector.
     gap, size
         Largest mean distance of the sides, and the size of a facet there.
+    nodes, held : (n,), (n, d)
+        Nodes of the `on` side, ascending, and their components that are held on both sides.
     """
 
     rows: tuple[MeanGaps, ...]
     gap: float
     size: float
+    nodes: NDArray[np.int64]
+    held: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +79,13 @@ class Decided:
         return result
 
 
-def mean_jumps(on: Surface, against: Surface, decided: Decided) -> MeanJumps:
+def mean_jumps(on: Surface, against: Surface, decided: Decided, *, gives: bool = True) -> MeanJumps:
     """The rows of two surfaces that are tied.
+
+    Parameters
+    ----------
+    gives
+        Whether what is decided is given to neighbours; else each node has its own rows.
 
     Raises
     ------
@@ -90,11 +99,11 @@ def mean_jumps(on: Surface, against: Surface, decided: Decided) -> MeanJumps:
     taken = np.isin(made.nodes, decided.taken)
     distance = np.abs(found.gap.sum(axis=1) / found.area)
     worst = int(np.argmax(distance))
-    rows = tuple(
-        made.component(i, taken | (here[:, i] & (beyond @ there[:, i] > 0.0)))
-        for i in range(on.dimension)
-    )
-    return MeanJumps(rows, float(distance[worst]), float(on.radii[found.i[worst]]))
+    held = here & (beyond @ there > 0.0)
+    yielding = taken[:, None] | held if gives else np.zeros_like(held)
+    rows = tuple(made.component(i, yielding[:, i]) for i in range(on.dimension))
+    size = float(on.radii[found.i[worst]])
+    return MeanJumps(rows, float(distance[worst]), size, made.nodes, held)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,7 +65,7 @@ def tied_rows(
     d = scene.dimension
     if not scene.ties:
         return TiedRows(_no_rows(d), ())
-    decided = _decided(exchange, held)
+    decided = decided_by(exchange, held)
     parts, notes = [_no_rows(d)], []
     for number, tie in enumerate(scene.ties):
         sides = _sides(scene, partition, tie)
@@ -111,7 +111,7 @@ def _sides(scene: Scene, partition: Partition, tie: Tie) -> tuple[Surface, Surfa
     return sides[0], sides[1]
 
 
-def _decided(exchange: NodeExchange, held: HeldRows) -> Decided:
+def decided_by(exchange: NodeExchange, held: HeldRows) -> Decided:
     """Held nodes of all ranks, a small part of the surface; none is taken yet (collective)."""
     nodes, masks = zip(*exchange.comm.allgather((held.nodes, held.held)), strict=True)
     every, mask = np.concatenate(nodes), np.concatenate(masks)

@@ -34,6 +34,66 @@ def friction_scene(seed: int) -> tuple[scenes.Config, Any]:
     return made, int(random.integers(1, 6))
 
 
+def history_scene(seed: int) -> tuple[scenes.Config, Any]:
+    """The scene of a seed under a load history, and its decomposition.
+
+    The components of its load, or of what moves it, are conditions of their own: the vertical one
+    begins, then one or two at a time go up, back or to the other side.
+    """
+    made, subdomains = friction_scene(seed)
+    random = np.random.default_rng([seed, 26])
+    conditions = [c for c in made["conditions"] if _named(c)]
+    others = [c for c in made["conditions"] if not _named(c)]
+    names = {"press"}
+    for k, condition in enumerate(conditions):
+        for part in _components(condition, "" if k == 0 else f" {k + 1}"):
+            names.add(part["name"])
+            others.append(part)
+    sideways = sorted(names - {"press"})
+    steps: list[dict[str, Any]] = [{"press": 1.0}]
+    side = 1.0
+    for _ in range(int(random.integers(2, 5))):
+        moved = [str(n) for n in random.permutation(sideways)[: int(random.integers(1, 3))]]
+        side = -side if random.random() < 0.6 else side
+        step = {name: side * float(random.uniform(0.4, 1.5)) for name in moved}
+        if random.random() < 0.4:
+            step["press"] = float(random.choice([0.0, 0.5, 0.8, 1.3]))
+        steps.append({**step, "increments": int(random.integers(1, 3))})
+    return {**made, "conditions": others, "steps": steps}, subdomains
+
+
+def _named(condition: scenes.Config) -> bool:
+    """Whether a condition has values that a history can change."""
+    values = condition.get("traction") or condition.get("displacement") or []
+    return any(values)
+
+
+def _components(condition: scenes.Config, ending: str) -> list[scenes.Config]:
+    """A condition as one for each component, named after its direction."""
+    key = "traction" if "traction" in condition else "displacement"
+    values, none = condition[key], 0.0 if key == "traction" else None
+    names = ["push", *["aside"][: len(values) - 2], "press"]
+    return [
+        {"name": name + ending, "on": condition["on"], key: [x if j == i else none for j, x in
+         enumerate(values)]}
+        for i, name in enumerate(names)
+    ]  # fmt: skip
+
+
+def at_factors(made: scenes.Config, factors: dict[str, float]) -> scenes.Config:
+    """The scene without steps, its named conditions at these factors."""
+    result = {key: value for key, value in made.items() if key != "steps"}
+    result["conditions"] = []
+    for condition in made["conditions"]:
+        bare = {key: value for key, value in condition.items() if key != "name"}
+        factor = factors.get(condition["name"], 0.0) if "name" in condition else 1.0
+        for key in ("traction", "displacement"):
+            if key in bare:
+                bare[key] = [None if x is None else factor * x for x in bare[key]]
+        result["conditions"].append(bare)
+    return result
+
+
 def _law(random: Any) -> dict[str, float]:
     """Coulomb's law twice as often as Tresca's."""
     if random.random() < 0.34:

@@ -22,6 +22,7 @@ import sys
 import time
 import traceback
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -56,56 +57,68 @@ class FrictionVerdict(Verdict):
         return self.kind not in GOOD
 
 
-def judge(seed: int, *, solve: Any = solve_scene, patience: float = 120.0) -> FrictionVerdict:
+def judge(
+    seed: int, method: str = "auto", *, solve: Any = solve_scene, patience: float = 120.0
+) -> FrictionVerdict:
     """Solve a random scene and hold it against the reference.
 
     Parameters
     ----------
+    method
+        As `solver.method` has it.
     solve
         In place of `solve_scene`.
     patience
         Seconds of processor time after which it is said to hang.
     """
     made, subdomains = friction_scene(seed)
+    made["solver"]["method"] = method
+
+    def one() -> tuple[str, str, int]:
+        scene = scenes.build(made, subdomains)
+        with time_limit(patience):
+            solved = solve(scene)
+        kind, detail, _ = judged(condense(scene), solved)
+        return kind, detail, solved.summary["solver"]["hessian_multiplications"]
+
+    return timed(seed, one)
+
+
+def timed(seed: int, judging: Callable[[], tuple[str, str, int]]) -> FrictionVerdict:
+    """The verdict of a scene, also where it raises: kind, detail and operator applications."""
     began = time.process_time()
 
     def ended(kind: str, detail: str, products: int = 0) -> FrictionVerdict:
         return FrictionVerdict(seed, kind, detail, time.process_time() - began, products)
 
     try:
-        with time_limit(patience):
-            scene = scenes.build(made, subdomains)
-            solved = solve(scene)
+        return ended(*judging())
     except NoEquilibriumError as error:
         kind = "contradicts" if "push held nodes" in str(error) else "denies an equilibrium"
         return ended(kind, str(error))
     except OutOfTime:
-        return ended("hangs", f"{subdomains}")
+        return ended("hangs", "")
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return ended("crashes", f"{error!r} at {where}")
-    products = solved.summary["solver"]["hessian_multiplications"]
-    return ended(*_judged(scene, solved), products)
 
 
-def _judged(scene: Any, solved: Any) -> tuple[str, str]:
-    """The verdict on an answer, and what it stands on."""
-    condensed = condense(scene)
+def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:
+    """The verdict on an answer, what it stands on, and contact forces to go on from."""
     certificate = solved.summary["certificate"]
-    passed = certificate["passed"]
     known = _settled(condensed, np.zeros(len(condensed.q)))
     if known is None:
         known = _settled(condensed, np.full(len(condensed.q), condensed.scale), backwards=True)
-    if not passed:
-        return ("degraded" if known is None else "given up"), str(certificate)
+    ours = _forces(condensed, solved)
+    if not certificate["passed"]:
+        return ("degraded" if known is None else "given up"), str(certificate), ours
     found = in_order(condensed.system, *solved.displacement_at_nodes())
     assert found is not None, "the nodes of the reference are others"
-    u = found.reshape(-1, scene.dimension)
-    ours = _forces(condensed, solved)
+    u = found.reshape(-1, condensed.system.dimension)
     left = condensed.residual(ours)
     if known is None:
         told = f"ours leaves {left:.1e} of the conditions"
-        return ("undecided" if left < OPTIMAL else "certified wrongly"), told
+        return ("undecided" if left < OPTIMAL else "certified wrongly"), told, ours
     size = float(np.abs(known.u).max())
     apart = float(np.abs(u - known.u).max()) / size
     stiffness = condensed.system.stiffness
@@ -114,14 +127,14 @@ def _judged(scene: Any, solved: Any) -> tuple[str, str]:
     told = f"displacements {apart:.1e}, energy {energy:.1e} apart; ours leaves {left:.1e}"
     same = apart <= MOVED if condensed.coefficient.any() else energy <= ENERGY
     if same:
-        return "agrees", told
+        return "agrees", told, known.force
     stays = _settled(condensed, ours)
     if stays is None:
-        return "certified wrongly", f"{told}; sweeps from ours do not settle"
+        return "certified wrongly", f"{told}; sweeps from ours do not settle", ours
     moved = float(np.abs(u - stays.u).max()) / size
     told += f", sweeps from ours move by {moved:.1e}"
     second = moved <= MOVED and condensed.coefficient.any()
-    return ("second" if second else "certified wrongly"), told
+    return ("second" if second else "certified wrongly"), told, stays.force
 
 
 def _forces(condensed: Condensed, solved: Any) -> np.ndarray:
@@ -149,13 +162,19 @@ def _settled(
 
 def main() -> int:
     """Judge scenes, tell what does not agree, count at the end; exit code 1 if one is a fault."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    return report(__doc__, judge)
+
+
+def report(document: str, judge: Callable[[int, str], FrictionVerdict]) -> int:
+    """Judge the scenes that the command line asks for."""
+    parser = argparse.ArgumentParser(description=document.split("\n", 1)[0])
     parser.add_argument("scenes", type=int, nargs="?", default=200)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--method", default="auto", help="solver.method")
     arguments = parser.parse_args()
     verdicts = []
     for seed in range(arguments.first, arguments.first + arguments.scenes):
-        verdict = judge(seed)
+        verdict = judge(seed, arguments.method)
         verdicts.append(verdict)
         if verdict.kind not in ("agrees", "contradicts"):
             print(f"{seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True)

@@ -8,10 +8,14 @@ from typing import Any
 import pytest
 
 from contact_app.run.solve import solve_scene
-from tests.stability.friction_scenes import friction_scene
+from tests.stability import fuzz_histories
+from tests.stability.friction_scenes import friction_scene, history_scene
 from tests.stability.fuzz_friction import judge
 
 FAST, SLOW = 8, 200
+
+HISTORIES = (39, 55)
+"""Load histories: a block in two contacts, and a pair beside a wall."""
 
 SHARED = (4, 116)
 """Nodes in two or three frictional contacts, along which gaps close: active sets of points that
@@ -45,6 +49,39 @@ def test_200_random_scenes() -> None:
     kinds = [v.kind for v in verdicts]
     assert kinds.count("agrees") > 0.8 * SLOW
     assert kinds.count("degraded") + kinds.count("undecided") < 0.02 * SLOW
+
+
+@pytest.mark.parametrize("seed", HISTORIES)
+def test_random_history(seed: int) -> None:
+    verdict = fuzz_histories.judge(seed)
+    assert verdict.kind == "agrees", verdict
+
+
+@pytest.mark.slow
+def test_50_random_histories() -> None:
+    verdicts = [fuzz_histories.judge(seed) for seed in range(50)]
+    assert [v for v in verdicts if v.fault] == []
+    assert [v.kind for v in verdicts].count("agrees") > 35
+
+
+def test_histories_turn_back() -> None:
+    """Two to three named conditions, some of which change sign."""
+    made = [history_scene(seed)[0] for seed in range(30)]
+    names = [{c["name"] for c in scene["conditions"] if "name" in c} for scene in made]
+    assert {len(n) for n in names} >= {2, 3}
+    pushes = [[s["push"] for s in scene["steps"] if "push" in s] for scene in made]
+    assert sum(min(p, default=0) < 0 < max(p, default=0) for p in pushes) > 10
+
+
+def test_slips_measured_from_elsewhere_are_a_fault() -> None:
+    """The judge of histories itself: an increment that forgets what slipped before."""
+
+    def forgets(scene: Any) -> Any:
+        found = fuzz_histories.solve_history(scene)
+        alone = [solve_scene(scene.under(scene.loading_at(i.place.step - 1, 1.0))) for i in found]
+        return [replace(i, solved=s) for i, s in zip(found, alone, strict=True)]
+
+    assert fuzz_histories.judge(HISTORIES[0], solve=forgets).fault
 
 
 def test_the_scenes_have_all_kinds() -> None:

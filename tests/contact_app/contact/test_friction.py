@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.model import build_model
@@ -87,6 +88,45 @@ def test_pairs_in_the_plane(cell: str, degree: int, law: dict[str, float]) -> No
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_pairs_in_space(law: dict[str, float]) -> None:
     check(pair("hexahedron", law), 4)
+
+
+def pressed(cell: str, whole: bool, degree: int) -> scenes.Config:
+    """A hard block pressed onto a soft one, symmetric about x = 0; whole, or one half."""
+    start, side, n = (-1.0, None, 2) if whole else (0.0, "x-", 1)
+    bodies = [
+        scenes.block(cell, 2, "lower", (start, 0, 0), (1, 1, 0.5), young=500.0),
+        scenes.block(cell, 1, "upper", (0.6 * start, 0, 0.5), (0.6, 1, 1), young=2000.0),
+    ]
+    for body, cells in zip(bodies, (7, 3), strict=True):
+        body["degree"] = degree
+        count = body["mesh"]["box"]["cells"]
+        count[0], count[-1] = n * cells, 2
+    up, down = scenes.up(cell), scenes.down(cell)
+    conditions = [
+        {"on": f"lower.{down}", "displacement": scenes.vector(cell, 0.0, 0.0, 0.0)},
+        {"on": f"upper.{up}", "displacement": scenes.vector(cell, None, 0.0, -0.05)},
+    ]
+    for name in ("lower", "upper") if side else ():
+        held = {"on": f"{name}.{side}", "displacement": scenes.vector(cell, 0.0, None, None)}
+        conditions.append(held)
+    rough = {"on": f"upper.{down}", "against": f"lower.{up}", "friction": {"coulomb": 0.1}}
+    return scenes.config(cell, bodies, conditions, [rough])
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree"), [("quadrilateral", 1), ("quadrilateral", 2), ("hexahedron", 1)], ids=str
+)
+def test_half_of_a_symmetric_pair_is_half_of_the_whole(cell: str, degree: int) -> None:
+    """At the plane of symmetry nothing slides and no friction acts."""
+    half, whole = (solve(pressed(cell, w, degree), 1) for w in (False, True))
+    upper, of_whole = (slice(s.model.partition.first_node[1], None) for s in (half, whole))
+    ours, theirs = half.nodes, whole.nodes
+    away, at = cKDTree(theirs.points[of_whole]).query(ours.points[upper])
+    assert away.max() < 1e-12
+    assert (ours.contact_status == 2).sum() > 1 < (ours.contact_status == 1).sum()
+    for name in ("displacement", "contact_pressure", "friction_traction"):
+        one, other = getattr(ours, name)[upper], getattr(theirs, name)[of_whole][at]
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-6 * np.abs(other).max())
 
 
 @pytest.mark.slow

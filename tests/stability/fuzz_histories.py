@@ -1,0 +1,80 @@
+"""Random load histories with friction: ``python -m tests.stability.fuzz_histories 50``.
+
+The scenes of `fuzz_friction` in two to five steps: what presses, what pushes and in space what
+pushes aside go up, back and to the other side in turn. Every increment is held against the
+Gauss-Seidel reference, which measures slips from the end of its own last increment. Verdicts are
+those of `fuzz_friction`, of the increment that is worst. Where an increment has another solution
+than the reference's, the reference goes on from that one.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.machine.time_limit import time_limit
+from contact_app.run.increments import SolvedIncrement, solved_increments
+from contact_app.scene.scene import Scene
+from tests import scenes
+from tests.friction_reference import condense
+from tests.stability.friction_scenes import at_factors, history_scene
+from tests.stability.fuzz_friction import GOOD, FrictionVerdict, judged, report, timed
+
+
+def solve_history(scene: Scene) -> list[SolvedIncrement]:
+    """All increments of a scene."""
+    return list(solved_increments(scene, MPI.COMM_SELF, lambda place: None))
+
+
+def judge(
+    seed: int, method: str = "auto", *, solve: Any = solve_history, patience: float = 240.0
+) -> FrictionVerdict:
+    """Solve a random load history and hold its increments against the reference.
+
+    Parameters
+    ----------
+    method
+        As `solver.method` has it.
+    solve
+        In place of `solve_history`.
+    patience
+        Seconds of processor time after which it is said to hang.
+    """
+    made, subdomains = history_scene(seed)
+    made["solver"]["method"] = method
+
+    def all_increments() -> tuple[str, str, int]:
+        with time_limit(patience):
+            found = solve(scenes.build(made, subdomains))
+        products = sum(f.solved.summary["solver"]["hessian_multiplications"] for f in found)
+        return *_worst(made, found), products
+
+    return timed(seed, all_increments)
+
+
+def _worst(made: scenes.Config, found: list[SolvedIncrement]) -> tuple[str, str]:
+    """The verdict on the increment that agrees least."""
+    before: np.ndarray | None = None
+    ended: list[tuple[str, str]] = []
+    for increment in found:
+        whole = condense(scenes.build(at_factors(made, increment.factors), 1))
+        tangential = np.zeros(len(whole.q), bool)
+        tangential[whole.rows[:, 1:]] = True
+        slip_before = np.zeros(len(whole.q)) if before is None else np.where(tangential, before, 0)
+        kind, told, force = judged(replace(whole, q=whole.q - slip_before), increment.solved)
+        before = whole.q - whole.W @ force
+        ended.append((kind, f"increment {increment.place.number} of {len(found)}: {told}"))
+    return max(ended, key=lambda end: GOOD.index(end[0]) if end[0] in GOOD else len(GOOD))
+
+
+def main() -> int:
+    """Judge histories; exit code 1 if one is a fault."""
+    return report(__doc__, judge)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
