@@ -33,11 +33,6 @@ from solver.vectors import on_arrays
 COLUMNS_AT_ONCE = 256
 """Right-hand sides a sparse solve takes at once; more only cost memory."""
 
-DENSE = 0.035
-"""Share of nonzero entries from which a matrix is factored as a dense one: of cells in space up to
-some 1700 unknowns, where the part of its inverse on the interface takes a third of the time of
-sparse solves; near 2600 as long."""
-
 SINGLE_CONDITION = 1e5
 """Condition up to which a preconditioner's matrices are kept in single precision: its products are
 twice as fast then, and their errors, 1e-7, stay far below its smallest eigenvalues."""
@@ -171,61 +166,6 @@ class CholeskyFactor:
         return block
 
 
-class DenseFactor:
-    """LAPACK's factor of a small symmetric positive definite matrix, made when it is first needed.
-
-    With some unknowns eliminated last, L of A = L Lᵀ ends in a factor of the Schur complement on
-    them, and their part of A⁻¹ is its inverse: a fraction of the work of solves.
-    """
-
-    def __init__(self, matrix: sparse.csr_matrix) -> None:
-        self.size = matrix.shape[0]
-        self._matrix = matrix
-        self._order: NDArray[np.int64] | None = None
-        self._lower = np.empty((0, 0))
-
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The inverse times each column: (n, columns) to (n, columns), both in Fortran order.
-
-        Raises
-        ------
-        ArithmeticError
-            The matrix is not positive definite; `restricted` raises it, too.
-        """
-        if self._order is None:
-            self._eliminate(np.zeros(0, np.int64))
-        ordered = loads.T[:, self._order].T
-        solved, _ = lapack.dpotrs(self._lower, ordered, lower=1, overwrite_b=1)
-        result = np.empty(loads.shape, order="F")
-        result.T[:, self._order] = solved.T
-        return result
-
-    def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The inverse between some unknowns, (m, m), symmetric."""
-        self._eliminate(unknowns)
-        if not len(unknowns):
-            return np.empty((0, 0))
-        begin = self.size - len(unknowns)
-        block, _ = lapack.dpotri(self._lower[begin:, begin:], lower=1)
-        block = np.tril(block)
-        block += np.tril(block, -1).T
-        return block
-
-    def _eliminate(self, last: NDArray[np.int64]) -> None:
-        first = np.ones(self.size, bool)
-        first[last] = False
-        order = np.concatenate([np.flatnonzero(first), last])
-        place = np.empty(self.size, np.int64)
-        place[order] = np.arange(self.size)
-        entries = self._matrix.tocoo()
-        dense = np.zeros(entries.shape, order="F")
-        dense[place[entries.row], place[entries.col]] = entries.data
-        self._lower, failed = lapack.dpotrf(dense, lower=1, clean=0, overwrite_a=1)
-        if failed:
-            raise ArithmeticError(NO_FACTOR)
-        self._order = order
-
-
 class GeneralisedInverse:
     """K⁺ of a symmetric positive semidefinite sparse matrix by one factor (protocol `Inverse`).
 
@@ -275,19 +215,16 @@ class SymmetricInverse:
         fixing: NDArray[np.int64],
         symmetry: Symmetry,
         comm: MPI.Intracomm | None = None,
-        dense_share: float = DENSE,
     ) -> None:
         self.symmetry = symmetry
         self._comm = comm
         regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
         self._split = symmetry.split(np.arange(stiffness.shape[0]))
-        self.factors: list[CholeskyFactor | DenseFactor] = []
+        self.factors: list[CholeskyFactor] = []
         bases = self._split.bases(stiffness.shape[0])
         for V, (first, orbit) in zip(bases, self._split.orbits, strict=True):
             # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
-            matrix = sparse.diags(orbit) @ (regular[first] @ V)
-            dense = 0.0 < dense_share * matrix.shape[0] ** 2 <= matrix.nnz
-            self.factors.append(DenseFactor(matrix) if dense else CholeskyFactor(matrix))
+            self.factors.append(CholeskyFactor(sparse.diags(orbit) @ (regular[first] @ V)))
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
