@@ -117,9 +117,6 @@ def reproduce_cube(
     settings: Annotated[
         str, typer.Option(help="Paper scale: whose rules, of paper and ours, comma-separated.")
     ] = "paper,ours",
-    full_field: Annotated[
-        bool, typer.Option("--full-field", help="Paper scale: write all displacements, too.")
-    ] = False,
 ) -> None:
     """Run the paper's contact benchmark.
 
@@ -138,7 +135,7 @@ def reproduce_cube(
         except ValueError:
             typer.echo(f"error: --settings is {settings!r}; allowed: paper, ours", err=True)
             raise typer.Exit(2) from None
-        lines = paper_run(directory, cube_scene(PAPER_CELLS, surface_only=True), chosen, full_field)
+        lines = paper_run(directory, cube_scene(PAPER_CELLS, surface_only=True), chosen)
     for line in lines:
         typer.echo(line)
 
@@ -296,7 +293,7 @@ def growth(
     directory = output or Path("results/growth")
     sizes = _numbers("--cells", cells)
     rows = []
-    typer.echo(f"{'dofs':>11} {'subdomains':>10} {'seconds':>9} {'GB':>6} {'products':>8}")
+    typer.echo(f"{'dofs':>11} {'subdomains':>10} {'seconds':>9} {'GB':>6} {'applications':>12}")
     for row in study.growth(directory, sizes, summaries or [], tolerance, limit):
         if "note" in row:
             typer.echo(f"{row['dofs']:11,} {row['note']}")
@@ -304,7 +301,7 @@ def growth(
         rows.append(row)
         typer.echo(
             f"{row['dofs']:11,} {row['subdomains']:10,} {row['seconds']:9.2f} "
-            f"{row['peak_rss_gb']:6.2f} {row['products']:8}"
+            f"{row['peak_rss_gb']:6.2f} {row['applications']:12}"
         )
     if len(rows) > 1:
         dofs = [row["dofs"] for row in rows]

@@ -3,8 +3,7 @@
 It is solved twice, under the paper's rule (projcg, SMALBE-M with ρ = 1.1‖F‖ and M = 100‖F‖ divided
 by 10) and under this solver's own, and certified both times. All subdomains share one stiffness,
 and its reflections split the inverse on the interface into eight small blocks, so no mesh of the
-whole is ever built. Written are the surface, and on request the displacement of all nodes. A
-stopped run goes on from its last outer iteration.
+whole is ever built. The surface is written. A stopped run goes on from its last outer iteration.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from contact_app.run.progress import Interruption, Progress, together
 from contact_app.run.summary import Totals, summarise
 from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
-from contact_app.studies.surface import surface_fields, write_all_nodes, write_surface
+from contact_app.studies.surface import surface_fields, write_surface
 from solver import MPRGP, SMALBE, BoxQP, Reason
 from solver.contact.checkpoint import Attention, Checkpoint, Saver
 from solver.contact.solution import Solution
@@ -52,7 +51,6 @@ def paper_run(
     output: Path,
     scene: Scene,
     settings: tuple[Settings, ...],
-    full_field: bool = False,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Iterator[str]:
     """Solve the scene under each rule; a directory for each.
@@ -71,7 +69,7 @@ def paper_run(
         before = timings.as_dict()["total"]
     for setting in settings:
         directory = output / setting.value
-        summary = _run(model, setting, directory, timings.branched(before), full_field)
+        summary = _run(model, setting, directory, timings.branched(before))
         solver, clock = summary["solver"], summary["timings"]
         if comm.rank == 0:
             yield (
@@ -84,9 +82,7 @@ def paper_run(
             yield f"wrote {directory}"
 
 
-def _run(
-    model: Model, setting: Settings, directory: Path, timings: Timings, full_field: bool
-) -> dict[str, Any]:
+def _run(model: Model, setting: Settings, directory: Path, timings: Timings) -> dict[str, Any]:
     comm, first = model.comm, model.comm.rank == 0
     if first:
         directory.mkdir(parents=True, exist_ok=True)
@@ -113,8 +109,6 @@ def _run(
         with timings.measure("output"):
             fields = surface_fields(model, solution)
             write_surface(fields, directory / "surface.xdmf", comm)
-            if full_field:
-                write_all_nodes(model, solution, directory / "displacement.xdmf")
     totals = Totals(
         fields.largest_displacement,
         fields.mean_displacement,
@@ -131,7 +125,7 @@ def _run(
 def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Solution:
     """SMALBE-M under the paper's rule to the paper's tolerance; no preconditioner."""
     problem = model.problem
-    norm, products = estimate_norm(problem.projected)
+    norm, multiplications = estimate_norm(problem.projected)
     solver = SMALBE.paper(MPRGP("projcg", rtol=RTOL, norm=norm))
     constraint = equality(model)
     saver = Saver(checkpoint)
@@ -141,7 +135,7 @@ def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Sol
         restart=checkpoint.load(problem),
         hooks=Hooks(monitor, saver, lambda: saver.due),
     ).run()
-    result.counts.norm_estimation += products
+    result.counts.norm_estimation += multiplications
     force = np.empty(problem.size)
     constraint.apply_transpose(result.multiplier, force)
     answer = certified_answer(problem, result.x, force, model.scene.solver.expected_tolerance)
