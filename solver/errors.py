@@ -8,7 +8,7 @@ class QPError(ValueError):
 
 
 class NotFiniteError(QPError):
-    """A NaN or an infinity in the data or in a product with the Hessian."""
+    """A NaN or an infinity in the data or in a Hessian multiplication."""
 
 
 class IndefiniteError(QPError):

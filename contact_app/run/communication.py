@@ -1,7 +1,7 @@
 """What the ranks of a run had to say to each other while it was solved.
 
-PETSc counts the messages and bytes of its halo exchanges (products with B, and the scatters around
-the coarse factor); the solver counts its sums over all ranks. The coarse factor's own messages are
+PETSc counts the messages and bytes of its halo exchanges (of B and Bᵀ, and the scatters around the
+coarse factor); the solver counts its sums over all ranks. The coarse factor's own messages are
 MUMPS's and are not seen.
 """
 
@@ -59,9 +59,9 @@ class Communication:
             return None
         # PETSc counts what is sent and what is received
         messages, length = 0.5 * self.comm.allreduce(self._seen() - self._before)
-        products = max(counts.hessian, 1)
+        multiplications = max(counts.hessian, 1)
         return {
-            "messages": round(messages / products, 1),
-            "bytes": round(length / products, 1),
-            "reductions": round(counts.collectives / products, 1),
+            "messages": round(messages / multiplications, 1),
+            "bytes": round(length / multiplications, 1),
+            "reductions": round(counts.collectives / multiplications, 1),
         }

@@ -26,7 +26,7 @@ from contact_app.studies.processes import RunError
 from contact_app.studies.runs import run_one
 from meshes.decompose import choose_parts
 
-COLUMNS = ("series", "method", "cells", "dofs", "seconds", "peak_rss_gb", "steps", "products",
+COLUMNS = ("series", "method", "cells", "dofs", "seconds", "peak_rss_gb", "steps", "applications",
            "energy", "energy_error", "penetration", "subdomains", "ranks", "note")  # fmt: skip
 OURS = "contact-app"
 ONE_FACTOR = "one-factor"
@@ -240,7 +240,7 @@ def write(rows: Sequence[dict[str, Any]], path: Path) -> None:
 
 def read(path: Path) -> list[dict[str, Any]]:
     """Rows of a CSV that `write` made."""
-    texts, whole = ("series", "method", "note"), ("cells", "dofs", "steps", "products",
+    texts, whole = ("series", "method", "note"), ("cells", "dofs", "steps", "applications",
                                                   "subdomains", "ranks")  # fmt: skip
     rows = []
     with path.open(encoding="utf-8", newline="") as file:
@@ -266,12 +266,12 @@ def line(row: dict[str, Any]) -> str:
     error = row.get("energy_error", math.nan)
     return (
         f"{head} {row['seconds']:8.2f} {row['peak_rss_gb']:6.2f} {row['steps']:6} "
-        f"{row['products']:9}  {row['energy']:.9f}  {error:8.1e}"
+        f"{row['applications']:12}  {row['energy']:.9f}  {error:8.1e}"
     )
 
 
 HEADING = (
-    f"{'method':17} {'dofs':>9} {'seconds':>8} {'GB':>6} {'steps':>6} {'products':>9}  "
+    f"{'method':17} {'dofs':>9} {'seconds':>8} {'GB':>6} {'steps':>6} {'applications':>12}  "
     f"{'energy':12}  {'error':>8}"
 )
 

@@ -119,7 +119,7 @@ def compared(name: str, loaded: Loaded, directory: Path) -> dict[str, float]:
         module = "contact_app.studies.case_costs"
         runs[kind] = python("-m", module, "--solve", str(file), "-o", str(place), threads=1)
     found = {"dofs": runs["all"]["dofs"]}
-    for key in ("seconds", "products"):
+    for key in ("seconds", "applications"):
         found[f"{key} of ten"] = runs["all"][key]
         found[f"{key} of one"] = 0.5 * (runs["first"][key] + runs["last"][key])
     return found
@@ -138,7 +138,8 @@ def table(names: Sequence[str], directory: Path) -> Iterator[str]:
         one, ten = found["seconds of one"], found["seconds of ten"]
         yield (
             f"| {name} | {found['dofs']:,.0f} | {one:.1f} | {ten:.1f} | {ten / one:.2f} | "
-            f"{loaded.limit:g} | {found['products of one']:.0f} | {found['products of ten']:.0f} |"
+            f"{loaded.limit:g} | {found['applications of one']:.0f} | "
+            f"{found['applications of ten']:.0f} |"
         )
 
 
@@ -159,9 +160,9 @@ def main() -> None:
     run_cases(build_scene(load(given.solve)), given.output / "results", MPI.COMM_SELF)
     spent = time.process_time()
     summary = json.loads((given.output / "results/summary.json").read_text(encoding="utf-8"))
-    products = sum(c["solver"]["hessian_multiplications"] for c in summary["cases"].values())
+    applications = sum(c["solver"]["hessian_multiplications"] for c in summary["cases"].values())
     print(json.dumps({
-        "dofs": summary["mesh"]["dofs"], "seconds": spent, "products": products,
+        "dofs": summary["mesh"]["dofs"], "seconds": spent, "applications": applications,
         "timings": summary["timings"],
     }))  # fmt: skip
 

@@ -1,8 +1,8 @@
 """What the coarse problem costs as subdomains become many: measured on cubes of 2³ cells each.
 
-The size and pattern of a face's G W Gᵀ depend on the number of subdomains alone, not on what is
-inside them, so the smallest subdomains serve that have nodes within their faces. ``python -m
-contact_app.studies.coarse`` prints the table of docs/benchmarks/scaling.md.
+The size and pattern of an active set's G W Gᵀ depend on the number of subdomains alone, not on
+what is inside them, so the smallest subdomains serve that have nodes within their faces.
+``python -m contact_app.studies.coarse`` prints the table of docs/benchmarks/scaling.md.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class CoarseCost:
 
 
 def measure(edge: int, comm: MPI.Intracomm = MPI.COMM_WORLD) -> CoarseCost:
-    """Factor and solve the coarse problem of a face of edge³ subdomains (collective)."""
+    """Factor and solve the coarse problem of an active set of edge³ subdomains (collective)."""
     coarse = build_model(cube_scene(2 * edge, edge), comm).problem.coarse
     if coarse is None:
         raise ValueError("one subdomain has no coarse problem")

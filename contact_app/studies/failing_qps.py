@@ -91,7 +91,7 @@ QP_CASES = (
         "every expansion descends by a fixed part of what the proof asks", _cycle,
     ),
     QPCase(
-        "semidefinite Hessian", "opt lengths are chaotic: 2322 products in the paper",
+        "semidefinite Hessian", "opt lengths are chaotic: 2322 multiplications in the paper",
         "lengths come from the way that is taken, never from another gradient",
         lambda: _of(support_vector_machine("l1", 300)),
     ),

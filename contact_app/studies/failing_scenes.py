@@ -391,7 +391,7 @@ CASES = (
     ),
     Case(
         "load at the edge of the support", "few rows carry all; augmented Lagrangians stall",
-        "active sets on faces with a coarse problem of their own, where nothing is left to augment",
+        "each active set has a coarse problem of its own, and nothing is left to augment",
         lambda: eccentric(0.76), mild=lambda: eccentric(1.0),
     ),
     Case(

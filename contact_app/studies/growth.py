@@ -21,7 +21,7 @@ from contact_app.studies.bench import OURS, config
 from contact_app.studies.processes import RunError
 from contact_app.studies.runs import from_summary, run_one
 
-COLUMNS = ("dofs", "subdomains", "ranks", "seconds", "peak_rss_gb", "products", "steps",
+COLUMNS = ("dofs", "subdomains", "ranks", "seconds", "peak_rss_gb", "applications", "steps",
            "energy", "source")  # fmt: skip
 
 

@@ -64,7 +64,7 @@ CASES = (
 TOLERANCES = ("auto", "1e-6")
 
 
-def products(solved: SolvedScene) -> int:
+def applications(solved: SolvedScene) -> int:
     """Hessian multiplications of a solve."""
     summary = solved.summary
     if not solved.solution.converged:
@@ -73,16 +73,16 @@ def products(solved: SolvedScene) -> int:
 
 
 def compared(case: Case, tolerance: str) -> list[tuple[int, int]]:
-    """Products of each level, anew and from the last."""
+    """Operator applications of each level, anew and from the last."""
     changes = [f"accuracy={case.accuracy}", f"solver.tolerance={tolerance}", *case.changes]
     found: list[tuple[int, int]] = []
 
     def solve(scene: Scene, *, start: LastLevel | None) -> SolvedScene:
         solved = solve_scene(scene, MPI.COMM_SELF)
-        cold = warm = products(solved)
+        cold = warm = applications(solved)
         if start is not None:
             solved = solve_scene(scene, MPI.COMM_SELF, start=start)
-            warm = products(solved)
+            warm = applications(solved)
         found.append((cold, warm))
         return solved
 
@@ -95,7 +95,7 @@ def compared(case: Case, tolerance: str) -> list[tuple[int, int]]:
 def table() -> Iterator[str]:
     """Rows of a table for a page, and the sums."""
     yield (
-        "| scene | accuracy | tolerance | products of the levels, anew | from the last | "
+        "| scene | accuracy | tolerance | applications of the levels, anew | from the last | "
         "all, anew | from the last |"
     )
     yield "|---|---|---|---|---|---|---|"

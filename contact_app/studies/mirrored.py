@@ -1,9 +1,9 @@
 """What `symmetry: allow` saves: scenes solved whole and in part.
 
 ``python -m contact_app.studies.mirrored CONFIG[;KEY=VALUE…]…`` solves each scene as it is and cut
-at its planes of symmetry, by turns, and prints unknowns, products, the least seconds of some solves
-(the search for planes among them, writing files not) and how far the energies are apart. Scenes
-that do not mirror are left out.
+at its planes of symmetry, by turns, and prints unknowns, operator applications, the least seconds
+of some solves (the search for planes among them, writing files not) and how far the energies are
+apart. Scenes that do not mirror are left out.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ ROUNDS = 5
 
 @dataclass(frozen=True)
 class Saving:
-    """A scene solved whole and in part: planes, unknowns, products, seconds, energies."""
+    """A scene solved whole and in part, two numbers each; and the planes of symmetry."""
 
     planes: str
     unknowns: tuple[int, int]
-    products: tuple[int, int]
+    applications: tuple[int, int]
     seconds: tuple[float, float]
     energies: tuple[float, float]
 
@@ -63,7 +63,8 @@ def saving(scene: Scene) -> Saving | None:
 def main() -> None:
     """Print the table."""
     print(
-        "| scene | planes | unknowns | solved | products | (part) | s | (part) | times | energy |"
+        "| scene | planes | unknowns | solved | applications | (part) | s | (part) | times "
+        "| energy |"
     )
     print("|---|---" + "|---:" * 8 + "|")
     for argument in sys.argv[1:]:
@@ -75,7 +76,7 @@ def main() -> None:
         (whole, part), energies = found.seconds, found.energies
         print(
             f"| {label} | {found.planes} | {found.unknowns[0]:,} | {found.unknowns[1]:,} "
-            f"| {found.products[0]} | {found.products[1]} | {whole:.2f} | {part:.2f} "
+            f"| {found.applications[0]} | {found.applications[1]} | {whole:.2f} | {part:.2f} "
             f"| {whole / part:.1f} | {abs(energies[1] / energies[0] - 1.0):.0e} |",
             flush=True,
         )

@@ -147,7 +147,7 @@ def _of_one_body(
         "solve": row["solve_seconds"],
         "seconds": reading + seconds,
         "cpu": cpu_reading + cpu,
-        "iterations": row["products"],
+        "iterations": row["applications"],
         "converged": row["converged"],
         "energy": row["energy"],
     }

@@ -45,7 +45,7 @@ from contact_app.studies.reference import Fields
 from contact_app.studies.undecomposed import WholeSystem, assemble
 
 Answer = tuple[PETSc.Vec, int, int, bool]
-"""Unknowns, steps of the method, inner iterations (products with the stiffness), convergence."""
+"""Unknowns, steps of the method, multiplications with the stiffness, convergence."""
 
 
 def _linear(system: WholeSystem, tolerance: float) -> Answer:
@@ -77,13 +77,13 @@ def linear_solve(
 
 def _snes(system: WholeSystem, tolerance: float) -> Answer:
     """Solve with SNES and variable bounds."""
-    x, matrix, products = system.load.duplicate(), system.matrix, _Counter()
+    x, matrix, applications = system.load.duplicate(), system.matrix, _Counter()
     x.set(0.0)
 
     def residual(_snes: PETSc.SNES, at: PETSc.Vec, out: PETSc.Vec) -> None:
         matrix.mult(at, out)
         out.axpy(-1.0, system.load)
-        products.count += 1
+        applications.count += 1
 
     snes = PETSc.SNES().create(system.load.comm)
     snes.setType("vinewtonrsls")
@@ -93,7 +93,7 @@ def _snes(system: WholeSystem, tolerance: float) -> Answer:
     snes.setTolerances(rtol=tolerance, atol=0.0, stol=0.0, max_it=100)
     snes.setFromOptions()
     snes.solve(None, x)
-    return x, snes.getIterationNumber(), products.count, snes.getConvergedReason() > 0
+    return x, snes.getIterationNumber(), applications.count, snes.getConvergedReason() > 0
 
 
 def _tao(system: WholeSystem, tolerance: float) -> Answer:
@@ -120,8 +120,8 @@ def _tao(system: WholeSystem, tolerance: float) -> Answer:
     tao.setSolution(x)
     tao.setFromOptions()
     tao.solve()
-    products = product.getPerfInfo()["count"] - before
-    return x, tao.getIterationNumber(), int(products), tao.getConvergedReason() > 0
+    applications = product.getPerfInfo()["count"] - before
+    return x, tao.getIterationNumber(), int(applications), tao.getConvergedReason() > 0
 
 
 class _Counter:
@@ -206,7 +206,7 @@ def solve(
     if change is not None:
         change(system)
     assembled = time.perf_counter()
-    x, steps, products, converged = chosen.solve(system, tolerance)
+    x, steps, applications, converged = chosen.solve(system, tolerance)
     comm.barrier()
     end = time.perf_counter()
     row = {
@@ -218,7 +218,7 @@ def solve(
         "peak_rss_gb": comm.allreduce(peak_rss_gb()),
         "ranks": comm.size,
         "steps": steps,
-        "products": products,
+        "applications": applications,
         "energy": system.energy(x),
         "penetration": system.penetration(x),
         "converged": bool(converged),

@@ -1,10 +1,10 @@
 """MPRGP beside PETSc's TAO on quadratic programs with bounds, and problems for other studies.
 
-``python -m contact_app.studies.qp_solvers`` prints the table of ``solver/README.md``: products with
-the Hessian, or with its free part where a solver takes submatrices. All solvers start from zero and
-are asked for ‖g^P‖ ≤ 1e-6 ‖b‖ with products alone: the Newton solvers of TAO run without
-preconditioner, for their default one factors A. Products of TAO are the calls of MatMult that PETSc
-logs.
+``python -m contact_app.studies.qp_solvers`` prints the table of ``solver/README.md``:
+multiplications with the Hessian, or with its free part where a solver takes submatrices. All
+solvers start from zero and are asked for ‖g^P‖ ≤ 1e-6 ‖b‖ with multiplications alone: the Newton
+solvers of TAO run without preconditioner, since their default one factors A. Those of TAO are the
+calls of MatMult that PETSc logs.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ class Problem:
 
 @dataclass(frozen=True)
 class Entry:
-    """How a solver did: products with the Hessian, final ‖g^P‖/‖b‖, why it stopped early."""
+    """How a solver did: Hessian multiplications, final ‖g^P‖/‖b‖, why it stopped early."""
 
-    products: int
+    multiplications: int
     residual: float
     note: str = ""
 
@@ -128,12 +128,12 @@ def support_vector_machine(loss: str, samples: int) -> Problem:
 
 
 def run_mprgp(problem: Problem, expansion: str) -> Entry:
-    """One expansion strategy; the products that estimate ‖A‖ count."""
+    """One expansion strategy; the multiplications that estimate ‖A‖ count."""
     qp = BoxQP(problem.A, problem.b, problem.lower, problem.upper)
     result = MPRGP(expansion, rtol=RTOL, max_iterations=20_000).solve(qp)
     note = "" if result.converged else result.reason.name.lower().replace("_", " ")
-    products = result.counts.hessian + result.counts.norm_estimation
-    return Entry(products, problem.residual(result.x), note)
+    multiplications = result.counts.hessian + result.counts.norm_estimation
+    return Entry(multiplications, problem.residual(result.x), note)
 
 
 def run_tao(problem: Problem, kind: str) -> Entry:
@@ -171,7 +171,7 @@ def run_tao(problem: Problem, kind: str) -> Entry:
     tao.setMaximumIterations(20_000)
     tao.setSolution(x)
     options = PETSc.Options()
-    if kind in ("bnls", "bntr", "tron"):  # products alone, as MPRGP has: no factors of A
+    if kind in ("bnls", "bntr", "tron"):  # multiplications alone, as MPRGP has: no factors of A
         for name in (f"tao_{kind}_pc_type", "pc_type"):
             options.setValue(name, "none")
         tao.setFromOptions()
@@ -181,22 +181,22 @@ def run_tao(problem: Problem, kind: str) -> Entry:
     event = PETSc.Log.Event("MatMult")
     before = event.getPerfInfo()["count"]
     tao.solve()
-    products = event.getPerfInfo()["count"] - before
+    multiplications = event.getPerfInfo()["count"] - before
     note = "" if tao.getConvergedReason() > 0 else f"stopped: reason {tao.getConvergedReason()}"
-    entry = Entry(products, problem.residual(x.getArray().copy()), note)
+    entry = Entry(multiplications, problem.residual(x.getArray().copy()), note)
     tao.destroy()
     return entry
 
 
 def table() -> Iterator[str]:
-    """Lines of a Markdown table: products by problem and solver."""
+    """Lines of a Markdown table: multiplications by problem and solver."""
     solvers = (*MPRGP_EXPANSIONS, *(f"TAO `{kind}`" for kind in TAO))
     yield f"| problem | {' | '.join(solvers)} |"
     yield "|---|" + "---:|" * len(solvers)
     for problem in problems():
         entries = [run_mprgp(problem, expansion) for expansion in MPRGP_EXPANSIONS]
         entries += [run_tao(problem, kind) for kind in TAO]
-        cells = (f"({e.products})" if e.note else str(e.products) for e in entries)
+        cells = (f"({e.multiplications})" if e.note else str(e.multiplications) for e in entries)
         yield f"| {problem.name} | " + " | ".join(cells) + " |"
 
 

@@ -22,7 +22,7 @@ def run_one(
     fields: Path | None = None,
     parallel: bool = False,
 ) -> dict[str, Any]:
-    """Solve a scene in a process of its own: dofs, seconds, memory, products, energy.
+    """Solve a scene in a process of its own: dofs, seconds, memory, operator applications, energy.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def from_summary(summary: dict[str, Any]) -> dict[str, Any]:
         # the summary's is the largest of a rank
         "peak_rss_gb": summary["environment"]["peak_rss_gb"] * summary["environment"]["ranks"],
         "steps": summary["solver"]["outer_iterations"],
-        "products": summary["solver"]["hessian_multiplications"],
+        "applications": summary["solver"]["hessian_multiplications"],
         "energy": summary["solution"]["energy"],
         "penetration": summary["certificate"]["max_penetration"],
         "subdomains": summary["decomposition"]["subdomains"],

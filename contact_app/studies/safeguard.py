@@ -85,7 +85,7 @@ class Search:
         Expansions of ``projcg-safe`` from the same points that raised it.
     losses : int
         Of the ``rises``, ``projcg-safe`` ended above the standard expansion, ``fixed`` with 1.9.
-    further_products : int
+    further_multiplications : int
         Hessian multiplications that ``projcg-safe`` spent beyond those of ``projcg``.
     elsewhere : int
         Of these where ``projcg`` did not raise the cost.
@@ -95,15 +95,15 @@ class Search:
     rises: int
     safe_rises: int
     losses: int
-    further_products: int
+    further_multiplications: int
     elsewhere: int
 
     def __str__(self) -> str:
         return (
             f"of {self.expansions} random expansions projcg raised the cost in {self.rises}, "
             f"projcg-safe in {self.safe_rises}; of the {self.rises}, projcg-safe ended above the "
-            f"standard expansion in {self.losses}, and spent a further product in "
-            f"{self.further_products}; in all others in {self.elsewhere}"
+            f"standard expansion in {self.losses}, and spent a further multiplication in "
+            f"{self.further_multiplications}; in all others in {self.elsewhere}"
         )
 
 

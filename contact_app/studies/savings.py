@@ -22,7 +22,7 @@ REPEATS = 2
 
 
 def savings(configs: Sequence[Path]) -> Iterator[str]:
-    """Yield the rows of a table: products, seconds and total error, by the default and by `auto`.
+    """Yield the rows of a table: multiplications, seconds, total error, by the default and `auto`.
 
     Seconds are those of the solve and of the error's estimate, which `auto` makes on the way.
     """

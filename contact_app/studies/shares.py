@@ -1,4 +1,4 @@
-"""What one step of conjugate gradients on a face is made of: K⁺, B and Bᵀ, projections, S.
+"""What one step of conjugate gradients on an active set is made of: K⁺, B and Bᵀ, projections, S.
 
 ``python -m contact_app.studies.shares`` prints the table of docs/benchmarks/scaling.md:
 the paper's cube with `decomposition: auto`, and in subdomains far smaller than that would choose.
@@ -42,7 +42,7 @@ class Shares:
 
     Attributes
     ----------
-    product
+    operator
         F = B K⁺ Bᵀ as a whole, of which `inverse` is K⁺ and `constraints` B and Bᵀ.
     projection
         P: B and Bᵀ once more, G's kernels and one coarse solve, which is `coarse` alone.
@@ -52,7 +52,7 @@ class Shares:
 
     subdomains: int
     unknowns: int
-    product: float
+    operator: float
     inverse: float
     constraints: float
     projection: float
@@ -61,7 +61,7 @@ class Shares:
 
     @classmethod
     def of(cls, problem: DualProblem) -> Shares:
-        """Measure them on the first face of a solve."""
+        """Measure them on the initial active set of a solve."""
         if problem.coarse is None:
             raise ValueError("one body in one subdomain has no coarse problem")
         touching = winkler_contact(problem)
@@ -82,7 +82,7 @@ class Shares:
         return cls(
             subdomains=sum(c.members for c in problem.classes),
             unknowns=sum(c.members * c.unknowns for c in problem.classes),
-            product=_least(lambda: problem.F.apply(x, image)),
+            operator=_least(lambda: problem.F.apply(x, image)),
             inverse=_least(lambda: problem.F.solve_interface(u, forces)),
             constraints=_least(constraints),
             projection=_least(lambda: coarse.project(x, image)),
@@ -123,10 +123,10 @@ def table() -> Iterator[str]:
         found = Shares.of(build_model(scene, MPI.COMM_SELF).problem)
         yield (
             f"| {n}³ {'bricks of tetrahedra' if cell == 'tetrahedron' else 'hexahedra'} "
-            f"| {found.subdomains:,} | {found.unknowns:,} | {found.product:.2f} "
+            f"| {found.subdomains:,} | {found.unknowns:,} | {found.operator:.2f} "
             f"| {found.inverse:.2f} | {found.constraints:.2f} | {found.projection:.2f} "
             f"| {found.coarse:.2f} | {found.preconditioner:.2f} "
-            f"| {found.projection / found.product:.2f} |"
+            f"| {found.projection / found.operator:.2f} |"
         )
 
 

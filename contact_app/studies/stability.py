@@ -60,7 +60,7 @@ COLUMNS = (
     "method",
     "verdict",
     "detail",
-    "products",
+    "applications",
     "growth",
     "energy",
     "penetration",
@@ -76,8 +76,8 @@ class Outcome:
     verdict : str
         One of those above.
     detail : str
-    products : int
-        Hessian multiplications; of peers, products with the stiffness or factors.
+    applications : int
+        Hessian multiplications; of peers, multiplications with the stiffness or factors.
     energy, penetration : float
         The penetration relative to the largest displacement.
     growth : float
@@ -88,14 +88,14 @@ class Outcome:
 
     verdict: str
     detail: str = ""
-    products: int = 0
+    applications: int = 0
     energy: float = float("nan")
     penetration: float = float("nan")
     growth: float = 0.0
     strains: tuple[float, ...] = ()
 
     def __str__(self) -> str:
-        work = f" ({self.products})" if self.products else ""
+        work = f" ({self.applications})" if self.applications else ""
         if self.growth:
             work += f" ×{self.growth:.1f}"
         return f"{self.verdict}{work}" + (f": {self.detail}" if self.detail else "")
@@ -125,9 +125,9 @@ def run_case(
 
 
 def _grown(outcome: Outcome, mild: Outcome) -> Outcome:
-    if mild.verdict not in ("", HOLDS) or not mild.products:
+    if mild.verdict not in ("", HOLDS) or not mild.applications:
         return outcome
-    growth = outcome.products / mild.products
+    growth = outcome.applications / mild.applications
     verdict = HOLDS if growth <= GROWTH else "degrades"
     return replace(outcome, verdict=verdict, growth=growth)
 
@@ -189,17 +189,17 @@ def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
 
         solved = solve_scene(scene)
         summary, strains = solved.summary, solved.solution.measures.strains
-        certificate, products = summary["certificate"], summary["solver"]
+        certificate, solver = summary["certificate"], summary["solver"]
         outcome = Outcome(
             "",
             "",
-            products["hessian_multiplications"],
+            solver["hessian_multiplications"],
             summary["solution"]["energy"],
             certificate["max_penetration"],
             strains=tuple(float(s) for s in strains),
         )
         if not certificate["passed"]:
-            return replace(outcome, verdict="fails", detail=_short(products["reason"]))
+            return replace(outcome, verdict="fails", detail=_short(solver["reason"]))
         return outcome
     from contact_app.studies import peers
 
@@ -208,8 +208,8 @@ def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
     finally:  # options of PETSc are global: the next method has others
         for key in peers.METHODS[PEERS[method]].options:
             PETSc.Options().delValue(key)
-    products = row["products"] if "tao" in PEERS[method] else row["steps"]
-    outcome = Outcome("", "", products, row["energy"], row["penetration"])
+    applications = row["applications"] if "tao" in PEERS[method] else row["steps"]
+    outcome = Outcome("", "", applications, row["energy"], row["penetration"])
     return outcome if row["converged"] else replace(outcome, verdict="fails", detail="says so")
 
 
@@ -259,7 +259,7 @@ def _solve_qp(method: str, case: QPCase) -> Outcome:
         with time_limit(LIMIT):
             if method not in STRATEGIES:
                 entry = run_tao(problem, method.removeprefix("TAO "))
-                return _qp_verdict(case, entry.products or 0, entry.residual, entry.note)
+                return _qp_verdict(case, entry.multiplications or 0, entry.residual, entry.note)
             expansion, alpha_u = STRATEGIES[method]
             solver = MPRGP(expansion, alpha_u, rtol=RTOL, max_iterations=20_000)
             result = solver.solve(BoxQP(problem.A, b, lower, upper), x0)
@@ -270,16 +270,16 @@ def _solve_qp(method: str, case: QPCase) -> Outcome:
     except RuntimeError as error:  # PETSc's
         return Outcome("fails", _short(str(error).strip().splitlines()[-1]))
     note = "" if result.converged else result.reason.name.lower().replace("_", " ")
-    products = result.counts.hessian + result.counts.norm_estimation
-    return _qp_verdict(case, products, problem.residual(result.x), note)
+    applications = result.counts.hessian + result.counts.norm_estimation
+    return _qp_verdict(case, applications, problem.residual(result.x), note)
 
 
-def _qp_verdict(case: QPCase, products: int, residual: float, note: str) -> Outcome:
+def _qp_verdict(case: QPCase, applications: int, residual: float, note: str) -> Outcome:
     if note:
-        return Outcome("fails", note.replace("stopped: reason ", "PETSc's reason "), products)
+        return Outcome("fails", note.replace("stopped: reason ", "PETSc's reason "), applications)
     if case.refused or not residual <= RESIDUAL:
-        return Outcome("WRONG", f"says it converged, residual {residual:.1e}", products)
-    return Outcome(HOLDS, "", products)
+        return Outcome("WRONG", f"says it converged, residual {residual:.1e}", applications)
+    return Outcome(HOLDS, "", applications)
 
 
 # ------------------------------------------------------------------------------------- document
@@ -289,9 +289,9 @@ Table = dict[str, dict[str, Outcome]]
 HEAD = """# Where methods fail
 
 Made by `contact-app stability`; every cell is a run. The number in parentheses is its work:
-products with the Hessian of the dual for this application, with the stiffness for TAO, Newton
-steps (one factor each) for SNES VI; they compare along a column, not along a row. ×2.0 is the
-growth of the work from a milder twin of the scene.
+Hessian multiplications of the dual problem for this application, multiplications with the stiffness
+for TAO, Newton steps (one factor each) for SNES VI. They compare along a column, not along a row.
+×2.0 is the growth of the work from a milder twin of the scene.
 
 | verdict | means |
 |---|---|
@@ -368,7 +368,7 @@ converge, nor in extended precision (`tests/extended.py`).
 def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
     """Run everything, write ``stability.csv`` and ``stability.md``."""
     output.mkdir(parents=True, exist_ok=True)
-    PETSc.Log.begin()  # counts TAO's products
+    PETSc.Log.begin()  # counts TAO's multiplications
     scenes: Table = {}
     for case in CASES:
         scenes[case.name] = run_case(case)
@@ -383,7 +383,7 @@ def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
         writer.writerow(COLUMNS)
         for name, outcomes in (*scenes.items(), *programmes.items()):
             for method, o in outcomes.items():
-                numbers = (o.products, o.growth, o.energy, o.penetration)
+                numbers = (o.applications, o.growth, o.energy, o.penetration)
                 writer.writerow((name, method, o.verdict, o.detail, *numbers))
     page.write_text(document(scenes, programmes), encoding="utf-8")
     return [table, page]
@@ -420,7 +420,7 @@ def _markdown(head: tuple[str, ...], found: Table) -> str:
 
 def _cell(outcome: Outcome) -> str:
     verdict = f"**{outcome.verdict}**" if outcome.verdict == "WRONG" else outcome.verdict
-    notes = [str(outcome.products)] if outcome.products else []
+    notes = [str(outcome.applications)] if outcome.applications else []
     if outcome.growth:
         notes.append(f"×{outcome.growth:.1f}")
     return f"{verdict} ({', '.join(notes)})" if notes else verdict

@@ -61,7 +61,7 @@ def main() -> None:
     counts = ranks or [1, 2]
     first = None
     stages = " | ".join(f"{stage} (s)" for stage in STAGES)
-    print(f"| unknowns | ranks | {stages} | all (s) | speed-up | products | GB |")
+    print(f"| unknowns | ranks | {stages} | all (s) | speed-up | applications | GB |")
     print("|---:" * (len(STAGES) + 6) + "|")
     for summary in strong(series, cells, counts):
         row = from_summary(summary)
@@ -69,7 +69,7 @@ def main() -> None:
         stages = " | ".join(f"{summary['timings'][stage]:.2f}" for stage in STAGES)
         print(
             f"| {row['dofs']:,} | {row['ranks']} | {stages} | {row['seconds']:.2f} "
-            f"| {first / row['seconds']:.2f} | {row['products']} | {row['peak_rss_gb']:.2g} |",
+            f"| {first / row['seconds']:.2f} | {row['applications']} | {row['peak_rss_gb']:.2g} |",
             flush=True,
         )
     print("\n| ranks | dense products (10⁹/s) | vectors from memory (GB/s) |\n|---:|---:|---:|")

@@ -36,7 +36,7 @@ class Trial:
     asked: str
     subdomains: int
     seconds: float
-    products: int
+    applications: int
     converged: bool
 
 
@@ -85,6 +85,6 @@ if __name__ == "__main__":
         for t in found:
             print(
                 f"  {t.asked:>14} {t.subdomains:6} subdomains {t.seconds:8.3f} s "
-                f"{t.products:6} products{'' if t.converged else '  not converged'}",
+                f"{t.applications:6} applications{'' if t.converged else '  not converged'}",
                 flush=True,
             )

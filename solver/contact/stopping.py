@@ -56,7 +56,7 @@ class StoppingRule:
     tolerance
         What the certificate's numbers have to meet.
     patience
-        Products that may pass between a certificate that failed and the next.
+        Operator applications that may pass between a certificate that failed and the next.
     relaxations
         Steps that sharpen the duality gap of certificates.
     may_end_early

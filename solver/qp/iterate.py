@@ -1,8 +1,8 @@
 """The point at which an active-set iteration stands, and the passes that move it.
 
 Every method makes one pass over the vectors and at most one collective. A CG step of MPRGP is
-:meth:`Iterate.probe`, :meth:`Iterate.advance`, :meth:`Iterate.conjugate`: one product with the
-Hessian, three passes, two collectives. All vectors are allocated when the iterate is made.
+:meth:`Iterate.probe`, :meth:`Iterate.advance`, :meth:`Iterate.conjugate`: one Hessian
+multiplication, three passes, two collectives. All vectors are allocated when the iterate is made.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ class Iterate:
     def norm(self) -> float:
         """‖A‖: given, or by the power method when first asked for; raised where a step saw more."""
         if self._norm is None:
-            self._norm, products = estimate_norm(self.operator)
-            self.counts.norm_estimation += products
+            self._norm, multiplications = estimate_norm(self.operator)
+            self.counts.norm_estimation += multiplications
         if self.largest > 1.01 * self._norm:
             self._norm = self.largest
         return self._norm or 1.0  # a zero Hessian: the half step alone moves to the bounds
@@ -418,7 +418,7 @@ class Iterate:
     def _raise_not_finite(self, product: Vector) -> None:
         component = self.reduction.first(~np.isfinite(product))
         raise NotFiniteError(
-            f"a product with the Hessian is not finite: component {component} (in step "
+            f"a Hessian multiplication is not finite: component {component} (in step "
             f"{self.iterations}); is the matrix free of NaN, or did the solve overflow?"
         )
 

@@ -133,9 +133,7 @@ def _check_sparse(array: Any) -> None:
         raise QPError(f"the Hessian is not symmetric at entry ({skew.row[k]}, {skew.col[k]})")
 
 
-def estimate_norm(
-    operator: Operator, rtol: float = 1e-5, max_products: int = 50
-) -> tuple[float, int]:
+def estimate_norm(operator: Operator, rtol: float = 1e-5, most: int = 50) -> tuple[float, int]:
     """Largest eigenvalue of a symmetric semidefinite operator, from below, by the power method.
 
     Starts from the vector of ones, as the paper's implementation does, and ends when the
@@ -145,7 +143,7 @@ def estimate_norm(
     Returns
     -------
     norm : float
-    products : int
+    multiplications : int
         Hessian multiplications spent.
     """
     reduction = Reduction(operator.comm)
@@ -153,22 +151,22 @@ def estimate_norm(
     number = np.arange(first, first + operator.size, dtype=np.float64)
     starts = (np.ones(operator.size), 1.0 + np.sin(1.0 + 2.3 * number))
     product = np.empty(operator.size)
-    norm, products = 0.0, 0
+    norm, multiplications = 0.0, 0
     for x in starts:
         length = reduction.norm(x)
         if length == 0.0:
             break
         x /= length
         previous = 0.0
-        for _ in range(max_products):
+        for _ in range(most):
             operator.apply(x, product)
-            products += 1
+            multiplications += 1
             quotient, square = reduction.sums(
                 float(np.dot(x, product)), float(np.dot(product, product))
             )
             if not math.isfinite(quotient + square):
                 raise NotFiniteError(
-                    "a product with the Hessian is not finite: component "
+                    "a Hessian multiplication is not finite: component "
                     f"{reduction.first(~np.isfinite(product))}"
                 )
             norm = max(norm, quotient)
@@ -178,4 +176,4 @@ def estimate_norm(
             np.divide(product, math.sqrt(square), out=x)
         if norm > 1e-12 * math.sqrt(square) and norm > 0.0:
             break
-    return norm, products
+    return norm, multiplications

@@ -144,23 +144,23 @@ class SMALBE:
         return self.begin(qp, C, c, x0, multiplier0, hooks=hooks).run(accept)
 
     def _norms(self, qp: SeparableQP, equalities: Equalities) -> tuple[float, int, float]:
-        """‖A‖, the products it took, and ‖C‖."""
-        norm, products = self.inner.norm, 0
+        """‖A‖, the multiplications it took, and ‖C‖."""
+        norm, multiplications = self.inner.norm, 0
         if norm is None:
-            norm, products = estimate_norm(qp.operator)
+            norm, multiplications = estimate_norm(qp.operator)
             norm = norm or 1.0
-        return norm, products, equalities_norm(equalities, qp.size)
+        return norm, multiplications, equalities_norm(equalities, qp.size)
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is minimised: cost and box, equalities Cx = c, ‖A‖, the products it took, ‖C‖."""
+    """What is minimised: cost and box, equalities Cx = c, ‖A‖, the multiplications it took, ‖C‖."""
 
     qp: SeparableQP
     equalities: Equalities
     right: Vector
     norm: float
-    products: int
+    multiplications: int
     C_norm: float
 
 
@@ -204,7 +204,7 @@ class OuterIterations:
             self._augmented, x0, norm=self._inner_norm,
             preconditioner=rules.inner.preconditioner,
         )  # fmt: skip
-        it.counts.norm_estimation += problem.products
+        it.counts.norm_estimation += problem.multiplications
         if restart is not None:
             it.counts = replace(restart.counts)
             it.iterations = it.counts.inner
@@ -368,7 +368,7 @@ class OuterIterations:
         return Reason.CONVERGED if small else None
 
     def _measure(self, it: Iterate) -> float:
-        """‖Cx - c‖, by a product with C where x has moved."""
+        """‖Cx - c‖, by a multiplication with C where x has moved."""
         if self._measured != it.iterations:
             self._problem.equalities.apply(it.x, self._residual)
             np.subtract(self._residual, self._problem.right, out=self._residual)

@@ -263,7 +263,7 @@ class ActiveSetProblem:
     def state(self) -> State:
         """What the iterate means for the whole problem (collective).
 
-        Takes no product: the directions' displacements were kept.
+        Takes no operator application: the displacements of the directions are stored.
         """
         problem, it = self.problem, self._iterate
         assert self.reduced.coarse is not None

@@ -100,7 +100,7 @@ class Directions:
         self.capacity = capacity if capacity >= options.fewest else 0
         self.count = self._next = 0
         self._vectors = np.empty((self.capacity, size))
-        self._products = np.empty((self.capacity, size))
+        self._applied = np.empty((self.capacity, size))
         self._motions = np.empty((self.capacity, B.columns))
         self._gram = np.zeros((self.capacity, self.capacity))
         self.largest = 0.0
@@ -111,9 +111,9 @@ class Directions:
         return self._vectors[: self.count]
 
     @property
-    def products(self) -> NDArray[np.float64]:
+    def applied(self) -> NDArray[np.float64]:
         """F p, (count, dual)."""
-        return self._products[: self.count]
+        return self._applied[: self.count]
 
     @property
     def motions(self) -> NDArray[np.float64]:
@@ -136,7 +136,7 @@ class Directions:
         """
         if self._next < self.capacity:
             self._vectors[self._next], self._motions[self._next] = vector, motion
-            self._products[self._next] = image  # F x from `settle` on
+            self._applied[self._next] = image  # F x from `settle` on
             self._next += 1
 
     @property
@@ -152,7 +152,7 @@ class Directions:
         """
         if first == self._next:
             return
-        vectors, images = (a[first : self._next] for a in (self._vectors, self._products))
+        vectors, images = (a[first : self._next] for a in (self._vectors, self._applied))
         curvatures = np.einsum("ij,ij->i", vectors, images)
         curvatures, parts = self.comm.allreduce(np.stack([curvatures, images @ z]))
         good = curvatures > 0.0
@@ -166,19 +166,19 @@ class Directions:
     def settle(self) -> None:
         """Offer all stored directions to later sets; where memory is full, drop the older half."""
         rows, self.count = slice(self.count, self._next), self._next
-        for motion, product in zip(self._motions[rows], self._products[rows], strict=True):
-            self.B.apply(motion, product)
-        vectors, products = self._vectors[rows], self._products[rows]
-        gram = self.comm.allreduce(self.vectors @ products.T)
+        for motion, applied in zip(self._motions[rows], self._applied[rows], strict=True):
+            self.B.apply(motion, applied)
+        vectors, applied = self._vectors[rows], self._applied[rows]
+        gram = self.comm.allreduce(self.vectors @ applied.T)
         self._gram[: self.count, rows], self._gram[rows, : self.count] = gram, gram.T
         lengths, forces = self.comm.allreduce(
-            np.array([np.einsum("ij,ij->i", a, a) for a in (vectors, products)])
+            np.array([np.einsum("ij,ij->i", a, a) for a in (vectors, applied)])
         )
         ratios = forces[lengths > 0.0] / lengths[lengths > 0.0]
         self.largest = max(self.largest, float(np.sqrt(ratios.max(initial=0.0))))
         if self.count == self.capacity:
             self.count = self._next = self.capacity // 2
-            for array in (self._vectors, self._products, self._motions):
+            for array in (self._vectors, self._applied, self._motions):
                 array[: self.count] = array[-self.count :].copy()
             self._gram[: self.count, : self.count] = self._gram[-self.count :, -self.count :].copy()
 

@@ -88,7 +88,7 @@ class RangeOperator:
 
     @property
     def image(self) -> NDArray[np.float64]:
-        """Overwritten by the next product."""
+        """Overwritten by the next application."""
         return self.F.displacements
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:

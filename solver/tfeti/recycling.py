@@ -82,7 +82,7 @@ class Recycled:
 
     def orthogonalise(self, z: NDArray[np.float64]) -> None:
         """Make z F-orthogonal to them."""
-        y = self._inverse @ self._comm.allreduce(self._of.products @ z)
+        y = self._inverse @ self._comm.allreduce(self._of.applied @ z)
         z -= (y @ self._of.vectors) * self._closed
 
 

@@ -1,4 +1,4 @@
-"""The rows of B as a matrix, in the order in which products read nearby."""
+"""The rows of B as a matrix, in an order in which B and Bᵀ read neighbouring memory."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _row_order(
     own: tuple[int, int],
     d: int,
 ) -> tuple[NDArray[np.int64], int, list[RowPattern]]:
-    """The order of rows in which those that repeat are together and products read nearby.
+    """The order of rows in which those that repeat are together and B reads neighbouring memory.
 
     Rows that do the same to each component of some nodes of this rank come first, then those that
     do so to nodes of other ranks as well, rows of contact and supports last, as they are.

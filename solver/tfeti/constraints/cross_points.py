@@ -11,8 +11,9 @@ So G W Gᵀ has blocks between subdomains with a common face, and none between t
 an edge or a corner. At an edge of a regular split four subdomains are a cycle, Λ = (2, 2, 4); at a
 corner eight are a cube, Λ = (2, 2, 2, 4, 4, 4, 6).
 
-That halves the coarse factor and its solves, for about as many products. Where there are few
-subdomains, or in the plane, a solve is next to nothing beside a product, and all are neighbours.
+That halves the coarse factor and its solves, for about as many operator applications. Where there
+are few subdomains, or in the plane, a coarse solve takes next to no time beside an operator
+application, and all subdomains are neighbours.
 """
 
 from __future__ import annotations

@@ -57,8 +57,8 @@ def solve_as_in_the_paper(task: Task) -> Solution:
     """The paper's algorithm from zero, or from where a stopped solve had come to (collective)."""
     problem = task.problem
     assert problem.coarse is not None
-    norm, products = estimate_norm(problem.projected)
-    saver = Saver(task.checkpoint, Counts(norm_estimation=products))
+    norm, multiplications = estimate_norm(problem.projected)
+    saver = Saver(task.checkpoint, Counts(norm_estimation=multiplications))
     rules = SMALBE.paper(replace(task.inner, norm=norm, atol=problem.round_off))
     frozen = _Frozen(
         problem,
@@ -68,7 +68,7 @@ def solve_as_in_the_paper(task: Task) -> Solution:
     )
     restart = task.checkpoint.load(problem) if task.checkpoint else None
     found = _to_a_certificate(task, frozen, frozen.begin(None, None, restart), None)
-    return replace(found, counts=Counts(norm_estimation=products) + found.counts)
+    return replace(found, counts=Counts(norm_estimation=multiplications) + found.counts)
 
 
 def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart | None) -> Solution:
@@ -81,9 +81,9 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
     """
     problem = task.problem
     assert problem.coarse is not None
-    norm, products = estimate_norm(problem.projected, NORM_ACCURACY)
+    norm, multiplications = estimate_norm(problem.projected, NORM_ACCURACY)
     spent = before.counts if before is not None else Counts()
-    counts = spent + Counts(norm_estimation=products)
+    counts = spent + Counts(norm_estimation=multiplications)
     preconditioner = DualPreconditioner(problem, norm)
     inner = replace(
         task.inner,

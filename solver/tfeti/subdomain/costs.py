@@ -34,7 +34,7 @@ ROW_SECONDS = 4e-8
 """Products with B, projections and vector work of an iteration, for each row of B."""
 
 CLASS_SECONDS = 1.3e-2
-"""Mesh, forms and calls for a class, whatever its size; and for each product:"""
+"""Mesh, forms and calls for a class, whatever its size; and for each operator application:"""
 
 CALL_SECONDS = 1.5e-4
 
@@ -90,15 +90,17 @@ class Group:
         return choose_block(self.unknowns, self.interface, self.members, self.order, self.dimension)
 
 
-def run_seconds(groups: Sequence[Group], rows: int, products: float, glued: bool = True) -> float:
+def run_seconds(
+    groups: Sequence[Group], rows: int, applications: float, glued: bool = True
+) -> float:
     """Set-up, assembly, factors and solve.
 
     Parameters
     ----------
     rows
         Of B.
-    products
-        Hessian multiplications.
+    applications
+        Of the dual operator.
     glued
         Whether there is a coarse problem.
     """
@@ -122,7 +124,7 @@ def run_seconds(groups: Sequence[Group], rows: int, products: float, glued: bool
         once += COARSE_ROW_SECONDS * rows
         once += SETS * (SET_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
         each += 2.0 * coarse_seconds(subdomains)
-    return once + products * each
+    return once + applications * each
 
 
 def factor_seconds(unknowns: float, order: int, dimension: int = 3) -> float:

@@ -14,7 +14,7 @@ def test_over_many_expansions_the_safeguard_descends_always_and_projected_cg_doe
     assert found.safe_rises == 0
     assert found.losses == 0
     assert found.elsewhere == 0  # no product more where projected CG does not raise the cost
-    assert found.further_products < 0.3 * found.rises
+    assert found.further_multiplications < 0.3 * found.rises
 
 
 def test_a_further_product_decides_only_where_it_must():
