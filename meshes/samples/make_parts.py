@@ -299,6 +299,7 @@ def main() -> None:
     parser.add_argument("--fused", action="store_true", help="two bodies as one, of first order")
     parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
     given = parser.parse_args()
+    given.to.mkdir(parents=True, exist_ok=True)
     for name in given.names or PARTS:
         file = given.to / f"{name}.msh"
         make, size, order = PARTS[name]

@@ -53,10 +53,11 @@ def _coupled(M: PETSc.Mat, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _with_rows(
     B: ConstraintMatrix, rows: sparse.csr_matrix, places: NDArray[np.int64]
 ) -> ConstraintMatrix:
-    """B with some rows in the place of its own."""
+    """B with some rows in the place of its own, whose entries are in the same columns."""
     local = B.local.copy()
     first, last = local.indptr[places], local.indptr[places + 1]
     filled = np.repeat(first - rows.indptr[:-1], last - first) + np.arange(len(rows.data))
+    assert np.array_equal(local.indices[filled], rows.indices), "rows of B are not sorted"
     local.data[filled] = rows.data
     return ConstraintMatrix(B.comm, local, B.columns, B.nodal, B.components)
 

@@ -265,8 +265,14 @@ class ScaledConstraintMatrix(ConstraintMatrix):
 
     @cached_property
     def local(self) -> sparse.csr_matrix:  # type: ignore[override]
-        """Made when it is asked for."""
-        return sparse.diags(self._weights.values) @ self._B.local
+        """Made when it is asked for: rows of weight zero are empty, the others as sorted as B's.
+
+        A product with a diagonal would reverse the entries of each row.
+        """
+        local = self._B.local.copy()
+        local.data *= np.repeat(self._weights.values, np.diff(local.indptr))
+        local.eliminate_zeros()
+        return local
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put W B x into out."""

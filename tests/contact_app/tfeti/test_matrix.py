@@ -116,6 +116,19 @@ def test_gluing_of_boxes_is_nodal_on_one_rank() -> None:
     assert 0.9 * inner.sum() < problem.B.nodal <= (problem.kinds != RowKind.CONTACT).sum()
 
 
+def test_weighted_rows_stay_sorted() -> None:
+    """PETSc sorts rows on several ranks: entries in another order would be taken for others."""
+    B = constraints_of("bodies that hang in springs")
+    weights = np.random.default_rng(0).uniform(0.5, 1.0, B.rows)
+    weights[::3] = 0.0
+    local = B.scaled(RowWeights(weights)).local
+    places = [local.indices[a:b] for a, b in zip(local.indptr[:-1], local.indptr[1:], strict=True)]
+    assert max(map(len, places)) > 1
+    assert all((np.diff(row) > 0).all() for row in places)
+    assert not any(map(len, places[::3]))
+    assert abs(local - sparse.diags(weights) @ B.local).max() == 0.0
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_on_ranks(ranks: int) -> None:
