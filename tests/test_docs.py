@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from pathlib import Path
+from types import FrameType
 
 import pytest
+
+from contact_app.run.run import run
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
 
 ROOT = Path(__file__).parents[1]
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "solver" / "README.md"]
 
 NAMED = re.compile(r"`((?:solver|meshes|contact_app|tests|configs|docs)/[\w/.]+\.\w+)(?::(\w+))?`")
+
+TOUR = ("bodies.0.mesh.box.cells=[4,4,4]", "decomposition.subdomains=[2,2,2]")
+"""A small mesh of the tour's scene."""
 
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 
@@ -42,7 +51,28 @@ def test_modules_that_a_page_runs_exist(page: Path) -> None:
         assert ROOT.joinpath(*module.split(".")).with_suffix(".py").is_file(), module
 
 
-def test_the_tour_has_a_function_at_each_step() -> None:
-    steps = re.findall(r"^\| (\d+) \| (.*?) \|", (ROOT / "docs/theory/tour.md").read_text(), re.M)
+def test_a_run_takes_the_steps_of_the_tour_in_its_order(tmp_path: Path) -> None:
+    """Of the scene that the page follows, in eight subdomains, by what is called first."""
+    text = (ROOT / "docs/theory/tour.md").read_text(encoding="utf-8")
+    steps = re.findall(r"^\| (\d+) \| (.*?) \|", text, re.M)
     assert [int(number) for number, _ in steps] == list(range(1, len(steps) + 1))
-    assert all(NAMED.search(where) for _, where in steps)
+    named = [NAMED.search(where) for _, where in steps]
+    places = [place.groups() for place in named if place]
+    assert len(places) == len(steps) > 10
+    met: dict[tuple[str, str], int] = {}
+
+    def see(frame: FrameType, event: str, _: object) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(str(ROOT)):
+            file = Path(code.co_filename).relative_to(ROOT).as_posix()
+            met.setdefault((file, code.co_qualname.split(".")[0]), len(met))
+
+    before = sys.getprofile()
+    sys.setprofile(see)
+    try:
+        scene = build_scene(load(ROOT / "configs/cube.yaml", TOUR))
+        assert run(scene, tmp_path) == 0
+    finally:
+        sys.setprofile(before)
+    order = [met[place] for place in places]
+    assert order == sorted(order)
