@@ -34,6 +34,9 @@ LONGEST, MOST_PARAMETERS = 80, 8
 LONG: dict[str, str] = {}
 """Functions that are longer, with the reason."""
 
+LONGEST_FILE = 500
+"""Lines of a file of the packages."""
+
 MANY = {
     "solver.qp.reference:mprgp": "the symbols of the book, one by one",
 }
@@ -144,6 +147,11 @@ def test_functions_are_of_a_screen_or_two() -> None:
     lengths = {name: (node.end_lineno or 0) - node.lineno + 1 for name, node in functions()}
     long = {name for name, length in lengths.items() if length > LONGEST}
     assert long == set(LONG)
+
+
+def test_files_are_of_a_few_screens() -> None:
+    lengths = {n: len(p.read_text(encoding="utf-8").splitlines()) for n, p in modules().items()}
+    assert not {name for name, length in lengths.items() if length > LONGEST_FILE}
 
 
 def test_functions_have_few_parameters() -> None:

@@ -31,7 +31,6 @@ class Case:
 
     Attributes
     ----------
-    name : str
     failure : str
         What goes wrong without care.
     guard : str

@@ -1,7 +1,7 @@
 """Contact problems whose answers are known, as convergence studies: ``contact-app verify``.
 
 Each case is a commented scene of ``configs/``, solved on a row of meshes, and numbers measured in
-the answer beside those of the theory. How each is measured:
+the answer beside those of the theory. How each is measured (`verification_measures`):
 
 * Hertz (ball, cylinder, two cylinders): the squares of the theory's pressures lie on a line over
   r², p² = p0² (1 - r²/a²). It is fitted to all nodes with pressure; half-width a and peak p0 follow
@@ -49,12 +49,25 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
-from contact_app.studies.exact_fields import lame_ring, relative_errors
-from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
+from contact_app.studies.hertz import Quantity, hertz_quantities
 from contact_app.studies.history_cases import cattaneo, graded_block, rod_cycle
 from contact_app.studies.incline import incline
 from contact_app.studies.mindlin import graded_half_block, mindlin
 from contact_app.studies.refine_on_sphere import refined_round
+from contact_app.studies.verification_measures import (
+    cantilever,
+    column,
+    fit,
+    hertz_profile,
+    press_fit,
+    punch,
+    rigid_ball,
+    ring,
+    roller,
+    rough_rod,
+    rough_roller,
+    round_fit,
+)
 from meshes import CellMesh
 
 ROOT = Path(__file__).parents[2]
@@ -125,164 +138,6 @@ class Row:
     equilibrium: float
     certified: bool
     quantities: tuple[Quantity, ...]
-
-
-def _roller(solved: SolvedScene) -> list[Quantity]:
-    """Two elastic cylinders: the fit, beside R = 50, F' = 35 kN/mm, E = 210e3 on 70e3."""
-    force, radius = 35_000.0, 50.0
-    modulus = 1.0 / sum(
-        (1.0 - m.poisson**2) / m.young for b in solved.model.scene.bodies for m in b.materials
-    )
-    half_width = np.sqrt(4.0 * force * radius / (np.pi * modulus))
-    peak = 2.0 * force / (np.pi * half_width)
-    nodes = solved.nodes
-    ours, top = fitted(nodes.points[:, 0] ** 2, nodes.contact_pressure)
-    return [
-        Quantity("half-width a", ours, float(half_width)),
-        Quantity("peak pressure p0", top, float(peak)),
-        Quantity("largest nodal pressure", float(nodes.contact_pressure.max()), float(peak)),
-    ]
-
-
-def _rough_roller(found: Sequence[SolvedIncrement]) -> list[Quantity]:
-    """The roller with friction, at the end of its increments: as without."""
-    return _roller(found[-1].solved)
-
-
-def _punch(solved: SolvedScene) -> list[Quantity]:
-    """p(x) = P/(π √(a² - x²)) on the inner half of a punch of half-width a = 1, half modelled."""
-    nodes, half_width = solved.nodes, 1.0
-    load = 2.0 * abs(solved.summary["solution"]["contact_force"][1])
-    x = nodes.points[:, 0]
-    inner = (nodes.contact_pressure > 0.0) & (x <= 0.5 * half_width + 1e-9)
-    shape = np.pi * np.sqrt(half_width**2 - x[inner] ** 2) / load
-    scaled = nodes.contact_pressure[inner] * shape
-    off = float(np.sqrt(np.mean((scaled - 1.0) ** 2)))
-    return [
-        Quantity("inner half, 1 + rms", 1.0 + off, 1.0),
-        Quantity("in the middle", float(scaled[np.argmin(x[inner])]), 1.0),
-    ]
-
-
-def _press_fit(solved: SolvedScene) -> list[Quantity]:
-    """p = E δ/(b (1 + ν)(1 - 2ν)), to first order in δ/b."""
-    scene, pressure = solved.model.scene, solved.nodes.contact_pressure
-    (material,) = scene.bodies[0].materials
-    hole, excess = 10.0, 0.01
-    poisson = material.poisson
-    exact = material.young * excess / (hole * (1.0 + poisson) * (1.0 - 2.0 * poisson))
-    touching = pressure[pressure > 0.0]
-    return [
-        Quantity("mean pressure", float(touching.mean()), exact),
-        Quantity("largest nodal pressure", float(touching.max()), exact),
-    ]
-
-
-def _fit(solved: SolvedScene) -> list[Quantity]:
-    """p = E δ/(2 R) (1 - R²/Rₒ²), δ = 0.01, R = 10 and Rₒ = 20, by the force on the quarter."""
-    (material,) = solved.model.scene.bodies[0].materials
-    exact = material.young * 0.01 / 20.0 * (1.0 - 0.25)
-    (contact,) = solved.summary["contacts"]
-    pressure = solved.nodes.contact_pressure
-    return [
-        Quantity("mean pressure", contact["force"][0] / 10.0, exact),
-        Quantity("largest nodal pressure", float(pressure.max()), exact),
-    ]
-
-
-def _round_fit(solved: SolvedScene) -> list[Quantity]:
-    """The same with straight edges, by the smoothed pressure."""
-    mean, single = _fit(solved)
-    (contact,) = solved.summary["contacts"]
-    return [mean, Quantity("largest smoothed", contact["max_smoothed_pressure"], single.theory)]
-
-
-def _cantilever(solved: SolvedScene) -> list[Quantity]:
-    """Pure bending: M L²/(2 E I) at the end, and M² L/(2 E I), of I = h³/12."""
-    (material,) = solved.model.scene.bodies[0].materials
-    moment, length, height = 5000.0, 100.0, 10.0
-    stiffness = material.young * height**3 / 12.0
-    end = solved.summary["probes"]["end"]["displacement"]
-    return [
-        Quantity("deflection", -end[1], moment * length**2 / (2.0 * stiffness)),
-        Quantity(
-            "strain energy", -solved.summary["solution"]["energy"],
-            moment**2 * length / (2.0 * stiffness),
-        ),
-    ]  # fmt: skip
-
-
-def _rigid_ball(solved: SolvedScene) -> list[Quantity]:
-    """A rigid ball on an elastic block, of which a quarter is modelled: a³ = 3 F R/(4 E*)."""
-    scene, nodes = solved.model.scene, solved.nodes
-    (material,), radius = scene.bodies[0].materials, 30.0
-    modulus = material.young / (1.0 - material.poisson**2)
-    force = 4.0 * abs(solved.summary["contacts"][0]["force"][2])
-    half_width = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
-    peak = 1.5 * force / (np.pi * half_width**2)
-    ours, top = fitted((nodes.points[:, :2] ** 2).sum(axis=1), nodes.contact_pressure)
-    approach = -solved.summary["rigid_bodies"]["ball"]["displacement"][2]
-    return [
-        Quantity("force", force, 1500.0),
-        Quantity("half-width a", ours, half_width),
-        Quantity("peak pressure p0", top, peak),
-        Quantity("approach", approach, half_width**2 / radius),
-    ]
-
-
-def _rough_rod(solved: SolvedScene) -> list[Quantity]:
-    """Displacement of the end F² / (2 E A s), and length F / s that slips."""
-    force, height, young, limit = 10.0, 0.5, 1000.0, 0.2
-    nodes = solved.nodes
-    end = np.isclose(nodes.points[:, 0], nodes.points[:, 0].max())
-    floor = np.isclose(nodes.points[:, 1], 0.0)
-    slips = floor & (nodes.displacement[:, 0] > 1e-6 * nodes.displacement[end, 0].max())
-    length = nodes.points[end, 0].max() - nodes.points[slips, 0].min()
-    return [
-        Quantity("u", float(nodes.displacement[end, 0].mean()),
-                 force**2 / (2.0 * young * height * limit)),
-        Quantity("slip length", float(length), force / limit),
-    ]  # fmt: skip
-
-
-def _column(solved: SolvedScene) -> list[Quantity]:
-    """Stress M ε with M = E (1 - ν)/((1 + ν)(1 - 2ν)), by a strain of 1 %."""
-    (material,) = solved.model.scene.bodies[0].materials
-    poisson = material.poisson
-    modulus = material.young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    solution = solved.summary["solution"]
-    force = abs(solution["contact_force"][2])
-    return [
-        Quantity("modulus", force / 0.01, modulus),
-        Quantity("largest nodal pressure", solution["max_contact_pressure"] / 0.01, modulus),
-    ]
-
-
-def _ring(solved: SolvedScene) -> list[Quantity]:
-    """Lamé's ring: radii 10 and 20, 100 inside, 0.01 inwards outside."""
-    (material,) = solved.model.scene.bodies[0].materials
-    u, sigma, outside = lame_ring(material.young, material.poisson, (10.0, 20.0), 100.0, 0.01)
-    errors = relative_errors(solved, u, sigma)
-    pressure = solved.nodes.contact_pressure
-    touching = pressure[pressure > 0.0]
-    return [
-        Quantity("1 + error of displacement", 1.0 + errors[0], 1.0),
-        Quantity("1 + error of stress", 1.0 + errors[1], 1.0),
-        Quantity("mean pressure", float(touching.mean()), outside),
-        Quantity("largest nodal pressure", float(touching.max()), outside),
-    ]
-
-
-def _hertz_profile(solved: SolvedScene) -> list[Quantity]:
-    """Hertz's quantities, and the profile within the contact."""
-    found = hertz_quantities(solved)
-    half_width, peak = found[0].theory, found[1].theory
-    nodes, d = solved.nodes, solved.model.scene.dimension
-    r2 = (nodes.points[:, : d - 1] ** 2).sum(axis=1)
-    inner = (nodes.contact_pressure > 0.0) & (r2 < (0.8 * half_width) ** 2)
-    exact = peak * np.sqrt(1.0 - r2[inner] / half_width**2)
-    off = float(np.abs(nodes.contact_pressure[inner] - exact).max() / peak)
-    return [*found[:3], Quantity("1 + error of the profile", 1.0 + off, 1.0), *found[3:]]
 
 
 def _sizes(
@@ -369,7 +224,7 @@ CASES = (
         "roller_on_block", "Hertz: two elastic bodies, a roller on a block",
         "Plane strain, E = 2.1e5 on 7e4, ν = 0.3, R = 50, F' = 35,000, meshes that do not match: "
         "a = 6.2146, p0 = 3585.4. The block is finite: errors settle near a tenth of a percent.",
-        _roller, _sizes(4.0, 2.0, 1.0, 0.5), "roller_on_block", (0, 1),
+        roller, _sizes(4.0, 2.0, 1.0, 0.5), "roller_on_block", (0, 1),
     ),
     Case(
         "roller_with_friction", "NAFEMS R0094: the roller on the block with friction",
@@ -377,67 +232,67 @@ CASES = (
         "friction, to 1 %, beside ours. Friction raises the fitted peak by 0.9 % on all meshes, "
         "since aluminium moves out more than steel; pressed at once it is 1.2 %.",
         None, _sizes(4.0, 2.0, 1.0, 0.5, overrides=ROUGH), "roller_on_block", (0, 1),
-        scene="roller_on_block", history=_rough_roller,
+        scene="roller_on_block", history=rough_roller,
     ),
     Case(
         "flat_punch", "A rigid flat punch on a half plane",
         "p(x) = P/(π √(a² - x²)), plane strain, compared on the inner half of the punch: root mean "
         "square of p π √(a² - x²)/P - 1. First order, by the singular pressure at the edge.",
-        _punch, _boxes((64, 64), (128, 128), (256, 256)),
+        punch, _boxes((64, 64), (128, 128), (256, 256)),
     ),
     Case(
         "press_fit", "A cylinder pressed into a rigid hole",
         "E = 2.1e5, ν = 0.3, hole b = 10, excess δ = 0.01: p = 403.85 to first order in δ/b. The "
         "displacement is linear; in the error are the polygon that stands for the circle and the "
         "theory's own δ/b = 0.1 %.",
-        _press_fit, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
+        press_fit, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
     ),
     Case(
         "interference_fit", "A shaft in a hub, by interference",
         "Plane stress, E = 2.1e5, δ = 0.01, R = 10, Rₒ = 20, degree 2, round edges, meshes that "
         "do not match: p = E δ/(2 R) (1 - R²/Rₒ²) = 78.75.",
-        _fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
+        fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
     ),
     Case(
         "shrink_fit", "A hub shrunk onto a shaft",
         "The same by cooling the hub by δ/(α R) = 83.33 degrees.",
-        _fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
+        fit, _sizes(1.0, 0.5, 0.25, curved=True), "shaft_and_hub", (0, 1),
     ),
     Case(
         "round_facets", "A shaft in a hub, by interference, with straight edges",
         "The same with degree 1 and `round: true`: straight edges stand for circles.",
-        _round_fit, _sizes(1.0, 0.5, 0.25, 0.125), "shaft_and_hub", (0, 1),
+        round_fit, _sizes(1.0, 0.5, 0.25, 0.125), "shaft_and_hub", (0, 1),
     ),
     Case(
         "tied_cantilever", "A cantilever cut in two and tied, in pure bending",
         "Plane stress, E = 2.1e5, L = 100, h = 10, M = 5000, meshes of two to three cells: "
         "u = M L²/(2 E I) = 1.42857, second order as without the cut.",
-        _cantilever, _tied(1, 2, 4, 8),
+        cantilever, _tied(1, 2, 4, 8),
     ),
     Case(
         "rigid_ball", "Hertz: a rigid ball pressed into a block by a force",
         "E = 2000, ν = 0.4, R = 30, F = 1500: a = 2.4201, p0 = 122.28, approach a²/R = 0.19524. "
         "The block is eight half-widths deep instead of infinite, which makes it stiffer: the "
         "approach falls short by that.",
-        _rigid_ball, _quarters(16, 24, 32),
+        rigid_ball, _quarters(16, 24, 32),
     ),
     Case(
         "thick_ring", "A thick ring in a rigid bore: degree 2 with round edges",
         "Lamé: radii 10 and 20, E = 2.1e5, ν = 0.3, a pressure of 100 inside, 0.01 too large for "
         "the bore; second-order meshes. Errors in L2 fall as degree 2 promises: by the third order "
         "in displacement, by the second in stress.",
-        _ring, _sizes(1.0, 0.5, 0.25, 0.125, curved=True), "ring_quarter",
+        ring, _sizes(1.0, 0.5, 0.25, 0.125, curved=True), "ring_quarter",
     ),
     Case(
         "thick_ring_straight", "The same ring of degree 2 with straight edges",
         "First-order meshes of the same cells: the polygon is what is solved for, and its error "
         "hides that of the cells.",
-        _ring, _sizes(1.0, 0.5, 0.25, 0.125), "ring_quarter", scene="thick_ring",
+        ring, _sizes(1.0, 0.5, 0.25, 0.125), "ring_quarter", scene="thick_ring",
     ),
     Case(
         "hertz_disc_degree_2", "Hertz: a cylinder on a plane, degree 2 with round edges",
         "As above with `degree: 2` on second-order meshes. Pressures stand at all nodes.",
-        _hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, curved=True, overrides=("bodies.0.degree=2",)),
+        hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, curved=True, overrides=("bodies.0.degree=2",)),
         "disc_quarter", scene="hertz_disc",
     ),
     Case(
@@ -445,26 +300,26 @@ CASES = (
         "Hertz: a cylinder on a plane, degree 2 with straight edges",
         "The same on first-order meshes: middles of the polygon's edges lie farther from the plane "
         "than corners, and nodal forces alternate; the pressures without that do not.",
-        _hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, overrides=("bodies.0.degree=2",)),
+        hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, overrides=("bodies.0.degree=2",)),
         "disc_quarter", scene="hertz_disc",
     ),
     Case(
         "hertz_sphere_degree_2", "Hertz: a ball on a plane, degree 2 with round edges",
         "As above with `degree: 2` on second-order tetrahedra, pressures linear on each face.",
-        _hertz_profile, _sizes(2.8, 2.0, 1.4, curved=True, overrides=("bodies.0.degree=2",)),
+        hertz_profile, _sizes(2.8, 2.0, 1.4, curved=True, overrides=("bodies.0.degree=2",)),
         "sphere_eighth", scene="hertz_sphere",
     ),
     Case(
         "confined_column", "A laterally confined, nearly incompressible column",
         "E = 1, ν = 0.4999: M = 1667.1. The strain is uniform: exact on every mesh.",
-        _column, _boxes((1, 1, 2), (2, 2, 4), (4, 4, 8)),
+        column, _boxes((1, 1, 2), (2, 2, 4), (4, 4, 8)),
     ),
     Case(
         "rough_rod", "A thin rod on a rough floor, pulled at its end",
         "Tresca friction s = 0.2, F = 10, E = 1000, height 0.5: u = F²/(2 E A s) = 0.5 at the end, "
         "and F/s = 50 slip. The theory is that of a bar; errors settle near what it leaves out, "
         "the shear over the height.",
-        _rough_rod, _boxes((50, 1), (100, 1), (200, 2), (400, 4)),
+        rough_rod, _boxes((50, 1), (100, 1), (200, 2), (400, 4)),
     ),
     Case(
         "incline", "A block on an incline, pushed up it",

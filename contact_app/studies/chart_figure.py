@@ -1,0 +1,76 @@
+"""The figure of a chart: seconds against errors of all points, frontiers as lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contact_app.studies.frontier import frontier
+from contact_app.studies.reference import QUANTITIES
+
+OURS = "contact-app"
+"""Beginning of the names of this application's points."""
+
+
+def is_ours(row: dict[str, Any]) -> bool:
+    """Whether a point is this application's."""
+    return str(row["method"]).startswith(OURS)
+
+
+TITLES = {
+    "energy": "relative error in energy norm",
+    "displacement": "relative error of displacements (root mean square)",
+    "pressure": "relative error of contact pressures (root mean square)",
+}
+REFINED = "D"
+MARKERS = {"hexahedron": "s", "tetrahedron": "^", "quadrilateral": "s", "triangle": "^"}
+
+
+def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) -> None:
+    """Seconds against each error: frontiers as lines, dominated points faint."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    colours = plt.get_cmap("tab10")
+    groups = {"ours": [r for r in rows if is_ours(r)]}
+    for row in rows:
+        if not is_ours(row):
+            groups.setdefault(str(row["method"]), []).append(row)
+    figure, panels = plt.subplots(1, 3, figsize=(15, 5.2), layout="constrained", sharex=True)
+    for axes, quantity in zip(panels, QUANTITIES, strict=True):
+        for number, (name, points) in enumerate(groups.items()):
+            seconds = np.array([p["seconds"] for p in points], float)
+            errors = np.array([p[f"error_{quantity}"] for p in points], float)
+            best = frontier(seconds, errors)
+            axes.plot(
+                seconds[best], errors[best], color=colours(number), label=name,
+                linewidth=2.5 if name == "ours" else 1.2,
+                linestyle="-" if name == "ours" else "--",
+            )  # fmt: skip
+            for i, point in enumerate(points):
+                degree = int(point["degree"])
+                shape = REFINED if "accuracy" in point["method"] else MARKERS[str(point["cell"])]
+                axes.plot(
+                    seconds[i], errors[i], shape, color=colours(number),
+                    alpha=0.9 if i in best else 0.18, markersize=4 + 2.5 * (degree - 1),
+                    markeredgewidth=1.0, markerfacecolor="none" if degree == 2 else None,
+                )  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("seconds from mesh to solution")
+        axes.set_title(TITLES[quantity], fontsize=10)
+        axes.grid(visible=True, which="both", alpha=0.25)
+    panels[0].legend(fontsize=8)
+    cells = dict.fromkeys(str(r["cell"]) for r in rows)
+    shapes = ", ".join(f"{'■' if MARKERS[c] == 's' else '▲'} {c}" for c in cells)
+    if any("accuracy" in row["method"] for row in rows):
+        shapes += ", ◆ refined to an accuracy"
+    hollow = "; hollow: degree 2" if any(int(r["degree"]) == 2 for r in rows) else ""
+    figure.suptitle(f"{title} ({shapes}{hollow}; faint: beaten)\n{sentence}", fontsize=10)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)

@@ -1,0 +1,170 @@
+"""What is measured in answers of `verification`, beside the numbers of the theory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.run.increments import SolvedIncrement
+from contact_app.studies.exact_fields import lame_ring, relative_errors
+from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
+
+
+def roller(solved: SolvedScene) -> list[Quantity]:
+    """Two elastic cylinders: the fit, beside R = 50, F' = 35 kN/mm, E = 210e3 on 70e3."""
+    force, radius = 35_000.0, 50.0
+    modulus = 1.0 / sum(
+        (1.0 - m.poisson**2) / m.young for b in solved.model.scene.bodies for m in b.materials
+    )
+    half_width = np.sqrt(4.0 * force * radius / (np.pi * modulus))
+    peak = 2.0 * force / (np.pi * half_width)
+    nodes = solved.nodes
+    ours, top = fitted(nodes.points[:, 0] ** 2, nodes.contact_pressure)
+    return [
+        Quantity("half-width a", ours, float(half_width)),
+        Quantity("peak pressure p0", top, float(peak)),
+        Quantity("largest nodal pressure", float(nodes.contact_pressure.max()), float(peak)),
+    ]
+
+
+def rough_roller(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+    """The roller with friction, at the end of its increments: as without."""
+    return roller(found[-1].solved)
+
+
+def punch(solved: SolvedScene) -> list[Quantity]:
+    """p(x) = P/(π √(a² - x²)) on the inner half of a punch of half-width a = 1, half modelled."""
+    nodes, half_width = solved.nodes, 1.0
+    load = 2.0 * abs(solved.summary["solution"]["contact_force"][1])
+    x = nodes.points[:, 0]
+    inner = (nodes.contact_pressure > 0.0) & (x <= 0.5 * half_width + 1e-9)
+    shape = np.pi * np.sqrt(half_width**2 - x[inner] ** 2) / load
+    scaled = nodes.contact_pressure[inner] * shape
+    off = float(np.sqrt(np.mean((scaled - 1.0) ** 2)))
+    return [
+        Quantity("inner half, 1 + rms", 1.0 + off, 1.0),
+        Quantity("in the middle", float(scaled[np.argmin(x[inner])]), 1.0),
+    ]
+
+
+def press_fit(solved: SolvedScene) -> list[Quantity]:
+    """p = E δ/(b (1 + ν)(1 - 2ν)), to first order in δ/b."""
+    scene, pressure = solved.model.scene, solved.nodes.contact_pressure
+    (material,) = scene.bodies[0].materials
+    hole, excess = 10.0, 0.01
+    poisson = material.poisson
+    exact = material.young * excess / (hole * (1.0 + poisson) * (1.0 - 2.0 * poisson))
+    touching = pressure[pressure > 0.0]
+    return [
+        Quantity("mean pressure", float(touching.mean()), exact),
+        Quantity("largest nodal pressure", float(touching.max()), exact),
+    ]
+
+
+def fit(solved: SolvedScene) -> list[Quantity]:
+    """p = E δ/(2 R) (1 - R²/Rₒ²), δ = 0.01, R = 10 and Rₒ = 20, by the force on the quarter."""
+    (material,) = solved.model.scene.bodies[0].materials
+    exact = material.young * 0.01 / 20.0 * (1.0 - 0.25)
+    (contact,) = solved.summary["contacts"]
+    pressure = solved.nodes.contact_pressure
+    return [
+        Quantity("mean pressure", contact["force"][0] / 10.0, exact),
+        Quantity("largest nodal pressure", float(pressure.max()), exact),
+    ]
+
+
+def round_fit(solved: SolvedScene) -> list[Quantity]:
+    """The same with straight edges, by the smoothed pressure."""
+    mean, single = fit(solved)
+    (contact,) = solved.summary["contacts"]
+    return [mean, Quantity("largest smoothed", contact["max_smoothed_pressure"], single.theory)]
+
+
+def cantilever(solved: SolvedScene) -> list[Quantity]:
+    """Pure bending: M L²/(2 E I) at the end, and M² L/(2 E I), of I = h³/12."""
+    (material,) = solved.model.scene.bodies[0].materials
+    moment, length, height = 5000.0, 100.0, 10.0
+    stiffness = material.young * height**3 / 12.0
+    end = solved.summary["probes"]["end"]["displacement"]
+    return [
+        Quantity("deflection", -end[1], moment * length**2 / (2.0 * stiffness)),
+        Quantity(
+            "strain energy", -solved.summary["solution"]["energy"],
+            moment**2 * length / (2.0 * stiffness),
+        ),
+    ]  # fmt: skip
+
+
+def rigid_ball(solved: SolvedScene) -> list[Quantity]:
+    """A rigid ball on an elastic block, of which a quarter is modelled: a³ = 3 F R/(4 E*)."""
+    scene, nodes = solved.model.scene, solved.nodes
+    (material,), radius = scene.bodies[0].materials, 30.0
+    modulus = material.young / (1.0 - material.poisson**2)
+    force = 4.0 * abs(solved.summary["contacts"][0]["force"][2])
+    half_width = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
+    peak = 1.5 * force / (np.pi * half_width**2)
+    ours, top = fitted((nodes.points[:, :2] ** 2).sum(axis=1), nodes.contact_pressure)
+    approach = -solved.summary["rigid_bodies"]["ball"]["displacement"][2]
+    return [
+        Quantity("force", force, 1500.0),
+        Quantity("half-width a", ours, half_width),
+        Quantity("peak pressure p0", top, peak),
+        Quantity("approach", approach, half_width**2 / radius),
+    ]
+
+
+def rough_rod(solved: SolvedScene) -> list[Quantity]:
+    """Displacement of the end F² / (2 E A s), and length F / s that slips."""
+    force, height, young, limit = 10.0, 0.5, 1000.0, 0.2
+    nodes = solved.nodes
+    end = np.isclose(nodes.points[:, 0], nodes.points[:, 0].max())
+    floor = np.isclose(nodes.points[:, 1], 0.0)
+    slips = floor & (nodes.displacement[:, 0] > 1e-6 * nodes.displacement[end, 0].max())
+    length = nodes.points[end, 0].max() - nodes.points[slips, 0].min()
+    return [
+        Quantity("u", float(nodes.displacement[end, 0].mean()),
+                 force**2 / (2.0 * young * height * limit)),
+        Quantity("slip length", float(length), force / limit),
+    ]  # fmt: skip
+
+
+def column(solved: SolvedScene) -> list[Quantity]:
+    """Stress M ε with M = E (1 - ν)/((1 + ν)(1 - 2ν)), by a strain of 1 %."""
+    (material,) = solved.model.scene.bodies[0].materials
+    poisson = material.poisson
+    modulus = material.young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+    solution = solved.summary["solution"]
+    force = abs(solution["contact_force"][2])
+    return [
+        Quantity("modulus", force / 0.01, modulus),
+        Quantity("largest nodal pressure", solution["max_contact_pressure"] / 0.01, modulus),
+    ]
+
+
+def ring(solved: SolvedScene) -> list[Quantity]:
+    """Lamé's ring: radii 10 and 20, 100 inside, 0.01 inwards outside."""
+    (material,) = solved.model.scene.bodies[0].materials
+    u, sigma, outside = lame_ring(material.young, material.poisson, (10.0, 20.0), 100.0, 0.01)
+    errors = relative_errors(solved, u, sigma)
+    pressure = solved.nodes.contact_pressure
+    touching = pressure[pressure > 0.0]
+    return [
+        Quantity("1 + error of displacement", 1.0 + errors[0], 1.0),
+        Quantity("1 + error of stress", 1.0 + errors[1], 1.0),
+        Quantity("mean pressure", float(touching.mean()), outside),
+        Quantity("largest nodal pressure", float(touching.max()), outside),
+    ]
+
+
+def hertz_profile(solved: SolvedScene) -> list[Quantity]:
+    """Hertz's quantities, and the profile within the contact."""
+    found = hertz_quantities(solved)
+    half_width, peak = found[0].theory, found[1].theory
+    nodes, d = solved.nodes, solved.model.scene.dimension
+    r2 = (nodes.points[:, : d - 1] ** 2).sum(axis=1)
+    inner = (nodes.contact_pressure > 0.0) & (r2 < (0.8 * half_width) ** 2)
+    exact = peak * np.sqrt(1.0 - r2[inner] / half_width**2)
+    off = float(np.abs(nodes.contact_pressure[inner] - exact).max() / peak)
+    return [*found[:3], Quantity("1 + error of the profile", 1.0 + off, 1.0), *found[3:]]
