@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from contact_app.results.report import run_log
 from contact_app.run.communication import on_first
-from contact_app.run.files import without_parts
+from contact_app.run.files import log_caches, without_parts
 from contact_app.run.progress import Interruption, Progress
 from contact_app.run.result_directory import clear
 from solver.contact.checkpoint import Attention, Checkpoint
@@ -37,6 +37,7 @@ def attended(
         Progress(first) as progress,
         Interruption() as interruption,
     ):
+        log_caches()
         # its clock alone is used: nothing is saved within a solve
         clock = Checkpoint(directory, comm, False, every)
         yield progress, Attention(comm, lambda: interruption.asked, clock)

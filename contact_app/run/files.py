@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.machine.caches import usable_caches
 from contact_app.machine.disk import refuse_without_room
 from contact_app.model.outline import Outline
 from contact_app.results.output import Fields, write_fields
@@ -22,6 +23,12 @@ from contact_app.scene.scene import Scene
 
 if TYPE_CHECKING:
     from contact_app.accuracy.refine.levels import Refined
+
+
+def log_caches() -> None:
+    """Log which directories for compiled forms could not be used, and what is used instead."""
+    for sentence in usable_caches():
+        log.info("%s", sentence)
 
 
 def part_that_is_solved(scene: Scene) -> Scene:

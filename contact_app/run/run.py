@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError, CouldNotRunError
-from contact_app.machine.caches import usable_caches
 from contact_app.machine.exits import Exit, add_remedy
 from contact_app.machine.exits import tell as say
 from contact_app.results.history import History
 from contact_app.results.report import log, print_summary, run_log
 from contact_app.run.communication import on_first
 from contact_app.run.files import (
+    log_caches,
     log_model,
     log_model_that_fits,
     part_that_is_solved,
@@ -72,8 +72,7 @@ def run(
         History(directory / "history.csv" if first else None, checkpoint.found) as history,
         Interruption() as interruption,
     ):
-        for sentence in usable_caches():
-            log.info("%s", sentence)
+        log_caches()
         attention = Attention(comm, lambda: interruption.asked, checkpoint)
         monitor = together(progress, history, attention)
         if resume:

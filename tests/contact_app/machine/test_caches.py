@@ -6,8 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+from mpi4py import MPI
 
 from contact_app.machine import caches
+from contact_app.run.attended import attended
 
 
 @pytest.fixture(autouse=True)
@@ -60,3 +62,12 @@ def test_a_directory_that_someone_else_may_have_filled_is_not_used(
     assert used != own
     assert used.parent == tmp_path
     assert used.stat().st_mode & 0o777 == 0o700
+
+
+def test_the_log_of_cases_and_steps_tells_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    with attended(tmp_path / "out", MPI.COMM_SELF, False, 30.0):
+        pass
+    assert "/dev/null cannot be written" in (tmp_path / "out" / "run.log").read_text()
