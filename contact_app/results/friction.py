@@ -68,3 +68,29 @@ def dissipated_work(problem: DualProblem, solution: Solution) -> float:
         residual = problem.residual(problem.on_interface(solution.displacements))
         own = float(points.forces(solution.multiplier) @ points.slips(residual))
     return float(problem.comm.allreduce(own))
+
+
+def closing_points(
+    problem: DualProblem, solution: Solution, start: list[Array] | None
+) -> tuple[int, int]:
+    """How many points with Coulomb friction close or open on the way to an answer (collective).
+
+    Parameters
+    ----------
+    start : one (n, members) array a class
+        Displacements that slip is measured from; None for those of the unloaded bodies.
+
+    Returns
+    -------
+    Points that close or open, and points that touch at the start or at the end.
+    """
+    counts, points = np.zeros(2, int), problem.friction
+    if points is not None:
+        begun = start or [np.zeros_like(u) for u in solution.displacements]
+        gap = -points.normal_residuals(problem.residual(problem.on_interface(begun)))
+        was_open = gap > solution.tolerance * solution.measures.displacement
+        closed = points.pressing(solution.multiplier) > 0.0
+        rough = points.coefficients > 0.0
+        counts[:] = (rough & (was_open == closed)).sum(), (rough & (closed | ~was_open)).sum()
+    changed, touching = problem.comm.allreduce(counts)
+    return int(changed), int(touching)

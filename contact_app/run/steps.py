@@ -19,8 +19,8 @@ from contact_app.results.series import Series
 from contact_app.run.attended import attended
 from contact_app.run.communication import on_first
 from contact_app.run.files import log_model_that_fits, part_that_is_solved
+from contact_app.run.increment_models import IncrementModels
 from contact_app.run.increments import (
-    IncrementModels,
     Place,
     Position,
     SolvedIncrement,

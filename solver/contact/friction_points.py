@@ -80,6 +80,10 @@ class FrictionPoints:
         """w of residuals B u - c (dual,), (k,)."""
         return np.asarray(residual[self.rows] / self.spread)
 
+    def normal_residuals(self, residual: Array) -> Array:
+        """Penetrations, of residuals B u - c (dual,): (points,)."""
+        return np.asarray(residual[self.normals[self.first]] / self.normal_spread[self.first])
+
     def sliding(self, multiplier: Array) -> NDArray[np.bool_]:
         """Tangential rows (dual,) of points whose friction force is at its limit, or nearly so."""
         size, limit = self.sizes(self.forces(multiplier)), self.slip_limits(multiplier)

@@ -406,3 +406,46 @@ def test_slips_that_turn_aside_ask_for_more_increments() -> None:
     steps = solved({**made, "steps": [{"x": 1}, {"x": 2}, {"y": 1}]}).summary["steps"]
     warned = [any("turns aside" in w for w in s["certificate"]["warnings"]) for s in steps]
     assert warned == [False, False, True]
+
+
+def on_a_ball(increments: int | None) -> Config:
+    """A block pressed down on a ball and aside; without increments, all at once."""
+    made = scenes.config(
+        SQUARE,
+        [scenes.block(SQUARE, 20, upper=(1, 1, 0.5))],
+        [{"name": "press", "on": "block.y+", "displacement": [0.02, -0.04]}],
+        [
+            {
+                "on": "block.y-",
+                "obstacle": {"sphere": {"center": [0.45, -1], "radius": 1}},
+                "friction": {"coulomb": 0.3},
+            }
+        ],
+    )
+    return {**made, "steps": [{"press": 1, "increments": increments}]} if increments else made
+
+
+def test_what_halving_an_increment_changes_is_told() -> None:
+    """The warning has the numbers of a history in twice as many increments."""
+    one, two = (solved(on_a_ball(count)).last for count in (1, 2))
+    (said,) = [w for w in one.certificate.warnings if "halving" in w]
+    found = re.search(r"forces by ([\d.]+) % .* displacements by ([\d.]+) % ", said)
+    assert found is not None
+    assert "8 of 9 contact points" in said
+    points = one.solved.model.problem.friction
+    assert points is not None
+    before, after = (each.solved.solution.multiplier for each in (one, two))
+    forces = points.sizes(points.forces(after) - points.forces(before)).sum()
+    moved = np.abs(two.displacement - one.displacement).max() / np.abs(one.displacement).max()
+    expected = [100 * forces / points.slip_limits(before).sum(), 100 * moved]
+    np.testing.assert_allclose([float(text) for text in found.groups()], expected, rtol=0.05)
+
+
+def test_small_increments_are_not_warned_of() -> None:
+    warnings = solved(on_a_ball(8)).summary["certificate"]["warnings"]
+    assert not [w for w in warnings if "increment" in w]
+
+
+def test_growing_frictional_contact_under_a_load_at_once_is_told() -> None:
+    warnings = contact_app.solve(on_a_ball(None)).summary["certificate"]["warnings"]
+    assert [w for w in warnings if "close or open under the load" in w]

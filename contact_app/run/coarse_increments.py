@@ -1,0 +1,244 @@
+"""Whether the increments of a load history are too coarse for its answer.
+
+An increment knows where its slips begin and end, and not the way there. The answer depends on the
+way where
+
+* slips turn aside from one increment to the next, or
+* points with Coulomb friction close or open within the increment: one that closes and sticks is
+  held where it was at the start, not where it touched. The last increment of a step is asked: all
+  that touches closes in the first ones of a step that begins without contact, however small they
+  are, and little of what is wrong then is left at the end.
+
+Neither tells how much. Where every point closes, friction changes by nothing or by 40 % of its
+limits (`python -m tests.stability.increments`). So where either is seen, the increment is solved
+once more in two halves, and a warning is given where that changes the answer. That costs about as
+much as the increment itself, and is done once in a step.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.machine.timings import Timings
+from contact_app.results.friction import closing_points
+from contact_app.run.increment_models import IncrementModels
+from contact_app.run.progress import together
+from contact_app.scene.scene import Scene
+from solver.driver import solve
+from solver.qp.result import Monitor, Step
+from solver.tfeti.dual import DualProblem
+
+TURNED = math.pi / 6.0
+"""Angle between the lines along which a node slips in two increments, from which on it counts as
+turned: the friction force in between is off by up to half of itself. A slip that is reversed does
+not count: the node sticks in between, and the load at which that ends is met exactly."""
+
+MANY = 0.1
+"""Share of the sliding nodes that may turn unchecked."""
+
+CLOSING = 0.2
+"""Share of the points that may close or open unchecked. Of 54 random scenes loaded in one increment
+and in twelve, friction forces differ by more than 5 % of their limits in 16 of 28 with more, and in
+2 of 26 with fewer, both with given limits. Halving finds 15 of these 18."""
+
+FORCES, MOVED = 0.05, 0.01
+"""Changes by halving that are told: of friction forces, over their limits, and of displacements,
+over the largest."""
+
+TOLERANCE = 1e-3
+"""Of the halves: what is asked is whether an answer changes by a hundredth."""
+
+LEAST, TIMES = 60, 1.5
+"""Iterations that the halves may take: so many, or so many times those of the increment."""
+
+log = logging.getLogger("contact_app")
+
+
+@dataclass(frozen=True)
+class Change:
+    """What halving an increment changes.
+
+    Attributes
+    ----------
+    forces
+        Sum of the changes of friction forces over that of their limits.
+    displacements
+        Largest change of a component over the largest.
+    """
+
+    forces: float
+    displacements: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether a user is told."""
+        return self.forces > FORCES or self.displacements > MOVED
+
+
+class CoarseIncrements:
+    """Tells where increments are too coarse, at most once in a step; methods are collective.
+
+    Parameters
+    ----------
+    models
+        Those of the increments; the last one that was added is the one before.
+    """
+
+    def __init__(self, models: IncrementModels) -> None:
+        self._models = models
+        self._checked: set[int] = set()
+
+    def warning(
+        self,
+        step: int,
+        at_end: bool,
+        middle: Callable[[], Scene],
+        solved: tuple[SolvedScene | None, SolvedScene],
+        monitor: Callable[[], Monitor | None],
+    ) -> str:
+        """A sentence where the last increment is too coarse; empty where it is not.
+
+        Parameters
+        ----------
+        step, at_end
+            The step it belongs to, and whether it ends there.
+        middle
+            Gives the scene as loaded half-way through it.
+        solved
+            The increment before, if there is one, and the last.
+        monitor
+            Gives the monitor of the halves, if there are any.
+        """
+        before, now = solved
+        done = step in self._checked or not now.solution.converged
+        if done or not now.model.scene.has_friction:
+            return ""
+        closing = _closing(self._models, now) if at_end else ""
+        suspicions = [s for s in (_turning(before, now), closing) if s]
+        if not suspicions:
+            return ""
+        self._checked.add(step)
+        seen = "; ".join(suspicions)
+        change = halved(self._models, middle(), now, monitor())
+        if change is None:
+            return (
+                f"friction may depend on how large this increment is ({seen}), and its halves were "
+                "not solved in the iterations allowed for that: try the step with more increments"
+            )
+        if not change.matters:
+            return ""
+        return (
+            f"halving this increment changes friction forces by {100 * change.forces:.2g} % of "
+            f"their limits and displacements by {100 * change.displacements:.2g} % of the "
+            f"largest ({seen}): give the step more increments"
+        )
+
+
+def _turning(before: SolvedScene | None, now: SolvedScene) -> str:
+    """How many slips turn aside from one increment to the next; empty where few do."""
+    if before is None or len(before.nodes.slip) != len(now.nodes.slip):
+        return ""
+    lengths = [np.linalg.norm(solved.nodes.slip, axis=1) for solved in (before, now)]
+    still = now.solution.tolerance * now.solution.measures.displacement
+    slides = (lengths[0] > still) & (lengths[1] > still)
+    along = np.einsum("ni,ni->n", before.nodes.slip, now.nodes.slip)
+    turned = slides & (np.abs(along) < math.cos(TURNED) * lengths[0] * lengths[1])
+    of_slides, of_turned = now.model.comm.allreduce(np.array([slides.sum(), turned.sum()]))
+    if of_turned <= MANY * of_slides:
+        return ""
+    return (
+        f"the slip of {of_turned:,} of {of_slides:,} sliding nodes turns aside by more than "
+        f"{math.degrees(TURNED):.0f}°"
+    )
+
+
+def _closing(models: IncrementModels, now: SolvedScene) -> str:
+    """How many points with Coulomb friction close or open; empty where few do."""
+    changed, touching = closing_points(now.model.problem, now.solution, models.displacements)
+    if changed <= CLOSING * touching:
+        return ""
+    return f"{changed:,} of {touching:,} contact points with friction close or open in it"
+
+
+def halved(
+    models: IncrementModels, middle: Scene, now: SolvedScene, monitor: Monitor | None
+) -> Change | None:
+    """Solve an increment in two halves; what that changes, None where it is not known.
+
+    Parameters
+    ----------
+    middle
+        The scene as loaded half-way through the increment.
+    """
+    whole, comm = now.model, now.model.comm
+    alike = replace(middle, solver=whole.scene.solver, decomposition=whole.scene.decomposition)
+    model = models.model(alike, Timings(), whole.needed, None)
+    same = model.problem.B is whole.problem.B
+    if not comm.allreduce(int(same), op=MPI.MIN):
+        return None
+    options = replace(whole.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
+    limited = together(monitor, _Patience(max(LEAST, int(TIMES * now.solution.counts.hessian))))
+    first = solve(_alone(model.problem), options, limited, start=models.on(model))
+    if not first.converged:
+        return None
+    problem = _alone(whole.problem).with_slip_from(first.displacements)
+    second = solve(problem, options, limited, start=now.solution.multiplier)
+    if not second.converged:
+        return None
+    found = _change(now, second.multiplier, second.displacements)
+    if comm.rank == 0:
+        log.info(
+            "%s in halves, %d Hessian multiplications: friction forces change by %.2g %% of their "
+            "limits, displacements by %.2g %% of the largest",
+            now.model.scene.case, first.counts.hessian + second.counts.hessian,
+            100 * found.forces, 100 * found.displacements,
+        )  # fmt: skip
+    return found
+
+
+def _alone(problem: DualProblem) -> DualProblem:
+    """The same problem with search directions of its own: those of increments stay as they are."""
+    return problem.recycling(None) if problem.factored and problem.coarse is not None else problem
+
+
+class _Patience:
+    """A monitor that stops solves after so many iterations in all."""
+
+    def __init__(self, iterations: int) -> None:
+        self._left = iterations
+
+    def __call__(self, step: Step) -> bool:
+        self._left -= 1
+        return self._left < 0
+
+
+def _change(
+    now: SolvedScene, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
+) -> Change:
+    """How far an answer is from another one to the same rows."""
+    comm, points, solution = now.model.comm, now.model.problem.friction, now.solution
+    sums = np.zeros(2)
+    if points is not None:
+        forces = points.forces(multiplier) - points.forces(solution.multiplier)
+        sums[:] = points.sizes(forces).sum(), points.slip_limits(solution.multiplier).sum()
+    moved, limits = comm.allreduce(sums)
+    pairs = list(zip(displacements, solution.displacements, strict=True))
+    own = np.array(
+        [
+            max((float(np.abs(a - b).max(initial=0.0)) for a, b in pairs), default=0.0),
+            max((float(np.abs(b).max(initial=0.0)) for _, b in pairs), default=0.0),
+        ]
+    )
+    apart, largest = np.max(comm.allgather(own), axis=0)
+    return Change(
+        float(moved / limits) if limits > 0.0 else 0.0,
+        float(apart / largest) if largest > 0.0 else 0.0,
+    )
