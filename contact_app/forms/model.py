@@ -22,7 +22,7 @@ from contact_app.forms.parts import Parts, parts_of
 from contact_app.forms.rows import rows_of, tagged_facets
 from contact_app.forms.subdomains import Subdomains, subdomains_of
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
@@ -139,9 +139,9 @@ def build_model(
     first = parts.comm.exscan(own.count) or 0
     numbers = np.repeat(first + np.arange(own.count), np.diff(own.starts))
     of_held = eliminated[bodies.of_node[held.nodes - exchange.first]]
-    rows, contact, _, tied = write_rows(exchange, numbers, held, contact, of_held)
+    rows, shared = write_rows(exchange, numbers, held, SharedRows.of(contact), of_held)
     constraints = ConstraintRows(
-        exchange, rows, contact, _supports(own, bodies, found, first), found.without_contact, tied
+        exchange, rows, shared, _supports(own, bodies, found, first), found.without_contact
     )
     lifted = _lifted(exchange, held)
     with together(parts.comm):

@@ -41,10 +41,9 @@ from contact_app.scene.material import Material
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import write_rows
-from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.system import NodePlaces
@@ -83,8 +82,6 @@ class Model:
         The cells of points whose displacement is asked for.
     sections
         The cells on either side of planes at which section forces are asked for.
-    supports
-        Rows that hold rigid motions.
     notes
         Sentences on what was left out or added, for `check`, the log and the certificate.
     """
@@ -104,7 +101,6 @@ class Model:
     probes: tuple[Probe, ...] = ()
     temperatures: tuple[NDArray[np.float64] | None, ...] = ()
     sections: tuple[SectionPiece, ...] = ()
-    supports: SupportRows = field(default_factory=SupportRows)
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -176,6 +172,7 @@ def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
     c[rows] = known.held.values[at, unknowns[rows] % d]
     c[problem.inequality] = known.contact.gaps * problem.contact.spread
     c[problem.tied] = known.tied.rows.gaps * problem.system.tied.spread
+    c[problem.means] = known.means.gaps * problem.system.means.spread
     friction = known.tangential
     if friction is not None:
         c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
@@ -207,12 +204,11 @@ def model_of_outline(
     unknowns = RigidUnknowns.of(scene, partition)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
     friction = known.tangential
-    rows, contact, tangential, tied = write_rows(
-        exchange, of_copies, held, known.contact, eliminated[body_of_held], options,
-        known.tied.rows, None if friction is None else friction.rows,
-    )  # fmt: skip
+    slips = None if friction is None else friction.rows
+    shared = SharedRows.of(known.contact, slips, known.tied.rows, known.means)
+    rows, shared = write_rows(exchange, of_copies, held, shared, eliminated[body_of_held], options)
     if friction is not None:
-        friction = replace(friction, rows=tangential)
+        friction = replace(friction, rows=shared.tangential)
     supports = support_rows(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene, partition, lifting)
@@ -224,7 +220,7 @@ def model_of_outline(
             _assembled(scene, known, key, members, lifting) for key, members in classes.items()
         ] + rigid_subdomains(unknowns, surface, partition)
     constraints = ConstraintRows(
-        exchange, rows, contact, supports, all(b.steady for b in balances), tied, friction
+        exchange, rows, shared, supports, all(b.steady for b in balances), friction
     )
     problem = DualProblem(
         build_system(
@@ -250,7 +246,6 @@ def model_of_outline(
         probes=known.probes,
         temperatures=tuple(_temperatures(known, members) for members in classes.values()),
         sections=known.sections,
-        supports=supports,
         notes=tuple(_notes(scene, known, problem)),
     )
 

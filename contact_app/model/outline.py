@@ -33,6 +33,7 @@ from contact_app.model.equilibrium import body_balances, groups_in_contact
 from contact_app.model.friction import always_rough, friction_rows
 from contact_app.model.heat import free_strains, node_temperatures, thermal_loads
 from contact_app.model.loads import load_vectors
+from contact_app.model.mean_motions import mean_motion_rows
 from contact_app.model.method import subdomains_of
 from contact_app.model.probes import Probe, locate_probes
 from contact_app.model.rigid import (
@@ -104,6 +105,8 @@ class Outline:
         Load vector of each subdomain of this rank, None where nothing acts.
     tied
         Rows of tied pairs.
+    means
+        Rows that hold rigid motions of bodies in the mean.
     temperatures, thermal
         Temperatures at the nodes of each subdomain of this rank and the loads by which they expand
         it, None without heat.
@@ -129,6 +132,7 @@ class Outline:
     sections: tuple[SectionPiece, ...]
     loads: list[NDArray[np.float64] | None]
     tied: TiedRows
+    means: ContactRows
     temperatures: list[NDArray[np.float64] | None]
     thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
@@ -213,6 +217,7 @@ def outline(
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
+    means = mean_motion_rows(scene, partition, exchange, elements, held, scene_length(scene))
     found = _loads(scene, partition, elements, timings)
     friction = friction_rows(scene, partition, exchange, contact, held, tied.rows, merged)
     balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads, friction)
@@ -226,7 +231,7 @@ def outline(
     return Outline(
         partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
         merged, reach, elements, found.linear, probes, locate_sections(scene, partition),
-        found.loads, tied, found.temperatures, found.thermal, balances, friction,
+        found.loads, tied, means, found.temperatures, found.thermal, balances, friction,
     )  # fmt: skip
 
 
@@ -251,12 +256,14 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
     timings, partition = timings or Timings(), known.partition
     rows = known.all_contact
     held, contact, merged, tied = known.held, rows, known.merged, known.tied
+    means, length = known.means, scene_length(scene)
     if any(condition.name is not None for condition in scene.displacements):
         conditions = _conditions(scene, partition)
         held, contact, merged = _merged_rows(
             scene, partition, known.exchange, conditions, known.uncut
         )
-        tied = tied_rows(scene, partition, known.exchange, held, scene_length(scene))
+        tied = tied_rows(scene, partition, known.exchange, held, length)
+        means = mean_motion_rows(scene, partition, known.exchange, known.elements, held, length)
         some = undecided(partition.comm, contact, tied.rows)
         contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
@@ -269,8 +276,8 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
     return replace(
         known, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
         merged=merged, reach=reach, linear=found.linear, loads=found.loads,
-        tied=tied, temperatures=found.temperatures, thermal=found.thermal, balances=balances,
-        friction=friction,
+        tied=tied, means=means, temperatures=found.temperatures, thermal=found.thermal,
+        balances=balances, friction=friction,
     )  # fmt: skip
 
 

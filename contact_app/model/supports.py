@@ -1,21 +1,16 @@
-"""Rows that hold rigid motions: those nothing else holds, and those a body asks to be held.
+"""Rows that hold rigid motions which nothing else holds.
 
-A motion that nothing holds and no load works on is held at a few nodes: any way of holding it
-leaves stresses alone. A motion that is held on request may meet a resistance. It is held in the
-mean over the surface of a part of the body: with M (n · d, motions) the rigid motions at these
-nodes, M⁺ u is the rigid motion nearest to u in the mean square, and its held parts are zero. What
-the row pushes, M⁺ᵀ λ, is work on the held motion alone: it leaves the balance of the others be.
+No load works on such a motion. It is held at a few nodes: any way of holding it leaves stresses
+alone.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.equilibrium import body_frame
 from contact_app.model.rigid import FAINT, NODES, RigidUnknowns
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.contact.equilibrium import BodyBalance
@@ -26,7 +21,7 @@ from solver.tfeti.subdomain.kernels import fixing_nodes, rigid_motions
 def support_rows(
     scene: Scene, partition: Partition, surface: SurfaceCopies, balances: list[BodyBalance]
 ) -> SupportRows:
-    """Rows that hold motions of each body, on its first subdomain.
+    """Rows that hold free motions of each body, on its first subdomain.
 
     Those of a rigid body are at the nodes that stand for it.
     """
@@ -44,9 +39,6 @@ def support_rows(
             basis = np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0]
             for row in basis.T:
                 supports.add(start + chosen, row.reshape(len(chosen), -1))
-        for row in _mean_motions(scene.dimension, body, points):
-            copies = np.arange(start, start + len(points))
-            supports.add(copies, row.reshape(len(points), -1), s.body, points)
     return supports
 
 
@@ -65,13 +57,3 @@ def _of_rigid_bodies(
             copies = len(surface.nodes) + NODES * nth + np.arange(NODES)
             supports.add(copies, values.reshape(NODES, -1))
     return supports
-
-
-def _mean_motions(dimension: int, body: Body, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Orthonormal rows that see the held motions of a body at some nodes, and none of the others.
-
-    (held, n · dimension).
-    """
-    motions = rigid_motions(points, dimension, *body_frame(body))
-    inverse = np.linalg.pinv(motions.reshape(len(points) * dimension, -1))
-    return np.asarray(np.linalg.qr(inverse[list(body.hold)].T)[0].T)

@@ -64,9 +64,9 @@ def tied_rows(
     """
     d = scene.dimension
     if not scene.ties:
-        return TiedRows(_no_rows(d), ())
+        return TiedRows(ContactRows.empty(d), ())
     decided = decided_by(exchange, held)
-    parts, notes = [_no_rows(d)], []
+    parts, notes = [ContactRows.empty(d)], []
     for number, tie in enumerate(scene.ties):
         sides = _sides(scene, partition, tie)
         try:
@@ -129,12 +129,3 @@ def _signed(rows: ContactRows, sign: float) -> ContactRows:
     )
     fields: Sequence[str] = [name for name in rows.__dict__ if name != "entries"]
     return ContactRows(**{name: getattr(rows, name) for name in fields}, entries=turned)
-
-
-def _no_rows(d: int) -> ContactRows:
-    number, none = np.zeros(0, np.int64), np.zeros(0)
-    return ContactRows(
-        nodes=number, points=np.zeros((0, 3)), sources=number, gaps=none,
-        normals=np.zeros((0, d)), moments=np.zeros((0, 3)), areas=none, spread=none,
-        entries=ContactEntries.none(),
-    )  # fmt: skip

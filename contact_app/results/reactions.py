@@ -30,7 +30,6 @@ from contact_app.results.mirror import whole
 from contact_app.results.resultants import Resultant, joined, summed
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
-from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
 
 Array = NDArray[np.float64]
@@ -83,9 +82,10 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
 
 
 def _add_contact(model: Model, solution: Solution, force: Array) -> None:
-    """Add what contact, tangential and tied rows push against held components (collective)."""
+    """Add what rows of several nodes push against held components (collective)."""
     problem, friction = model.problem, model.problem.system.friction
     parts = [(problem.contact, problem.inequality), (problem.system.tied, problem.tied)]
+    parts.append((problem.system.means, problem.means))
     if friction is not None:
         parts.append((friction.rows, problem.tangential))
     for rows, mine in parts:
@@ -100,17 +100,11 @@ def hold_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
 
     Force on the body, and moment about its centre.
     """
-    scene, problem, supports = model.scene, model.problem, model.supports
-    rows = np.flatnonzero(problem.kinds == RowKind.SUPPORT)
+    scene, rows = model.scene, model.problem.system.means
+    multiplier = solution.multiplier[model.problem.means] * rows.spread
     sums = np.zeros((len(scene.bodies), 6))
-    for row, body, values, points in zip(
-        rows, supports.bodies, supports.values, supports.points, strict=True
-    ):
-        if body >= 0:
-            force = np.zeros((len(points), 3))
-            force[:, : scene.dimension] = -solution.multiplier[row] * values
-            arm = points - body_frame(scene.bodies[body])[0]
-            sums[body] += *force.sum(axis=0), *np.cross(arm, force).sum(axis=0)
+    force = multiplier[:, None] * np.column_stack([_in_space(rows.normals), rows.moments])
+    np.add.at(sums, rows.sources, force)
     sums = model.comm.allreduce(sums)
     names, records = MOTION_NAMES[scene.dimension], []
     for asked, total in zip(scene.bodies, sums, strict=True):
@@ -121,6 +115,11 @@ def hold_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
                 **joined([whole_force], scene.dimension),
             })  # fmt: skip
     return records
+
+
+def _in_space(vectors: Array) -> Array:
+    """Vectors (n, dimension) with three components, (n, 3)."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,12 +130,13 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
         On all ranks.
     """
     tied, tangential = (problem.count(kind) for kind in (RowKind.TIED, RowKind.TANGENT))
+    holding = RowKind.DIRICHLET, RowKind.SUPPORT, RowKind.MEAN
     return {
         "subdomains": subdomains,
         "congruence_classes": problem.comm.allreduce(len(problem.classes)),
         "dual": problem.comm.allreduce(problem.size),
         "gluing": problem.count(RowKind.GLUING),
-        "dirichlet": problem.count(RowKind.DIRICHLET) + problem.count(RowKind.SUPPORT),
+        "dirichlet": sum(map(problem.count, holding)),
         "contact": problem.count(RowKind.CONTACT),
         **({"tied": tied} if tied else {}),
         **({"tangential": tangential} if tangential else {}),

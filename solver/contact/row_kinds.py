@@ -14,3 +14,5 @@ class RowKind(IntEnum):
     SUPPORT = 3
     TANGENT = 4
     TIED = 5
+    MEAN = 6
+    """A rigid motion of a whole body in the mean, held on request."""

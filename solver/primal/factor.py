@@ -119,7 +119,7 @@ class Factor:
         if springs is not None:
             weights = np.maximum(weights, springs)
         weights[projector.rows] = options.penalty * stiff[projector.rows]
-        near = NEAR + spread_supports(system)
+        near = NEAR + spread_means(system)
         matrix = with_springs(system.K, system.C, weights, near * system.diagonal)
         self._pc = factored(matrix)
         self._residual, self._correction = matrix.createVecs()
@@ -152,10 +152,10 @@ def row_stiffness(system: MergedSystem) -> Array:
     if system.has_rigid_bodies:  # rows between these and held unknowns meet no stiffness
         top = system.comm.allreduce(float(stiff.max(initial=0.0)), op=MPI.MAX)
         stiff[flexible == 0.0] = top
-    return np.asarray(np.where(system.wide_supports, 0.0, stiff))
+    return np.asarray(np.where(system.means, 0.0, stiff))
 
 
-def spread_supports(system: MergedSystem) -> Array:
+def spread_means(system: MergedSystem) -> Array:
     """Springs for rows that hold rigid motions in the mean, over the diagonal of K, (unknowns,).
 
     Each row has a share of the stiffness of an unknown in all, divided among its unknowns as its
@@ -163,7 +163,7 @@ def spread_supports(system: MergedSystem) -> Array:
     """
     squares = squared_rows(system)
     sums = multiply(squares, np.ones(system.size))
-    shares = np.divide(1.0, sums, out=np.zeros_like(sums), where=system.wide_supports)
+    shares = np.divide(1.0, sums, out=np.zeros_like(sums), where=system.means)
     return SPREAD * multiply_transposed(squares, shares)
 
 

@@ -27,7 +27,7 @@ from solver.primal.cycle import Cycle
 from solver.primal.factor import (
     change_springs,
     row_stiffness,
-    spread_supports,
+    spread_means,
     squared,
     squared_rows,
     with_springs,
@@ -96,7 +96,7 @@ def find_first_set(
     """The rows that press on coarse levels (collective)."""
     options = options or FirstSetOptions()
     springs = multiply_transposed(squared_rows(system), row_stiffness(system))
-    hierarchy, A = with_motions(system, hierarchy, _with_supports(system, hierarchy), springs)
+    hierarchy, A = with_motions(system, hierarchy, _with_means(system, hierarchy), springs)
     P = hierarchy.prolongations
     rows = _Rows(system.comm, system.c, system.normal, system.equality, row_stiffness(system))
     start = system.at_rest
@@ -123,14 +123,14 @@ def find_first_set(
     return FirstSet(pressed | system.equality, start + x)
 
 
-def _with_supports(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Mat]:
+def _with_means(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Mat]:
     """The stiffness of each level with springs for motions held in the mean (collective).
 
     On coarser levels they are the diagonal of their Galerkin products.
     """
-    if not system.comm.allreduce(int(system.wide_supports.any())):
+    if not system.comm.allreduce(int(system.means.any())):
         return hierarchy.operators
-    springs = spread_supports(system) * system.diagonal
+    springs = spread_means(system) * system.diagonal
     result = []
     for k, operator in enumerate(hierarchy.operators):
         held = operator.copy()

@@ -33,10 +33,6 @@ from solver.vectors import on_arrays
 Array = NDArray[np.float64]
 
 
-FEW_ENTRIES = 60
-"""Entries of a row up to which its square does not fill a matrix."""
-
-
 @dataclass(frozen=True, eq=False)
 class MergedSystem:
     """The undecomposed problem; local parts throughout.
@@ -48,7 +44,7 @@ class MergedSystem:
     K
         Stiffness with the held unknowns taken out.
     C
-        Contact, tangential and tied rows, and rows that hold rigid motions, (rows, unknowns).
+        All rows but those of gluing and held unknowns, (rows, unknowns).
     c : (rows,)
         Right-hand side of these.
     rows : (rows,)
@@ -127,11 +123,9 @@ class MergedSystem:
         return np.where(self.held, self.load / self.diagonal, 0.0)
 
     @cached_property
-    def wide_supports(self) -> NDArray[np.bool_]:
+    def means(self) -> NDArray[np.bool_]:
         """Rows that hold a rigid motion in the mean over many nodes, (rows,)."""
-        entries = np.diff(self.C.getValuesCSR()[0])
-        supports = self.problem.kinds[self.rows] == RowKind.SUPPORT
-        return np.asarray(supports & (entries > FEW_ENTRIES))
+        return self.problem.means[self.rows]
 
     @cached_property
     def equality(self) -> NDArray[np.bool_]:
@@ -242,8 +236,8 @@ def merge(problem: DualProblem) -> MergedSystem:
     _set_diagonal(K, stiffless, 0.0)
     K.setOption(PETSc.Mat.Option.SPD, True)
     kinds = problem.kinds
-    one_of = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.SUPPORT
-    rows = np.flatnonzero(np.isin(kinds, one_of))
+    bound = RowKind.GLUING, RowKind.DIRICHLET
+    rows = np.flatnonzero(~np.isin(kinds, bound))
     C = _renamed(comm, problem.B.local[rows], columns, size)
     return MergedSystem(
         problem, nodes, K, C, problem.c[rows], rows, load, held, stiffless, rigid, body, transfer,

@@ -125,7 +125,7 @@ class Projector:
         leave is taken out by Π. Two more steps towards S⁻¹ saved no iteration on three pairs and
         took four times as long. Rows that hold a motion in the mean are left to Π: E would be full.
         """
-        narrow = np.flatnonzero(~self.system.wide_supports[self.rows])
+        narrow = np.flatnonzero(~self.system.means[self.rows])
         C, sums = self.C, self._row_sums()
         if self.system.comm.allreduce(len(self.rows) - len(narrow)):
             C, sums = chosen_rows(C, narrow), sums[narrow]

@@ -15,7 +15,7 @@ from scipy import sparse
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.tfeti.constraints.conditions import SharedRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.rows import Rows
@@ -78,24 +78,21 @@ class ConstraintRows:
         Where the copies of nodes meet.
     rows
         Gluing, held and contact rows.
-    contact
-        Geometry of the contact rows, in row order.
+    shared
+        Geometry of the rows over nodes of several ranks, in row order.
     supports
         Rows that hold what nothing else holds.
     held_without_contact
-        Whether gluing, held and tied rows alone stop every rigid motion.
-    tied
-        Geometry of the tied rows, in row order; None where there are none.
+        Whether all other rows alone stop every rigid motion.
     friction
         Tangential rows, in row order; None where no contact of any rank has friction.
     """
 
     exchange: NodeExchange
     rows: Rows
-    contact: ContactRows
+    shared: SharedRows
     supports: SupportRows
     held_without_contact: bool
-    tied: ContactRows | None = None
     friction: FrictionRows | None = None
 
 
@@ -123,7 +120,8 @@ def build_system(
     ArithmeticError
         A stiffness matrix of some rank resists its kernel or has a larger one.
     """
-    exchange, rows, contact = constraints.exchange, constraints.rows, constraints.contact
+    exchange, rows, shared = constraints.exchange, constraints.rows, constraints.shared
+    contact, tied = shared.contact, shared.tied
     comm, d = exchange.comm, contact.normals.shape[1]
     touched = exchange.from_owners(rows.touched(len(exchange.nodes), d))
     for copies, values in zip(
@@ -149,7 +147,6 @@ def build_system(
             )
     wide = np.zeros(len(ordered.kinds), bool)
     wide[in_contact] = contact.wide
-    tied = contact.none() if constraints.tied is None else constraints.tied
     wide[ordered.kinds == RowKind.TIED] = tied.wide
     if constraints.friction is not None:
         wide[tangential] = constraints.friction.rows.wide
@@ -170,6 +167,7 @@ def build_system(
         loads,
         bodies,
         tied,
+        shared.means,
         places,
         exchange.total,
         constraints.friction,

@@ -250,19 +250,25 @@ class DualProblem:
         return self.kinds == RowKind.TIED
 
     @cached_property
+    def means(self) -> NDArray[np.bool_]:
+        """Which local rows hold a rigid motion in the mean."""
+        return self.kinds == RowKind.MEAN
+
+    @cached_property
     def one_sided(self) -> bool:
         """Whether any rank has a contact row (collective when first asked)."""
         return bool(self.comm.allreduce(int(self.inequality.sum())))
 
     @cached_property
     def spread(self) -> NDArray[np.float64]:
-        """One over the length of the unscaled row on contact, tangential and tied rows, else 1.
+        """One over the length of the unscaled row on contact, tangential, tied, mean rows, else 1.
 
         The multiplier of such a row times it is the force, its residual over it the distance.
         """
         result = np.ones(self.size)
         result[self.inequality] = self.contact.spread
         result[self.tied] = self.system.tied.spread
+        result[self.means] = self.system.means.spread
         if self.system.friction is not None:
             result[self.tangential] = self.system.friction.rows.spread
         return result
@@ -287,14 +293,14 @@ class DualProblem:
 
     @cached_property
     def overlap(self) -> NDArray[np.float64]:
-        """Row sums of |B Bᵀ| over contact, tangential and tied rows, 1 for other rows.
+        """Row sums of |B Bᵀ| over contact, tangential, tied and mean rows, 1 for other rows.
 
         They bound what the corrections of rows that are not orthogonal add up to.
         """
         result = np.ones(self.size)
-        overlapping = self.conditional | self.tied
+        overlapping = self.conditional | self.tied | self.means
         contact = self.deforming.local[overlapping]
-        if self.comm.allreduce(int(self.wide.any())):
+        if self.comm.allreduce(int(self.wide.any() or self.means.any())):
             matrix = petsc_rows(self.comm, contact, self.B.columns)
             product = local_rows(matrix.matMult(matrix.transpose(PETSc.Mat())))
         else:  # rows of one node overlap with others of that node alone, which this rank has

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import NodeConditions
+from solver.tfeti.constraints.conditions import NodeConditions, SharedRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.rows import write_rows
@@ -150,9 +150,10 @@ def problem_from_arrays(
     first = comm.exscan(len(subdomains)) or 0
     numbers = np.repeat(first + np.arange(len(subdomains)), np.diff(copies.starts))
     floating = np.zeros(len(held_rows.nodes), bool)
-    rows, contact, _, _ = write_rows(exchange, numbers, held_rows, contact, floating)
+    shared = SharedRows.of(contact)
+    rows, shared = write_rows(exchange, numbers, held_rows, shared, floating)
     bodies = comm.allreduce(max(s.body for s in subdomains), op=MPI.MAX) + 1
-    constraints = ConstraintRows(exchange, rows, contact, SupportRows(), False)
+    constraints = ConstraintRows(exchange, rows, shared, SupportRows(), False)
     system = build_system(_classes(subdomains, copies), constraints, np.arange(bodies))
     return _knowing_what_holds(DualProblem(system))
 

@@ -42,7 +42,7 @@ class Constraints:
     coarse
         The coarse problem of rigid motions; None where no subdomain floats.
     held_without_contact
-        Whether gluing, held and tied rows alone stop every rigid motion.
+        Whether the rows that always hold with equality stop every rigid motion.
     held_unknowns : (dual,)
         Unknown that a held row holds, node · dimension + component; -1 on other rows.
     """
@@ -115,6 +115,8 @@ class ContactSystem:
         The body of each subdomain and row.
     tied
         Geometry of the tied rows, in row order.
+    means
+        Geometry of the rows that hold rigid motions in the mean, in row order.
     places
         Nodes of each class, where the subdomains are not factored; else empty.
     nodes
@@ -133,6 +135,7 @@ class ContactSystem:
     loads: Loads
     bodies: Bodies
     tied: ContactRows
+    means: ContactRows
     places: tuple[NodePlaces, ...] = ()
     nodes: int = 0
     friction: FrictionRows | None = None

@@ -156,6 +156,16 @@ class ContactRows:
     held: ContactEntries = field(default_factory=ContactEntries.none)
     rigid: ContactEntries = field(default_factory=ContactEntries.none)
 
+    @classmethod
+    def empty(cls, dimension: int) -> ContactRows:
+        """No rows."""
+        number, none = np.zeros(0, np.int64), np.zeros(0)
+        return cls(
+            nodes=number, points=np.zeros((0, 3)), sources=number, gaps=none,
+            normals=np.zeros((0, dimension)), moments=np.zeros((0, 3)), areas=none, spread=none,
+            entries=ContactEntries.none(),
+        )  # fmt: skip
+
     @property
     def on_rigid(self) -> NDArray[np.bool_]:
         """Which rows have entries at a rigid body, (k,)."""
@@ -197,6 +207,40 @@ class ContactRows:
     def none(self) -> ContactRows:
         """No rows."""
         return self.of(np.zeros(len(self.nodes), bool))
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRows:
+    """Rows over nodes that several ranks may own, each kind sorted by node.
+
+    Attributes
+    ----------
+    contact
+        Contact rows.
+    tangential
+        Slips at contact points, by node and contact.
+    tied
+        Rows of tied boundaries, which hold with equality.
+    means
+        Rigid motions of bodies in the mean, which are held.
+    """
+
+    contact: ContactRows
+    tangential: ContactRows
+    tied: ContactRows
+    means: ContactRows
+
+    @classmethod
+    def of(
+        cls,
+        contact: ContactRows,
+        tangential: ContactRows | None = None,
+        tied: ContactRows | None = None,
+        means: ContactRows | None = None,
+    ) -> SharedRows:
+        """Rows of the kinds that are given."""
+        others = (contact.none() if r is None else r for r in (tangential, tied, means))
+        return cls(contact, *others)
 
 
 def points_of(rows: ContactRows) -> NDArray[np.int64]:

@@ -22,9 +22,11 @@ tangential
     rows of a point are scaled alike, so that the bound on its friction force is a disc.
 tied
     the same with equality: the mean jump of two surfaces, component by component.
+mean
+    the same: a rigid motion of a body in the mean over its surface, held on request.
 
-So B Bᵀ = I except where contact and tied rows share nodes and are not perpendicular, and the rows
-of obstacles, gluing and held unknowns have full rank however the conditions overlap.
+So B Bᵀ = I except where contact, tied and mean rows share nodes and are not perpendicular, and the
+rows of obstacles, gluing and held unknowns have full rank however the conditions overlap.
 """
 
 from __future__ import annotations
@@ -40,6 +42,7 @@ from solver.tfeti.constraints.conditions import (
     ContactEntries,
     ContactRows,
     HeldRows,
+    SharedRows,
     points_of,
 )
 from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
@@ -50,8 +53,8 @@ MOST_COMPONENTS = 3
 """Components a node has at most."""
 
 
-SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED
-"""Kinds of rows over nodes that other ranks may own, in the order of their entries."""
+SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
+"""Kinds of rows over nodes that other ranks may own, in the order of `SharedRows`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +71,8 @@ class Rows:
         Weights of gluing rows in a coarse problem that joins neighbours alone, others one.
     row, copy, component, value : (entries,)
         Entries of gluing and held rows; `copy` counts the copies that arrived at this rank.
-    contact
-        Entries of contact rows, after these of tangential and of tied rows.
+    shared
+        Entries of the rows of `SHARED`, kind by kind.
     """
 
     kind: NDArray[np.int8]
@@ -80,18 +83,18 @@ class Rows:
     copy: NDArray[np.int64]
     component: NDArray[np.int64]
     value: NDArray[np.float64]
-    contact: SharedEntries
+    shared: SharedEntries
 
     @property
     def _shared(self) -> NDArray[np.int64]:
-        """Places of contact rows, after these of tangential and of tied rows."""
+        """Places of the rows of `SHARED`, kind by kind."""
         return np.concatenate([np.flatnonzero(self.kind == kind) for kind in SHARED])
 
     def touched(self, arrived: int, dimension: int) -> NDArray[np.bool_]:
         """Which components of the arrived copies some row touches (collective)."""
         touched = np.zeros((arrived, dimension), bool)
         touched[self.copy, self.component] = True
-        self.contact.mark(touched)
+        self.shared.mark(touched)
         return touched
 
     def held_unknowns(self, dimension: int) -> NDArray[np.int64]:
@@ -112,7 +115,7 @@ class Rows:
         columns : (arrived, dimension)
             Column of each component of the arrived copies.
         """
-        row, column, value = self.contact.spread_over(columns)
+        row, column, value = self.shared.spread_over(columns)
         return (
             np.concatenate([self.row, self._shared[row]]),
             np.concatenate([columns[self.copy, self.component], column]),
@@ -203,12 +206,10 @@ def write_rows(
     exchange: NodeExchange,
     subdomains: NDArray[np.int64],
     held: HeldRows,
-    contact: ContactRows,
+    shared: SharedRows,
     eliminated: NDArray[np.bool_],
     options: TotalFetiOptions | None = None,
-    tied: ContactRows | None = None,
-    tangential: ContactRows | None = None,
-) -> tuple[Rows, ContactRows, ContactRows, ContactRows]:
+) -> tuple[Rows, SharedRows]:
     """Write the rows of the owned nodes (collective).
 
     Parameters
@@ -217,16 +218,12 @@ def write_rows(
         Number of the subdomain of each of this rank's copies, among all.
     eliminated : (held nodes,)
         Held nodes whose conditions are imposed in the stiffness itself: no rows.
-    tied
-        Rows that hold with equality, written as contact rows are; sorted by node.
-    tangential
-        Rows of slips at contact points, written as contact rows are; sorted by node and contact.
 
     Returns
     -------
-    The rows, and the contact, tangential and tied rows, in row order, with their spread filled in.
+    The rows, and those of `shared` with their spread filled in.
     """
-    dimension = contact.normals.shape[1]
+    dimension = shared.contact.normals.shape[1]
     order = np.argsort(exchange.nodes, kind="stable")
     nodes, start, copies = np.unique(exchange.nodes[order], return_index=True, return_counts=True)
     is_held = np.zeros((len(nodes), dimension), bool)
@@ -266,19 +263,16 @@ def write_rows(
                         np.zeros(len(of) * (m - 1)), weight,
                     )
                 )  # fmt: skip
-    shared, every = _shared(exchange, contact, tangential, tied)
+    entries, every = _with_spread(exchange, shared)
     parts += [_Part.shared(kind, rows) for kind, rows in zip(SHARED, every, strict=True)]
-    return _assemble(parts, shared), every[0], every[1], every[2]
+    return _assemble(parts, entries), SharedRows(*every)
 
 
-def _shared(
-    exchange: NodeExchange,
-    contact: ContactRows,
-    tangential: ContactRows | None,
-    tied: ContactRows | None,
+def _with_spread(
+    exchange: NodeExchange, shared: SharedRows
 ) -> tuple[SharedEntries, list[ContactRows]]:
-    """Entries of rows of all kinds of `SHARED`, and these rows with their spread (collective)."""
-    every = [contact, *(contact.none() if r is None else r for r in (tangential, tied))]
+    """Entries of the rows of all kinds, and these rows with their spread (collective)."""
+    every = [shared.contact, shared.tangential, shared.tied, shared.means]
     counts = [len(rows.nodes) for rows in every]
     joined, rigid = (
         ContactEntries.join([getattr(rows, name) for rows in every], counts)
@@ -287,9 +281,9 @@ def _shared(
     first, last = counts[0], counts[0] + counts[1]
     together = np.arange(sum(counts))
     together[first:last] = first + points_of(every[1])
-    shared = SharedEntries(exchange, joined, together, rigid)
-    spreads = np.split(1.0 / shared.lengths, np.cumsum(counts)[:-1])
-    return shared, [replace(r, spread=s) for r, s in zip(every, spreads, strict=True)]
+    entries = SharedEntries(exchange, joined, together, rigid)
+    spreads = np.split(1.0 / entries.lengths, np.cumsum(counts)[:-1])
+    return entries, [replace(r, spread=s) for r, s in zip(every, spreads, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +339,7 @@ class _Part:
         )
 
 
-def _assemble(parts: list[_Part], contact: SharedEntries) -> Rows:
+def _assemble(parts: list[_Part], shared: SharedEntries) -> Rows:
     """Number the rows by node, then kind, then as their part says."""
     kind = np.concatenate([np.full(len(p.node), p.kind, np.int8) for p in parts])
     node = np.concatenate([p.node for p in parts])
@@ -363,5 +357,5 @@ def _assemble(parts: list[_Part], contact: SharedEntries) -> Rows:
         copy=np.concatenate([p.copy for p in parts]),
         component=np.concatenate([p.component for p in parts]),
         value=np.concatenate([p.value for p in parts]),
-        contact=contact,
+        shared=shared,
     )

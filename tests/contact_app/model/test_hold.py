@@ -55,16 +55,42 @@ def test_the_hold_takes_what_drives_the_motion(cell: str, subdomains: int) -> No
     assert floor["force"][up] == pytest.approx(7.0, rel=1e-6)
 
 
-def test_what_is_held_does_not_move_in_the_mean() -> None:
-    """The mean motion over the surface of a whole body vanishes; other motions do not."""
+@pytest.mark.parametrize("subdomains", [1, 8])
+def test_what_is_held_does_not_move_in_the_mean(subdomains: int) -> None:
+    """The mean motion over the surface of the whole body vanishes; other motions do not."""
     made = block_on_a_floor("quadrilateral", ["x"], 0.5)
-    solved = solve_scene(scenes.build(made, 1))
-    (s,) = solved.model.partition.subdomains
-    surface = s.nodes[np.unique(s.reference.facets)]
-    points, u = solved.nodes.points[surface], solved.nodes.displacement[surface]
-    motions = rigid_motions(points, 2, np.array([0.5, 0.5, 0.0]), 1.0).reshape(-1, 3)
+    solved = solve_scene(scenes.build(made, subdomains))
+    points = solved.nodes.points
+    assert len(points) == 25  # each once, and those of the surface have equal weights
+    surface = np.any((points[:, :2] == 0.0) | (points[:, :2] == 1.0), axis=1)
+    u, motions = (
+        solved.nodes.displacement[surface],
+        rigid_motions(points[surface], 2, np.array([0.5, 0.5, 0.0]), 1.0).reshape(-1, 3),
+    )
     mean = np.linalg.lstsq(motions, u.ravel(), rcond=None)[0]
     assert abs(mean[0]) < 1e-9 * np.abs(u).max() < abs(mean[1])
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_where_a_contact_resists_the_hold_is_one_for_all_decompositions(cell: str) -> None:
+    """The floor stops the block from tilting as the hold does: they share the moment."""
+    hold = ["x", "rz"] if scenes.dimension(cell) == 2 else ["x", "y", "ry", "rz"]
+    found = []
+    for subdomains, method in ((1, "active-set"), (8, "active-set"), (1, "primal")):
+        made = block_on_a_floor(cell, hold, 3.0)
+        made["solver"]["method"] = method
+        if method == "primal":
+            made.pop("decomposition", None)
+            summary = solve_scene(scenes.build(made)).summary
+        else:
+            summary = solve_scene(scenes.build(made, subdomains)).summary
+        assert summary["certificate"]["passed"]
+        (reaction,) = summary["reactions"]
+        moment = np.append(reaction["moment"], summary["solution"]["max_displacement"])
+        found.append([summary["solution"]["energy"], *moment])
+    np.testing.assert_allclose(found[1:], found[:1] * 2, rtol=1e-6, atol=1e-5)
+    moment = found[0][1:-1]
+    assert np.abs(moment).max() > 0.05  # the floor leaves a part of it to the hold
 
 
 def test_a_hold_that_nothing_drives_changes_no_stress() -> None:
@@ -131,11 +157,19 @@ def test_slides_along_round_surfaces_are_loose_and_others_are_not() -> None:
 
 
 @pytest.mark.mpi
-def test_two_ranks(tmp_path: Path) -> None:
-    made = block_on_a_floor("hexahedron", ["x", "y", "rz"], 0.5)
-    made["decomposition"] = {"subdomains": 4}
-    one, two = (summary_of(made, tmp_path, ranks)["reactions"] for ranks in (1, 2))
-    np.testing.assert_allclose(two[0]["force"], one[0]["force"], atol=1e-8)
+@pytest.mark.parametrize("method", ["active-set", "primal"])
+def test_ranks(method: str, tmp_path: Path) -> None:
+    """The floor resists the held tilt: every rank has a part of the rows that hold it."""
+    made = block_on_a_floor("tetrahedron", ["x", "y", "ry", "rz"], 3.0)
+    made["solver"] = {"method": method, "tolerance": 1e-9}
+    if method == "active-set":
+        made["decomposition"] = {"subdomains": 5}
+    one = solve_scene(scenes.build(made)).summary["reactions"][0]
+    for ranks in (2, 3):
+        found = summary_of(made, tmp_path, ranks)["reactions"][0]
+        np.testing.assert_allclose(found["force"], one["force"], atol=1e-8)
+        np.testing.assert_allclose(found["moment"], one["moment"], atol=1e-6)
+    assert np.abs(one["moment"]).max() > 0.05
 
 
 def shoe_between_races(directory: Path, tolerance: float) -> Config:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.conditions import ContradictionError, NodeConditions
+from solver.tfeti.constraints.conditions import ContradictionError, NodeConditions, SharedRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.rows import write_rows
@@ -44,11 +44,12 @@ def build(nodes: list[int], given: NodeConditions, eliminate: bool = False):
     held = merge_held(exchange, given)
     contact, _ = merge_contact(exchange, given, held, 1.0)
     eliminated = np.full(len(held.nodes), eliminate)
-    rows, contact, _, _ = write_rows(exchange, np.arange(len(nodes)), held, contact, eliminated)
+    shared = SharedRows.of(contact)
+    rows, shared = write_rows(exchange, np.arange(len(nodes)), held, shared, eliminated)
     B = np.zeros((len(rows.kind), len(nodes) * D))
     row, column, value = rows.entries(np.arange(len(nodes) * D).reshape(-1, D))
     np.add.at(B, (row, column), value)
-    return B, rows.rhs, rows.kind, contact
+    return B, rows.rhs, rows.kind, shared.contact
 
 
 def test_an_edge_shared_by_four_is_glued_by_three_rows_a_component() -> None:

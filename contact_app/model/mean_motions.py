@@ -1,0 +1,128 @@
+"""Rows that hold rigid motions of a body on request, in the mean over its whole surface.
+
+A motion that is held on request may meet a resistance, and what holds it is then a part of the
+answer. With ρ_k the rigid motions about the centre of the body and S its surface,
+
+    M_kl = ∫_S ρ_k · ρ_l ds,   m_k(u) = Σ_l (M⁻¹)_kl ∫_S ρ_l · u ds,
+
+m(u) are the parts of the rigid motion that is nearest to u in the mean square over S, and the held
+ones are zero. The force of such a row is a traction over the whole surface that is itself a rigid
+motion, of work on the held motion alone: it leaves the balance of the others be. Neither the
+decomposition nor, in the limit, the mesh has a part in it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.assembly import Element
+from contact_app.model.boundaries import surface_facets
+from contact_app.model.equilibrium import body_frame
+from contact_app.scene.scene import Scene
+from meshes import Partition
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.merge import cut_held
+from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
+
+Array = NDArray[np.float64]
+
+
+def mean_motion_rows(
+    scene: Scene,
+    partition: Partition,
+    exchange: NodeExchange,
+    elements: dict[int, Element],
+    held: HeldRows,
+    length: float,
+) -> ContactRows:
+    """Those this rank owns, without what is held (collective).
+
+    Parameters
+    ----------
+    length
+        A length of the scene.
+    """
+    parts = [ContactRows.empty(scene.dimension)]
+    for b, body in enumerate(scene.bodies):
+        if body.hold:
+            first = int(partition.first_node[b])
+            points, weights, nodes = _weights(scene, partition, elements, b)
+            gathered = exchange.among(np.full(len(nodes), first))
+            nodes, points, weights = map(gathered.to_owners, (nodes, points, weights))
+            if exchange.first <= first < exchange.last:
+                centre = body_frame(body)[0]
+                parts.append(_rows(b, (first, centre), nodes, points - centre, weights))
+    return cut_held(exchange, ContactRows.join(parts), held, length, one_sided=False)
+
+
+def _weights(
+    scene: Scene, partition: Partition, elements: dict[int, Element], b: int
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Surface nodes of a body on this rank, their weights in the held m_k, their numbers.
+
+    (k, 3), (k, dimension, held) and (k,); a node comes once a subdomain (collective).
+    """
+    d, body = scene.dimension, scene.bodies[b]
+    square = np.zeros((MOTIONS[d], MOTIONS[d]))
+    points, weights = [np.zeros((0, 3))], [np.zeros((0, d, MOTIONS[d]))]
+    nodes = [np.zeros(0, np.int64)]
+    for s in partition.subdomains:
+        facets = surface_facets(s, body) if s.body == b else np.zeros(0, np.int32)
+        if len(facets):
+            motions = rigid_motions(s.points(), d, *body_frame(body))
+            element = elements[id(s.reference)]
+            integrals = np.stack(
+                [element.linear_traction(facets, motions[..., k]) for k in range(MOTIONS[d])],
+                axis=-1,
+            )
+            square += motions.reshape(-1, MOTIONS[d]).T @ integrals
+            some = np.unique(s.reference.facets[facets])
+            points.append(s.points()[some])
+            weights.append(integrals.reshape(-1, d, MOTIONS[d])[some])
+            nodes.append(s.nodes[some].astype(np.int64))
+    square = partition.comm.allreduce(square, op=MPI.SUM)
+    chosen = np.linalg.inv(square)[:, list(body.hold)]
+    return np.concatenate(points), np.concatenate(weights) @ chosen, np.concatenate(nodes)
+
+
+def _rows(
+    source: int,
+    place: tuple[int, Array],
+    nodes: NDArray[np.int64],
+    arms: Array,
+    weights: Array,
+) -> ContactRows:
+    """Orthonormal rows of one body; those of a node that comes several times are added up.
+
+    Parameters
+    ----------
+    place
+        The node that stands for the rows, and the centre, to which their moments refer.
+    arms : (k, 3)
+        From the centre to the nodes.
+    """
+    node, centre = place
+    known, first, at = np.unique(nodes, return_index=True, return_inverse=True)
+    summed = np.zeros((len(known), *weights.shape[1:]))
+    np.add.at(summed, at.reshape(-1), weights)
+    d, count = weights.shape[1:]
+    basis = np.linalg.qr(summed.reshape(-1, count))[0].T.reshape(count, len(known), d)
+    forces = np.zeros((count, len(known), 3))
+    forces[..., :d] = -basis
+    row, nth, component = np.nonzero(basis)
+    return ContactRows(
+        nodes=np.full(count, node),
+        points=np.tile(centre, (count, 1)),
+        sources=np.full(count, source),
+        gaps=np.zeros(count),
+        normals=forces.sum(axis=1)[:, :d],
+        moments=np.cross(arms[first], forces).sum(axis=1),
+        areas=np.full(count, np.nan),
+        spread=np.ones(count),
+        entries=ContactEntries(
+            row, known[nth], centre + arms[first][nth], component, basis[row, nth, component]
+        ),
+    )
