@@ -82,16 +82,19 @@ def _nearest(
     """The cheapest way û - u to an admissible û, λᵀ (c - B û) on this rank, and the gap.
 
     One way closes the contact rows that are worth it, another does not; each group of bodies takes
-    its cheaper one. The last two are of each group, (groups,).
+    its cheaper one. Without contact rows they are the same. The last two are of each group,
+    (groups,).
     """
     bodies = problem.bodies
-    closed = worth_closing(problem, multiplier, problem.residual(interface))
-    ways = [_way(problem, multiplier, interface, rows, rest) for rows in (closed, None)]
+    ways = [_way(problem, multiplier, interface, None, rest)]
+    if problem.one_sided:
+        closed = worth_closing(problem, multiplier, problem.residual(interface))
+        ways.insert(0, _way(problem, multiplier, interface, closed, rest))
     costs = np.array(
         [opened + bodies.sum_by_group(motion_energies(problem, w)) for w, opened in ways]
     )
     costs = problem.comm.allreduce(costs)
-    if not (costs[1] < costs[0]).any():
+    if len(ways) == 1 or not (costs[1] < costs[0]).any():
         return *ways[0], costs[0]
     second = costs[1] < costs[0]
     change, opened = (

@@ -197,7 +197,7 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_fill_the_coarse_spaces() -> 
     scene = build_scene(load(path, values))
     problem = build_model(scene.under(scene.cases[0]), MPI.COMM_SELF, needed="estimated").problem
     system = merge(problem)
-    assert system.wide_supports.any()
+    assert system.means.any()
     hierarchy = build_hierarchy(system)
     truncated = Projector(system, np.ones(len(system.rows), bool)).truncating(
         hierarchy.prolongations[0]
