@@ -29,7 +29,12 @@ from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.friction import friction_points
-from solver.tfeti.constraints.matrix import ConstraintMatrix, local_rows, petsc_rows
+from solver.tfeti.constraints.matrix import (
+    ConstraintMatrix,
+    local_rows,
+    petsc_rows,
+    without_columns,
+)
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator, interface_slices
 from solver.tfeti.free_solution import FreeSolution, solve_free
@@ -280,16 +285,8 @@ class DualProblem:
         Corrections of rows, their overlaps and preconditioners concern these columns alone.
         Collective when first asked.
         """
-        B, widths = self.B, [(c.members * len(c.interface), c.rigid) for c in self.classes]
-        own = [np.full(width, rigid) for width, rigid in widths]
-        mine = B.first + np.flatnonzero(np.concatenate([np.zeros(0, bool), *own]))
-        columns = np.concatenate(self.comm.allgather(mine))
-        if not len(columns):
-            return B
-        local = B.local.copy()
-        local.data[np.isin(local.indices, columns)] = 0.0
-        local.eliminate_zeros()
-        return ConstraintMatrix(self.comm, local, B.columns, B.nodal, B.components)
+        own = [np.full(c.members * len(c.interface), c.rigid) for c in self.classes]
+        return without_columns(self.B, np.concatenate([np.zeros(0, bool), *own]))
 
     @cached_property
     def overlap(self) -> NDArray[np.float64]:

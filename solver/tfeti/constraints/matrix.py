@@ -282,3 +282,14 @@ class ScaledConstraintMatrix(ConstraintMatrix):
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ W x into out."""
         self._B.apply_transpose(self._weights.times(x, self._room), out)
+
+
+def without_columns(B: ConstraintMatrix, own: NDArray[np.bool_]) -> ConstraintMatrix:
+    """B without some columns of this rank (interface,); B where no rank names any (collective)."""
+    columns = np.concatenate(B.comm.allgather(B.first + np.flatnonzero(own)))
+    if not len(columns):
+        return B
+    local = B.local.copy()
+    local.data[np.isin(local.indices, columns)] = 0.0
+    local.eliminate_zeros()
+    return ConstraintMatrix(B.comm, local, B.columns, B.nodal, B.components)
