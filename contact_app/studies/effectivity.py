@@ -47,6 +47,9 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
+from contact_app.studies.fields_on_meshes import interpolation
+from contact_app.studies.reference import Fields
+from contact_app.studies.single_run import fields_of
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
 
@@ -154,25 +157,14 @@ class AnswerOnMesh:
         return self.product(self.displacement)
 
     @cached_property
-    def _nodal(self) -> tuple[Array, tuple[NDArray[np.int64], ...]]:
-        """Displacements of nodes and their places on the lattice of grid lines."""
-        found = self.solved.displacement_at_nodes()
-        assert found is not None
-        points, displacement = found
-        size = np.ptp(points, axis=0).max()
-        lattice = [
-            np.unique(np.round(x / (1e-9 * size)), return_inverse=True)[1].reshape(-1)
-            for x in points.T[: displacement.shape[1]]
-        ]
-        return displacement, tuple(lattice)
+    def fields(self) -> Fields:
+        """Nodes, cells and displacements."""
+        return fields_of(self.solved)
 
-    @cached_property
+    @property
     def displacement(self) -> Array:
-        """Nodal displacements, (nodes along x, …, dimension)."""
-        displacement, lattice = self._nodal
-        result = np.empty((*(n.max() + 1 for n in lattice), displacement.shape[1]))
-        result[lattice] = displacement
-        return result
+        """Nodal displacements, (nodes, dimension)."""
+        return self.fields.displacement
 
     @property
     def norm(self) -> float:
@@ -183,30 +175,24 @@ class AnswerOnMesh:
 
     def product(self, field: Array) -> float:
         """a(v, v) of a nodal field on this mesh."""
-        nodal = field[self._nodal[1]]
         model, total = self.solved.model, 0.0
         for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True):
-            v = nodal[s.nodes].ravel()
+            v = field[s.nodes].ravel()
             total += float(v @ (model.problem.classes[cls].stiffness @ v))
         return total
 
-    def on(self, cells: int) -> Array:
-        """The same displacements on a mesh refined by halving."""
-        field = self.displacement
-        while field.shape[0] < self.case.degree * cells + 1:
-            if self.case.degree == 2:
-                field = halved_quadratic(field)
-            else:
-                field = halved(field, self.case.cell in ("triangle", "tetrahedron"))
-        return field
+    def on(self, fine: AnswerOnMesh) -> Array:
+        """The same displacements at the nodes of a mesh that refines this one."""
+        values = interpolation(self.fields.nodes(0), fine.fields.points)
+        return np.asarray(values @ self.displacement)
 
     def error_to(self, fine: AnswerOnMesh) -> float:
         """‖u_f - u_h‖; with mean dilatation the distance of the stresses, over C⁻¹."""
         if self.case.mean_dilatation:
             difference = fine.stresses(fine.displacement, fine.cells)
-            difference -= fine.stresses(self.on(fine.cells), self.cells)
+            difference -= fine.stresses(self.on(fine), self.cells)
             return float(np.linalg.norm(difference))
-        return fine.product(fine.displacement - self.on(fine.cells)) ** 0.5
+        return fine.product(fine.displacement - self.on(fine)) ** 0.5
 
     def stresses(self, field: Array, cells: int) -> Array:
         """Stresses on this mesh of a field of one with that many cells along an edge.
@@ -224,8 +210,7 @@ class AnswerOnMesh:
         table = patches.table(2)
         shape, volume = recovery.moduli[0][0]
         root = np.linalg.cholesky(np.linalg.inv(shape + volume))
-        nodal = field[self._nodal[1]][subdomain.nodes]
-        local = at_cells(nodal[:, None], patches.nodes)
+        local = at_cells(field[subdomain.nodes][:, None], patches.nodes)
         gradients, jacobian = patches.gradients(every, table)
         stress = apply(stress_operator(gradients, root.T @ shape @ recovery.V), local)[0]
         trace = np.eye(d).reshape(1, -1)
@@ -239,42 +224,6 @@ class AnswerOnMesh:
         stress = stress.reshape(len(mean), len(table.weights), -1)
         stress += mean[:, None, None] * (root.T @ volume[0])
         return np.asarray(stress * np.sqrt(table.weights * jacobian)[..., None])
-
-
-def halved(field: Array, simplices: bool) -> Array:
-    """Nodal values (…, components) on the lattice with half the spacing.
-
-    A new node halves an edge: of simplices (cut along the diagonals that ascend along all axes)
-    from its lower to its upper neighbour, of quadrilaterals and hexahedra axis by axis.
-    """
-    axes = range(field.ndim - 1)
-    if simplices:
-        fine = np.ix_(*(np.arange(2 * n - 1) for n in field.shape[:-1]))
-        lower, upper = tuple(i // 2 for i in fine), tuple((i + 1) // 2 for i in fine)
-        return np.asarray(0.5 * (field[lower] + field[upper]))
-    for axis in axes:
-        moved = np.moveaxis(field, axis, 0)
-        twice = np.empty((2 * len(moved) - 1, *moved.shape[1:]))
-        twice[::2], twice[1::2] = moved, 0.5 * (moved[1:] + moved[:-1])
-        field = np.moveaxis(twice, 0, axis)
-    return field
-
-
-QUARTERS = np.array(
-    [[1, 0, 0], [3 / 8, 3 / 4, -1 / 8], [0, 1, 0], [-1 / 8, 3 / 4, 3 / 8], [0, 0, 1]]
-)
-"""A quadratic polynomial at the quarters of an interval, from its ends and middle."""
-
-
-def halved_quadratic(field: Array) -> Array:
-    """Nodal values of quadrilaterals and hexahedra of degree 2 on the mesh refined by halving."""
-    for axis in range(field.ndim - 1):
-        moved = np.moveaxis(field, axis, 0)
-        parts = np.stack([moved[:-2:2], moved[1::2], moved[2::2]], axis=1)
-        fine = np.einsum("ab,nb...->na...", QUARTERS, parts)
-        joined = fine[:, :4].reshape(-1, *moved.shape[1:])
-        field = np.moveaxis(np.concatenate([joined, moved[-1:]]), 0, axis)
-    return field
 
 
 def aitken(values: list[float]) -> float:
@@ -385,8 +334,7 @@ def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
         error = (2.0 * max(answer.energy - known.energy, 0.0)) ** 0.5
     else:
         finer = AnswerOnMesh(answer.case, 0, solve_scene(_halved_cells(solved.model.scene)))
-        on_finer = answer.on((len(finer.displacement) - 1) // degree)
-        error = finer.product(finer.displacement - on_finer) ** 0.5
+        error = answer.error_to(finer)
         error /= (1.0 - 4.0 ** -FASTEST[degree]) ** 0.5
     return float(error / answer.norm)
 
