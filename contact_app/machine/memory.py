@@ -24,10 +24,6 @@ BYTES_PER_DOF = 150.0
 BYTES_PER_ROW = 900.0
 BYTES_PER_CLASS = 0.35e6
 
-BYTES_PER_DOF_SURFACE = 50.0
-BYTES_PER_ROW_SURFACE = 800.0
-"""The same where nothing is evaluated inside the bodies, and rows are too many to leave slack."""
-
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 ROWS_PER_DOF = 0.25
@@ -51,11 +47,6 @@ def needed_bytes(
     rows = ROWS_PER_DOF * dofs if rows is None else rows
     factored = sum(factor_bytes(unknowns, dimension) for unknowns, dimension in factors)
     return BASE_BYTES + BYTES_PER_DOF * dofs + BYTES_PER_ROW * rows + factored
-
-
-def surface_bytes(dofs: float, rows: float) -> float:
-    """Estimate for a scene of congruent subdomains whose answer is evaluated on the surface."""
-    return BASE_BYTES + BYTES_PER_DOF_SURFACE * dofs + BYTES_PER_ROW_SURFACE * rows
 
 
 def factor_bytes(unknowns: float, dimension: int) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from contact_app.machine.memory import ROWS_PER_DOF, needed_bytes, surface_bytes
+from contact_app.machine.memory import needed_bytes
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import (
     BodyContact,
@@ -39,15 +39,11 @@ if TYPE_CHECKING:
     from solver.contact.options import SolverOptions
 
 
-def build_scene(
-    configuration: Configuration, surface_only: bool = False, memory: float | None = None
-) -> Scene:
+def build_scene(configuration: Configuration, memory: float | None = None) -> Scene:
     """Resolve a configuration.
 
     Parameters
     ----------
-    surface_only
-        The answer will be evaluated on the surface alone, which takes a fraction of the memory.
     memory
         Bytes the scene may take; what the machine has left unless given.
 
@@ -59,7 +55,7 @@ def build_scene(
     keys = Keys(configuration, memory)
     bodies, rigid_bodies = read_bodies(keys), read_rigid_bodies(keys)
     decomposition = _decomposition(keys, bodies)
-    _check_memory(keys, bodies, decomposition, surface_only)
+    _check_memory(keys, bodies, decomposition)
     reader = ConditionReader(keys, bodies, rigid_bodies)
     conditions = [
         replace(reader.condition(i, given), name=given.name)
@@ -215,9 +211,7 @@ def _decomposition(keys: Keys, bodies: tuple[Body, ...]) -> Decomposition:
     return Decomposition(tuple(parts))
 
 
-def _check_memory(
-    keys: Keys, bodies: tuple[Body, ...], decomposition: Decomposition, surface_only: bool
-) -> None:
+def _check_memory(keys: Keys, bodies: tuple[Body, ...], decomposition: Decomposition) -> None:
     """Refuse what cannot fit: the mesh, and factors of subdomains that are too large."""
     d = keys.dimension
     dofs = sum(b.nodes for b in bodies) * d
@@ -236,8 +230,6 @@ def _check_memory(
             count = choose_parts(body.nodes, d, degree=body.degree)
             factors += [(unknowns / count, d)] * count
     needed, available = needed_bytes(dofs, factors=tuple(factors)), keys.memory
-    if surface_only:
-        needed = surface_bytes(dofs, ROWS_PER_DOF * dofs / 2.0)
     if needed > available:
         largest = int(np.argmax([float(b.nodes) for b in bodies]))
         i, given = [

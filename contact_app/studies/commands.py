@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -135,7 +136,7 @@ def reproduce_cube(
         except ValueError:
             typer.echo(f"error: --settings is {settings!r}; allowed: paper, ours", err=True)
             raise typer.Exit(2) from None
-        lines = paper_run(directory, cube_scene(PAPER_CELLS, surface_only=True), chosen)
+        lines = paper_run(directory, cube_scene(PAPER_CELLS, memory=math.inf), chosen)
     for line in lines:
         typer.echo(line)
 

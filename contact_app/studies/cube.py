@@ -42,7 +42,7 @@ SMALL_CELLS = 40
 RTOL = 1e-6
 
 
-def cube_scene(cells: int, subdomains: int = 10, surface_only: bool = False) -> Scene:
+def cube_scene(cells: int, subdomains: int = 10, memory: float | None = None) -> Scene:
     """The paper's cube with ``cells``³ elements in ``subdomains``³ subdomains."""
     resource = files("contact_app.studies").joinpath("data/paper_cube.yaml")
     with as_file(resource) as path:
@@ -53,7 +53,7 @@ def cube_scene(cells: int, subdomains: int = 10, surface_only: bool = False) -> 
                 f"decomposition.subdomains=[{subdomains},{subdomains},{subdomains}]",
             ],
         )
-        return build_scene(configuration, surface_only)
+        return build_scene(configuration, memory)
 
 
 def reproduce_cube(
