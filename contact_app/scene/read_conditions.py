@@ -175,15 +175,15 @@ class ConditionReader:
         if contact.on.partition(".")[0] in self.rigid.names:
             self.keys.fail(
                 (*path, "on"),
-                f"is {contact.on!r}, which is rigid as {contact.against} is, and two rigid bodies do "
-                "not touch each other: give one of them a mesh and a stiff material",
+                f"is {contact.on!r}, which is rigid as {contact.against} is, and two rigid bodies "
+                "do not touch each other: give one of them a mesh and a stiff material",
             )
         if contact.tied:
             self.keys.fail(
                 (*path, "tied"),
-                f"is for two elastic bodies; {contact.against} is rigid: where it is held, hold the "
-                "boundary with a displacement condition instead; where forces move it, give it a "
-                "mesh and a stiff material, and tie that",
+                f"is for two elastic bodies; {contact.against} is rigid: where it is held, hold "
+                "the boundary with a displacement condition instead; where forces move it, give it "
+                "a mesh and a stiff material, and tie that",
             )
         friction = self._friction(contact.friction, (*path, "friction"))
         if friction is not None and self.keys.configuration.steps:
