@@ -146,7 +146,7 @@ def _with_free(
 
 
 def loose_bodies(scene: Scene, balances: list[BodyBalance]) -> LooseBodies:
-    """Rigid motions that nothing resists; of moving rigid bodies none."""
+    """Rigid motions that nothing resists; moving rigid bodies have no such motions."""
     frames = [body_frame(body) for body in scene.bodies]
     frames += [(np.zeros(3), 1.0)] * (len(balances) - len(frames))
     return LooseBodies(

@@ -313,7 +313,7 @@ def _part(path: Path) -> Path:
 
 
 def _next_name(previous: list[Path]) -> str:
-    """Name of the next file of vectors: none that is there is written over."""
+    """Name of the next file of vectors: no existing file is written over."""
     numbers = [int(file.stem.split("-")[1]) for file in previous if file.stem[11:].isdigit()]
     return VECTORS.replace("*", str(max(numbers, default=0) + 1))
 

@@ -45,7 +45,7 @@ SHARE_TOLERANCE = 1e-6
 """Relative accuracy of the share of a load that is in equilibrium."""
 
 NO_SHARE = 1e-6
-"""Share of a load below which none is in equilibrium: motions are off by errors of rounding."""
+"""Share of a load below which its work counts as zero: motions have errors of rounding."""
 
 LIFT = 1e-6
 """Lift beside the largest, and length of a normalised motion, that are taken for zero."""

@@ -30,7 +30,7 @@ class Found:
     multiplier, jumps, distance : (rows,)
         λ, B u - c, and that over the displacement of the row's body, as `SetState` has them.
     force, away
-        Multipliers and distances that are none: their share of the error of the state.
+        Multipliers and distances up to which they count as zero, by the error of the state.
     strongest
         The largest multiplier of an active row.
     """

@@ -23,7 +23,7 @@ UNSTRAINED = 1e-20
 forces that cancel: these have ten digits."""
 
 FORCED = 1e3
-"""Forces on a group over those that rounding makes, beyond which they are no rounding errors."""
+"""Forces on a group over rounding errors, beyond which they are forces."""
 
 IDLE = 1e-3
 """Load of a body over that of its group below which the error of its stresses is measured as if it

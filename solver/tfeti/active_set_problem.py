@@ -158,7 +158,7 @@ class ActiveSetProblem:
             self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         if not problem.held_without_contact:
             self._check_coarse_problem()
-        # no penalty here: steps that leave the range of P would meet no curvature, and none does
+        # no penalty here: a step out of the range of P would meet no curvature, and no step is one
         base = DualPreconditioner(self.reduced, math.inf)
         own: Preconditioner = base
         rhs, scaled = self.reduced.rhs, None

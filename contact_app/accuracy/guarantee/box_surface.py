@@ -304,7 +304,7 @@ def grid_lines(body: Body) -> list[Array]:
     Raises
     ------
     NoAdmissibleStressError
-        The mesh is none.
+        The mesh is no box mesh.
     """
     mesh: BodyMesh = body.mesh
     if isinstance(mesh, Box):

@@ -299,7 +299,7 @@ class AdmissibleStresses:
     def _missing(
         self, subspace: _Subspace, s: Array, empty: NDArray[np.bool_], other_energy: float
     ) -> NDArray[np.bool_]:
-        """Of facets without pressure those where one would lower the energy worth mentioning."""
+        """Facets without pressure on which a pressure would lower the energy noticeably."""
         slope = np.where(empty, subspace.slope(self.matrix @ s - self.work), 0.0)
         missing = slope > 0.0
         gain = 0.5 * float((slope**2 / self.matrix.diagonal())[missing].sum())

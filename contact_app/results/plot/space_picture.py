@@ -241,7 +241,7 @@ def mostly_hidden(
 
 
 def _towards(stored: Stored) -> NDArray[np.float64]:
-    """Direction to the eye, from where the bodies and what touches is seen."""
+    """Direction to the eye, from where the bodies and their contacts are seen."""
     direction = np.array([1.2, -1.0, 0.6])
     touched = touchable(stored) if "contact_pressure" in stored.point_data else np.zeros(0, bool)
     if touched.any():

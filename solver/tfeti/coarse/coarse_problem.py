@@ -40,7 +40,7 @@ from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import on_arrays
 
 VANISHING = 1e-13
-"""Blocks of G W Gᵀ, over the largest entry, that are what rounding left of none."""
+"""Size of blocks of G W Gᵀ, over the largest entry, up to which they are rounding errors."""
 
 
 class Restriction(Protocol):
