@@ -186,13 +186,6 @@ class ConditionReader:
                 "a mesh and a stiff material, and tie that",
             )
         friction = self._friction(contact.friction, (*path, "friction"))
-        if friction is not None and self.keys.configuration.steps:
-            self.keys.fail(
-                (*path, "friction"),
-                f"is not available at rigid bodies with steps: each increment places "
-                f"{contact.against} anew, and what has slipped before is not carried over; leave "
-                "steps out, or give the body as an obstacle or with a mesh",
-            )
         if contact.round:
             self.keys.fail(
                 (*path, "round"),
