@@ -115,7 +115,7 @@ class Start:
 
 @dataclass(frozen=True)
 class StoppingTest(Generic[S]):
-    """What the loop asks about the answer of a set; the same on all ranks.
+    """The test of the answer of a set; the same on all ranks.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ LIFT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BodyBalance:
-    """What holds one body, or several that may touch each other.
+    """The equilibrium of one body, or of several that may touch each other.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class FrictionCones:
         return result
 
     def given(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
-        """What friction with given limits does to a motion it opposes, (motions,)."""
+        """The power of friction with given limits against each motion, (motions,)."""
         return (self.limits * self.directions(motion, rows)) @ self.slips
 
 

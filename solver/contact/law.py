@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a state of a set tells a law.
+    """The numbers of a state that a law needs.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Found:
 
 
 class ContactLaw(Protocol):
-    """What the active-set loop asks of a contact law; arrays are (rows,), local parts.
+    """A contact law as the active-set loop uses it; arrays are (rows,), local parts.
 
     `may_stay_active` and `closes` are asked of normal rows alone.
     """

@@ -83,7 +83,7 @@ class SeparableSet(Protocol):
         """Slices of components that are passed over together; no slice cuts a factor."""
 
     def not_finite(self, offset: int) -> list[str]:
-        """What in its data is no number, naming components, the first of this rank at `offset`."""
+        """Messages on data that are no numbers, by component; this rank's first is at `offset`."""
 
     def empty(self, offset: int) -> list[str]:
         """Which factors have no point, naming components."""

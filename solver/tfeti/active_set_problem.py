@@ -261,7 +261,7 @@ class ActiveSetProblem:
             self._iterate.watch = None  # it knows this object, which would hold itself alive
 
     def state(self) -> State:
-        """What the iterate means for the whole problem (collective).
+        """The state of the whole problem at the iterate (collective).
 
         Takes no operator application: the displacements of the directions are stored.
         """

@@ -55,7 +55,7 @@ def gaps_are_zero(problem: DualProblem) -> bool:
 
 
 def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]:
-    """What K holds against each contact row on its own, and against any unknown (collective).
+    """The stiffness against each contact row alone, and the largest of an unknown (collective).
 
     Returns
     -------

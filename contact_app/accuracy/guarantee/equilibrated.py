@@ -78,7 +78,7 @@ class NoAdmissibleStressError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class FaceData:
-    """What is known on one face of a box; facets are those of the grid.
+    """The known data of one face of a box; facets are those of the grid.
 
     Attributes
     ----------
@@ -368,14 +368,14 @@ class _Subspace:
         return s
 
     def slope(self, gradient: Array) -> Array:
-        """A gradient without what equilibrium takes of it, known values included."""
+        """The part of a gradient that keeps equilibrium, known values included."""
         y = self._solved(self._B @ (self._inverse * gradient))
         return np.asarray(gradient - self._B.T @ y)
 
     def projected(self, gradient: Array) -> tuple[Array, Array]:
-        """What of a gradient equilibrium leaves, and the steepest way along which that holds.
+        """The part of a gradient that keeps equilibrium, and the steepest descent that keeps it.
 
-        Iterations go on from the former: what was taken off it would only bring rounding.
+        Iterations go on from that part: the rest would only bring rounding errors.
         """
         left = np.where(self._free, self.slope(gradient), 0.0)
         return left, self._inverse * left

@@ -125,7 +125,7 @@ class CoarseProblem:
         self._solution = np.empty(self._layout.rows)
 
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
-        """What G W Gᵀ is without contact rows, which are summed from `_contact` (collective)."""
+        """G W Gᵀ without its contact rows, which are summed from `_contact` (collective)."""
         repeated, inside = blocks_of(self.patterns, rows.motions, metric)
         single = np.flatnonzero(~inside & ~self._inequality)
         singles = Blocks.of(rows.alike(single), rows.motions, metric)
