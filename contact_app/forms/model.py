@@ -126,6 +126,9 @@ def build_model(
         kinds = parts.comm.allreduce(max((c.number + 1 for c in classes), default=0), op=MPI.MAX)
         if kinds * ALIKE > grid.count:
             raise NotCongruentError
+    for cls in classes:
+        for member in cls.members:
+            stiffness[member] = cls.stiffness
     with together(parts.comm):
         check_matrices([cls.stiffness for cls in classes])
     exchange = NodeExchange(parts.comm, own.numbers, parts.nodes)
