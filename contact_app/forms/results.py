@@ -51,7 +51,7 @@ class Owners:
         arrived = self._exchange.to_owners(copies)
         columns = arrived.reshape(len(arrived), -1).T
         sums = [np.bincount(self._at, column, minlength=self.count) for column in columns]
-        return np.stack(sums, axis=1).reshape(self.count, *copies.shape[1:])
+        return np.stack(sums, axis=1).reshape(self.count, *copies.shape[1:]).astype(float)
 
     def copies(self, owned: Array) -> Array:
         """Values (owned, …) at the copies."""

@@ -30,7 +30,8 @@ def split_form(form: Any, mesh: Any) -> tuple[Any, Any]:
     Either may be a form without integrals. Constants may have any value.
     """
     straight = dolfinx_compat.cell_nodes(mesh).shape[1] == 2**mesh.topology.dim
-    same, others = [], []
+    same: list[Any] = []
+    others: list[Any] = []
     for integral in form.integrals():
         (same if straight and _is_uniform(integral) else others).append(integral)
     return ufl.Form(same), ufl.Form(others)
@@ -95,6 +96,8 @@ def added(K: sparse.csr_matrix, other: sparse.csr_matrix) -> sparse.csr_matrix:
     if not other.data.any():
         return K
     pairs = [own.tocoo() for own in (K, other)]
-    entries = tuple(np.concatenate([getattr(own, name) for own in pairs]) for name in ("row", "col"))
+    entries = tuple(
+        np.concatenate([getattr(own, name) for own in pairs]) for name in ("row", "col")
+    )
     values = np.concatenate([own.data for own in pairs])
     return sparse.csr_matrix((values, entries), shape=K.shape).sorted_indices()
