@@ -23,6 +23,7 @@ BASE_BYTES = 0.2e9
 BYTES_PER_DOF = 150.0
 BYTES_PER_ROW = 900.0
 BYTES_PER_CLASS = 0.35e6
+"""Fitted to runs of cubes and of shipped scenes (`python -m contact_app.studies.estimates`)."""
 
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 
 ROUNDS = 200
+"""Most steps of a search: each lowers the share, or adds a row or a friction force."""
 
 SLIDING = 0.03
 """Sine of the angle between a motion and the surfaces along which it is taken for a slide: normals
