@@ -73,7 +73,7 @@ class Verdict:
     kind: str
     detail: str
     seconds: float
-    products: int = 0
+    applications: int = 0
     method: str = ""
 
     @property
@@ -134,8 +134,8 @@ def judge(
     if solved is None:
         return Verdict(seed, _denied(scene, system, escapes, message), message, seconds)
     kind, detail = _judged(scene, system, solved, escapes)
-    products = solved.summary["solver"]["hessian_multiplications"]
-    return Verdict(seed, kind, detail, seconds, products)
+    applications = solved.summary["solver"]["hessian_multiplications"]
+    return Verdict(seed, kind, detail, seconds, applications)
 
 
 def _denied(scene: Any, system: reference.System, escapes: bool, message: str) -> str:
@@ -290,7 +290,7 @@ def summary(verdicts: Sequence[Verdict]) -> str:
     """Counts of verdicts, a table in Markdown, and the hardest scenes."""
     counts = Counter(v.kind for v in verdicts)
     slowest = max(verdicts, key=lambda v: v.seconds)
-    hardest = max(verdicts, key=lambda v: v.products)
+    hardest = max(verdicts, key=lambda v: v.applications)
     rows = [f"| {kind} | {count} |" for kind, count in counts.most_common()]
     first, last = verdicts[0].seed, verdicts[-1].seed
     return "\n".join(
@@ -300,7 +300,8 @@ def summary(verdicts: Sequence[Verdict]) -> str:
             *rows,
             "",
             f"Slowest: seed {slowest.seed}, {slowest.seconds:.0f} s ({slowest.kind}); most "
-            f"products: seed {hardest.seed}, {hardest.products:,} ({hardest.kind}). Not certified: "
+            f"operator applications: seed {hardest.seed}, {hardest.applications:,} "
+            f"({hardest.kind}). Not certified: "
             f"{_seeds(verdicts, 'degraded')}; undecided: {_seeds(verdicts, 'undecided')}.",
         ]
     )

@@ -75,7 +75,7 @@ def test_an_active_set_that_rounding_holds_up_is_left() -> None:
     assert 0.0 < max(taken) <= 2.0
     verdict = fuzz.judge(269, method="auto")
     assert verdict.kind == "agrees"
-    assert verdict.products < 20_000
+    assert verdict.applications < 20_000
 
 
 @pytest.mark.slow
@@ -89,7 +89,7 @@ def test_directions_of_a_face_stay_orthogonal() -> None:
     """Rounding made conjugate gradients repeat directions: 10,000 steps without an answer."""
     verdict = fuzz.judge(378, method="auto")
     assert verdict.kind == "agrees"
-    assert verdict.products < 500
+    assert verdict.applications < 500
 
 
 def solvable_seed() -> int:
