@@ -131,6 +131,7 @@ def _no_equilibrium(
     return (
         f"{scene.source}: the scene has no equilibrium: nothing stops "
         f"{_leaving(scene, group, escape)} under its loads"
+        + (", not even friction at its limit" if cones is not None else "")
         + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
     )
 

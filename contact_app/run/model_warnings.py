@@ -78,6 +78,15 @@ the load was applied in twelve increments; of 34 with fewer in 6
 (`python -m tests.stability.increments`)."""
 
 
+LARGE_FRICTION = 1.0
+"""Coefficient of friction from which on the user is told that there may be other answers. For
+isotropic bodies in the plane an answer is known to exist below √(3 - 4ν)/(2 - 2ν), 0.87 to 1 (C.
+Eck, J. Jarušek, *Existence results for the static contact problem with Coulomb friction*, Math.
+Models Methods Appl. Sci. 8, 1998); examples of several have larger ones (P. Hild, *Non-unique
+slipping in the Coulomb friction model in two-dimensional linear elasticity*, Q. J. Mech. Appl.
+Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Answer:
     """An answer that is held against the assumptions of its model."""
@@ -331,6 +340,18 @@ def _rubs_where_open(answer: Answer) -> Iterator[str]:
             )
 
 
+def _several_answers(answer: Answer) -> Iterator[str]:
+    """Coulomb friction so large that the answer need not be the only one."""
+    for contact, found in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
+        law = contact.friction
+        pressed = answer.model.comm.allreduce(int(found.closed.any()), op=MPI.MAX)
+        if law is not None and (law.coulomb or 0.0) >= LARGE_FRICTION and pressed:
+            yield (
+                f"{contact.source}: with a coefficient of friction of {law.coulomb:g} the answer "
+                "need not be unique: the certificate holds for this one, and there may be others"
+            )
+
+
 def _closes_at_once(answer: Answer) -> Iterator[str]:
     """Frictional contact that grows under a load that is applied at once (collective)."""
     model = answer.model
@@ -467,6 +488,6 @@ CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _between_nodes, _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending,
     _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
     _certificates, _free_motions, _slides, _rubs_where_open,
-    _closes_at_once, _apart,
+    _closes_at_once, _several_answers, _apart,
 )  # fmt: skip
 """What an answer is asked, in the order in which its warnings are told."""

@@ -145,7 +145,7 @@ def _solve_and_write(
         at = scene.loading_at(files.position.step - 1, float(files.position.share))
         models.go_on(scene.under(at), lambda shapes: reached.displacements(shapes, comm))
     tell = partial(log_model_that_fits, directory=files.directory)
-    over, code = files.position, Exit.CERTIFIED
+    over, code, failed = files.position, Exit.CERTIFIED, ""
     for increment in solved_increments(scene, comm, monitor_of, tell, models, over):
         solution = increment.solved.solution
         if solution.reason is Reason.STOPPED and not solution.converged and files.records:
@@ -154,6 +154,7 @@ def _solve_and_write(
         if comm.rank == 0:
             log.info("%s", _sentence(files.records[-1]))
         if not solution.converged:
+            failed = _failure(increment)
             break
         guaranteed = increment.solved.guaranteed
         if guaranteed is not None and guaranteed.missing:
@@ -163,11 +164,29 @@ def _solve_and_write(
         files.finish()
         return code
     if comm.rank == 0:
-        log.warning(
-            "the history ends after step %d, factor %.6g; --resume goes on from there",
-            over.step, float(over.share),
-        )  # fmt: skip
+        log.warning("%s%s", failed, _end(over))
     return Exit.NOT_CERTIFIED
+
+
+def _failure(increment: SolvedIncrement) -> str:
+    """Why the history ends at an increment; empty where the user stopped it."""
+    if increment.solved.solution.reason is Reason.STOPPED:
+        return ""
+    place, halved = increment.place, increment.halved
+    return (
+        f"step {place.step}: the increment to factor {float(place.share):.6g} has no certified "
+        f"answer, though it was halved {halved} times; "
+    )
+
+
+def _end(over: Position) -> str:
+    """Where a history ends that is not at its end."""
+    if over.step == 1 and over.share == 0:
+        return "the history ends in its first increment: there is nothing to go on from"
+    return (
+        f"the history ends after step {over.step}, factor {float(over.share):.6g}; --resume goes "
+        "on from there"
+    )
 
 
 def _sentence(record: Record) -> str:

@@ -18,6 +18,7 @@ from contact_app.errors import ContactError
 from contact_app.machine.whole_file import whole
 from contact_app.results.plot.contact_picture import STATUS, NothingPressedError, draw_contact
 from contact_app.results.plot.friction_picture import draw_friction
+from contact_app.results.plot.history_picture import TABLE, draw_history
 from contact_app.results.plot.plane_picture import draw_plane
 from contact_app.results.plot.space_picture import draw_space
 from contact_app.results.plot.stored import Stored, read
@@ -57,7 +58,8 @@ def plot(
 ) -> tuple[list[Path], list[str]]:
     """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
 
-    Where the result holds ``contact_status``, also what sticks and slips (``contact_status.png``).
+    Where the result holds ``contact_status``, also what sticks and slips (``contact_status.png``);
+    of a load history forces, probes and statuses over its time (``history.png``).
 
     Parameters
     ----------
@@ -125,7 +127,16 @@ def plot(
             pictures.append(target / name)
         except NothingPressedError as error:
             remarks.append(f"left out: {name}: {error}")
-    return pictures, remarks
+    return [*pictures, *_of_history(directory, target, title)], remarks
+
+
+def _of_history(directory: Path, target: Path, title: str) -> list[Path]:
+    """Draw the load history, where the run was one."""
+    if not (directory / TABLE).is_file():
+        return []
+    with whole(target / "history.png") as part:
+        draw_history(directory / TABLE, part, title)
+    return [target / "history.png"]
 
 
 def round_exaggeration(stored: Stored) -> float:

@@ -449,3 +449,18 @@ def test_small_increments_are_not_warned_of() -> None:
 def test_growing_frictional_contact_under_a_load_at_once_is_told() -> None:
     warnings = contact_app.solve(on_a_ball(None)).summary["certificate"]["warnings"]
     assert [w for w in warnings if "close or open under the load" in w]
+
+
+@pytest.mark.parametrize(("mu", "warned"), [(0.5, False), (1.0, True)])
+def test_large_friction_may_have_several_answers(mu: float, warned: bool) -> None:
+    warnings = solved(block([{"press": 1}], 4, mu)).summary["certificate"]["warnings"]
+    assert any("need not be unique" in w for w in warnings) == warned
+
+
+def test_a_history_without_a_first_answer_says_so(tmp_path: Path) -> None:
+    made = block([{"press": 1}], 4)
+    made["solver"] = {"max_iterations": 2}
+    assert run(scenes.build(made), tmp_path) == Exit.NOT_CERTIFIED
+    log = (tmp_path / "run.log").read_text()
+    assert "the increment to factor 0.0625 has no certified answer, though it was halved 4" in log
+    assert "ends in its first increment: there is nothing to go on from" in log

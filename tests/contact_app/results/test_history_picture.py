@@ -1,0 +1,63 @@
+"""The picture of a load history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+import contact_app
+from contact_app.results.plot.history_picture import HistoryError, draw_history, read_table
+from contact_app.results.plot.picture import plot
+from tests import scenes
+
+HEAD = "increment,step,factor,time,factor_press,energy,max_displacement,dissipated_work"
+ROWS = ("1,1,1.0,1.0,1.0,-1.0,0.1,0.0", "2,2,1.0,2.0,1.0,-1.0,0.2,0.5")
+
+
+def table(path: Path, *more: str) -> Path:
+    """A table of two increments; more columns are empty in the first."""
+    head, (one, two) = ",".join([HEAD, *more]), ROWS
+    path.write_text("\n".join([head, one + "," * len(more), two + ",3.0" * len(more)]) + "\n")
+    return path
+
+
+def test_what_a_row_lacks_is_zero(tmp_path: Path) -> None:
+    columns = read_table(table(tmp_path / "increments.csv", "tip_x"))
+    assert columns["time"] == [1.0, 2.0]
+    assert columns["tip_x"] == [0.0, 3.0]
+
+
+def test_each_kind_of_column_has_a_panel(tmp_path: Path) -> None:
+    """The picture grows by a panel for forces and one for statuses; probes take one that was."""
+    heights = []
+    for more in (
+        [],
+        ["tip_x"],
+        ["contacts[0]_force_x"],
+        ["contacts[0]_force_x", "contacts[0]_stick"],
+    ):
+        made = draw_history(table(tmp_path / "increments.csv", *more), tmp_path / "history.png")
+        picture = imread(made)
+        heights.append(len(picture))
+        assert picture[..., :3].std() > 0.05
+    assert heights[0] == heights[1] < heights[2] < heights[3]
+
+
+@pytest.mark.parametrize(
+    "text", ["", HEAD, "a,b\n1,2\n", f"{HEAD}\n{ROWS[0].replace('0.1', 'x')}\n"]
+)
+def test_what_is_no_table_is_said(text: str, tmp_path: Path) -> None:
+    (tmp_path / "increments.csv").write_text(text)
+    with pytest.raises(HistoryError, match=r"increments.csv is no table of increments"):
+        draw_history(tmp_path / "increments.csv", tmp_path / "history.png")
+
+
+def test_plot_draws_it(tmp_path: Path) -> None:
+    made = scenes.wall("quadrilateral", 3)
+    made["conditions"][1]["name"] = "load"
+    made["steps"] = [{"load": 1, "increments": 2}]
+    contact_app.solve(made).write(tmp_path)
+    pictures, _ = plot(tmp_path)
+    assert tmp_path / "history.png" in pictures
