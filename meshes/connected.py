@@ -1,4 +1,4 @@
-"""What hangs together: the connected components of a graph."""
+"""The connected components of a graph."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ def rows_of(label: NDArray[np.int32], wanted: range) -> Rows:
 
 
 def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """What of some parts hangs together through facets.
+    """The pieces of some parts that are connected through facets.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Which run of consecutive subdomains each rank gets, so that they have about as much to do."""
+"""Load balancing: the run of consecutive subdomains that each rank gets, of about equal work."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ ADVICE = (
 
 @dataclass(frozen=True, eq=False)
 class CheckedBody:
-    """What the tests know of a mesh; see `refuse_overlaps`."""
+    """The data of a mesh for the tests; see `refuse_overlaps`."""
 
     points: NDArray[np.float64]
     cells: NDArray[np.int64]

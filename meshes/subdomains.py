@@ -1,4 +1,4 @@
-"""What a decomposition is made of: references, subdomains and the partition that holds them.
+"""The parts of a decomposition: references, subdomains and the partition that holds them.
 
 Many subdomains of a scene are translates of one another. A `Reference` is the mesh of such a
 congruence class, held once; a `Subdomain` is a translated copy of it with the numbers its nodes

@@ -56,7 +56,7 @@ class MeanJumps:
 
 @dataclass(frozen=True, eq=False)
 class Decided:
-    """What is known of displacements before two surfaces are tied.
+    """The displacements that are known before two surfaces are tied.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """What the cells of a mesh have to do with each other.
+    """The neighbourhood of the cells of a mesh.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is said of an answer: fields, contact pressures, forces and areas, files and pictures.
+"""The results of an answer: fields, contact pressures, forces and areas, files and pictures.
 
 Input is a solved `Model` with its `Solution`. `fields` are the values at nodes and cells. The nodal
 forces of the contact rows are divided among the contacts (`division`), `pressure` makes the

@@ -1,4 +1,4 @@
-"""What alternates in a nodal pressure of degree 2, on facets that are lines or quadrilaterals.
+"""The alternating part of nodal pressures of degree 2, on lines and quadrilaterals.
 
 Along a line of nodes through facets, ends and middles in turn, a pressure that is right in the mean
 but alternates is p + 2ε at the ends and p - ε in the middles. It shows in fourth differences,
@@ -82,7 +82,7 @@ def alternation(
     meet: Callable[[Array], Array],
     folded: NDArray[np.bool_] | None = None,
 ) -> Array:
-    """What to take off a pressure at copies of nodes, (copies,) (collective).
+    """The alternating part of a pressure at copies of nodes, (copies,) (collective).
 
     Parameters
     ----------

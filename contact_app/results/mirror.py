@@ -55,7 +55,7 @@ class Image:
     first: int
 
     def origin(self, source: str) -> str:
-        """What of the solved scene is this contact or condition of the whole in the image."""
+        """The contact or condition of the solved scene whose image this one of the whole is."""
         for mirror in self.mirrors:
             source = dict(mirror.partners).get(source, source)
         return source

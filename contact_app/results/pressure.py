@@ -107,7 +107,7 @@ class NodesInContact:
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """What obstacles and other bodies do to the surface, at the nodes this rank owns.
+    """The forces of obstacles and other bodies on the surface, at the nodes this rank owns.
 
     Attributes
     ----------

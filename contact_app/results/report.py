@@ -1,4 +1,4 @@
-"""What is left of a run to read: ``run.log``, ``summary.json``, and the table at its end."""
+"""The report of a run: ``run.log``, ``summary.json``, and the table at its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much room the files of fields take."""
+"""The size of the files of fields."""
 
 from __future__ import annotations
 

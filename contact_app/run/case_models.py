@@ -166,7 +166,7 @@ class CaseModels:
         return self._model
 
     def estimator(self, model: Model) -> ErrorEstimator:
-        """What estimates the errors of answers to a model."""
+        """The estimator of errors of answers to a model."""
         if self._model is None or model.elements is not self._model.elements:
             return ErrorEstimator(model)
         if self._patches is None:

@@ -1,4 +1,4 @@
-"""What a scene will be modelled as, what is left out, and what it costs, without solving it.
+"""The model of a scene, what it leaves out, and what it costs, without solving it.
 
 The outline of the model (subdomains, conditions, loads, what balances them) is the one a run
 begins with, so whatever a run would refuse before it assembles a matrix, `check` refuses too.

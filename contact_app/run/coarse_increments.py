@@ -64,7 +64,7 @@ log = logging.getLogger("contact_app")
 
 @dataclass(frozen=True)
 class Change:
-    """What halving an increment changes.
+    """The change by halving an increment.
 
     Attributes
     ----------

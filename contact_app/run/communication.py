@@ -1,4 +1,4 @@
-"""What the ranks of a run had to say to each other while it was solved.
+"""The messages between the ranks of a run while it was solved.
 
 PETSc counts the messages and bytes of its halo exchanges (of B and Bᵀ, and the scatters around the
 coarse factor); the solver counts its sums over all ranks. The coarse factor's own messages are

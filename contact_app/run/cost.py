@@ -1,4 +1,4 @@
-"""What a run costs, estimated from the outline of its model.
+"""The cost of a run, estimated from the outline of its model.
 
 Time is estimated from the sizes of the subdomains by the model that chooses the decomposition
 (`solver.tfeti.subdomain.costs`), for the Hessian multiplications that bodies of such a shape were
@@ -43,7 +43,7 @@ class Cost:
 
 
 def estimate(scene: Scene, known: Outline) -> Cost:
-    """What a run costs, by the formulas of this module and of `memory` (collective)."""
+    """The cost of a run by the formulas of this module and of `memory` (collective)."""
     partition, d = known.partition, scene.dimension
     gluing, groups = gluing_rows(scene, known), groups_of(scene, known)
     contact = partition.comm.allreduce(len(known.contact.gaps))

@@ -1,4 +1,4 @@
-"""What is tried where the first way to an answer ends without a certificate.
+"""The fallbacks where the first way to an answer ends without a certificate.
 
 Cells a hundred times longer than wide, cut into subdomains, make forces between them that cancel to
 the last digit of the answer: conjugate gradients end at rounding errors, run on for more steps than
@@ -43,7 +43,7 @@ CONTRAST = 1e4
 """Largest over smallest Young's modulus from which on the user is told of it."""
 
 FAILURES = (QPError, ArithmeticError, np.linalg.LinAlgError)
-"""What the solver raises where rounding errors take its matrices' properties away."""
+"""The exceptions of the solver where rounding errors take its matrices' properties away."""
 
 
 class NoAnswerError(Exception):
@@ -65,7 +65,7 @@ class NoWayLeftError(CouldNotRunError):
 
 
 def failure_text(error: Exception) -> str:
-    """What an exception of the solver means for a scene, which has an equilibrium, in a sentence.
+    """A sentence on an exception of the solver for a scene that has an equilibrium.
 
     Its cost is bounded below: directions along which it seems to fall without end are such along
     which rounding errors took the curvature away.
@@ -147,7 +147,7 @@ def _has_room(model: Model) -> bool:
 
 
 def cause(scene: Scene) -> str:
-    """What in a scene leaves the solver no digits, as an addition to a sentence."""
+    """The cause of rounding errors in a scene, as an addition to a sentence."""
     said = []
     for body in scene.bodies:
         extent = np.subtract(body.mesh.upper, body.mesh.lower)

@@ -1,4 +1,4 @@
-"""What a run logs of its model and writes of its answer."""
+"""The log of a run's model and the files of its answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scene will be modelled as and what is left out, in lines for the screen and the log."""
+"""The model of a scene and what it leaves out, in lines for the screen and the log."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _friction(contact: Contact | BodyContact) -> str:
 
 
 def _interference(contact: Contact | BodyContact) -> str:
-    """What a contact says beside its geometry."""
+    """The interference or clearance of a contact, as the end of a line."""
     amount = contact.interference
     if not amount:
         return ""

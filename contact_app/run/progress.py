@@ -1,4 +1,4 @@
-"""What is seen of a run while it goes on: a live line on a terminal, plain lines in a pipe.
+"""The progress of a run: a live line on a terminal, plain lines in a pipe.
 
 A monitor is a callable that gets every step of the solver and may answer True to stop it. Progress
 and `Interruption` are monitors, as is `contact_app.results.history.History`; `together` makes one

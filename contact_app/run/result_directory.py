@@ -62,7 +62,7 @@ def clear(directory: Path, resume: bool) -> None:
 
 
 def _kept(directory: Path) -> set[str]:
-    """What a run that goes on from the checkpoint in a directory keeps."""
+    """The files that a run keeps which goes on from the checkpoint in a directory."""
     kept = {HISTORY}
     try:
         saved = json.loads((directory / CHECKPOINT).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""What `check` says of rigid bodies and their conditions."""
+"""The lines of `check` on rigid bodies and their conditions."""
 
 from __future__ import annotations
 

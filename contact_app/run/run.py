@@ -121,7 +121,7 @@ def _to_accuracy(scene: Scene, once: Solve, progress: Progress) -> Refined:
 
 
 def _run_of_loadings(scene: Scene) -> Callable[[Scene, Path, MPI.Intracomm, bool, float], int]:
-    """What runs load cases, or a load history."""
+    """The function that runs load cases, or a load history."""
     if scene.cases:
         from contact_app.run.cases import run_cases
 

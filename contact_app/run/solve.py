@@ -79,12 +79,12 @@ class Shared(Protocol):
         """The model of a scene; parameters as of `build_model`."""
 
     def estimator(self, model: Model) -> ErrorEstimator:
-        """What estimates the errors of answers to a model."""
+        """The estimator of errors of answers to a model."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    """What is solved, who is told of it, and what was spent on it before.
+    """The scene to solve, who is told of it, and the work spent on it before.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class _Request:
         return build_model(self.scene, self.comm, self.timings, self.needed, self.tell)
 
     def estimator(self, model: Model) -> ErrorEstimator:
-        """What estimates the errors of its answers."""
+        """The estimator of errors of its answers."""
         return ErrorEstimator(model) if self.cases is None else self.cases.estimator(model)
 
 

@@ -155,7 +155,7 @@ class StepCheckpoint:
 
 
 def digest(scene: Scene, steps: int) -> str:
-    """What tells scenes apart for which a checkpoint in one of the first steps is the same."""
+    """The numbers that identify a scene beside the checkpoint of one of its first steps."""
     parts: list[Any] = [getattr(scene, key) for key in CONDITIONS]
     parts += [scene.dimension, scene.plane, scene.contacts, scene.pairs, scene.ties]
     parts += [scene.decomposition, [step.factors for step in scene.steps[:steps]]]

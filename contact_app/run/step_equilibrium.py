@@ -43,7 +43,7 @@ def leaving_in_step(
     error: NoEquilibriumError,
     digits: float = DIGITS,
 ) -> LeavesInStepError:
-    """What is said of a step at whose end a body leaves (collective).
+    """The message on a step at whose end a body leaves (collective).
 
     Parameters
     ----------

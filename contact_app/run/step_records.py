@@ -1,4 +1,4 @@
-"""What is said of a load history: a record for each increment, and the summary of all of them."""
+"""The records of a load history: one for each increment, and the summary of all of them."""
 
 from __future__ import annotations
 

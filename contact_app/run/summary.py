@@ -30,7 +30,7 @@ from solver.tfeti.dual import DualProblem
 
 @dataclass(frozen=True)
 class Totals:
-    """What `summary.json` says of the fields of an answer, over all ranks.
+    """The numbers of `summary.json` that come from the fields of an answer, over all ranks.
 
     Attributes
     ----------

@@ -157,7 +157,7 @@ class _Failure:
     subdomains: int | None = None
 
     def told(self, text: str, scene: Scene) -> str:
-        """What the user is told of the way that is tried instead, with its scene."""
+        """The sentence on the way that is tried instead, with its scene."""
         where = (
             "in its subdomains" if self.subdomains is None else f"in {self.subdomains} subdomains"
         )

@@ -2,7 +2,7 @@
 
 One process (or ``mpirun`` of several) runs one method and prints one line of JSON, so that time
 and memory are its own: ``python -m contact_app.studies.peers METHOD SCENE.yaml``. Each takes the
-system of `whole.assemble`.
+system of `undecomposed.assemble`.
 
 ====================  ==========================================================================
 ``linear-gamg``       no contact at all: one linear solve by CG with GAMG, block size d, the rigid

@@ -16,7 +16,7 @@ UNIFORM = 1e-4
 """Relative spread below which a field counts as the same everywhere."""
 
 OF_MATERIAL = "_material_"
-"""What stands before a material's number in the name of its field."""
+"""Prefix of a material's number in the name of its field."""
 
 
 def smooth_name(stored: Stored, name: str) -> str:
@@ -33,7 +33,7 @@ def copies(stored: Stored) -> int:
 
 
 def shifts(stored: Stored, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """What is added to nodes of sides that belong to cells, (sides,)."""
+    """The offset that is added to nodes of sides that belong to cells, (sides,)."""
     if copies(stored) == 1:
         return np.zeros(len(rows), np.int64)
     return len(stored.points) * stored.cell_data["material"][rows].astype(np.int64)

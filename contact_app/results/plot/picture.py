@@ -163,7 +163,7 @@ def round_exaggeration(stored: Stored) -> float:
 
 
 def _summary(directory: Path) -> dict[str, Any]:
-    """What `summary.json` says; nothing where it is missing or not whole."""
+    """The content of `summary.json`; empty where it is missing or not whole."""
     try:
         found = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -72,7 +72,7 @@ class Triangles:
 
 
 class DepthBuffer:
-    """What is nearest to the eye in each pixel.
+    """The nearest triangle in each pixel.
 
     Attributes
     ----------

@@ -52,7 +52,7 @@ VEIL = 0.12
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """What colours one picture of the skin.
+    """The field that colours one picture of the skin.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ def panel_of(
     rows: NDArray[np.int64],
     inside: bool,
 ) -> Panel:
-    """What is drawn of a field: its values and colours on the skin, and its caption."""
+    """A field as it is drawn: its values and colours on the skin, and its caption."""
     stress = name in STRESSES
     name = smooth_name(stored, name)
     at_nodes = name in stored.point_data

@@ -1,4 +1,4 @@
-"""What a run left in ``solution.xdmf``, read back: mesh, fields, and the sides of its cells.
+"""Reads ``solution.xdmf`` back: mesh, fields, and the sides of its cells.
 
 Reads the files that `contact_app.results.xdmf` writes, with h5py.
 """
