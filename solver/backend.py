@@ -57,7 +57,7 @@ class Turn:
 
 @dataclass(frozen=True, eq=False)
 class Statuses:
-    """The status of each row while a backend solves; local parts.
+    """What holds in each row while a backend solves; local parts.
 
     Attributes
     ----------

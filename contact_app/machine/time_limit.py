@@ -1,4 +1,4 @@
-"""Ends runs that may take for ever."""
+"""An end to runs that may have none."""
 
 from __future__ import annotations
 

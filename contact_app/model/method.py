@@ -1,15 +1,22 @@
 """Which method `solver.method: auto` stands for, and what a method asks of its model.
 
-On parts from a mesher both methods take about as long (`contact-app bench parts`, whole runs
-at 1e-8 on one rank of two cores, 27,000 to 176,000 unknowns): multigrid takes 0.69 to 1.16 of
-the seconds of Total FETI, least where the sets are hard to find. Its iterations do not grow with
-the mesh, 26 to 58, where those of Total FETI reach 318; so it is taken. Of degree 2 one body (the
-pillow block, 64,035 unknowns) takes 0.40 of the CPU seconds of Total FETI; several bodies take 1.2
-to 1.5 times as many (flange, hub, ball in grooves, 23,000 to 72,000), and stay there. Two parts on
-which nothing was tuned take more by multigrid, too: a ribbed plate that lifts off row by row until
-nothing touches (40,485 unknowns, 96 iterations instead of 122) 1.30 of the CPU seconds, a hook on
-a bar (22,215) 1.33. Boxes take a fifth to a half by Total FETI, whose subdomains share their
-factors.
+The rule stands on CPU seconds of whole runs at 1e-8 on one rank
+(`contact_app.studies.method_choice` on the parts of `meshes/samples/make_trials.py`; the table is
+in docs/benchmarks/speed.md). One body from a mesh file:
+
+- Thick bodies of 10,000 unknowns or more take 0.2 to 1.05 of the seconds of Total FETI by
+  multigrid, in both degrees. Its iterations hardly grow with the mesh. Between 5,000 and 10,000
+  unknowns it is 0.7 to 1.25.
+- Thin bodies are where smoothed aggregation fails. Their sets are solved by a factor each, or by
+  hundreds of iterations; that takes 0.9 to 5.5 times the seconds of Total FETI (22,000 to 100,000
+  unknowns, both degrees). Total FETI takes 55 to 282 operator applications there, and more than 800
+  where contact peels off row by row. So it begins, with a limit on its iterations (`patience`),
+  and multigrid goes on.
+
+Several bodies from mesh files: multigrid takes 0.69 to 1.16 of the seconds of Total FETI at degree
+1 (27,000 to 176,000 unknowns), least where the sets are hard to find. At degree 2 it takes 1.2 to
+1.5 times as many (flange, hub, ball in grooves, 23,000 to 72,000); they stay with Total FETI. Boxes
+take a fifth to a half by Total FETI, whose subdomains share their factors.
 
 With friction (`contact-app run configs/hub_on_shaft.yaml --set solver.method=primal --set
 'contacts.0.friction={coulomb: 0.2}'`, and so on, CPU seconds of whole runs) multigrid takes 0.74
@@ -21,6 +28,7 @@ there.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +38,7 @@ from contact_app.scene.scene import Scene
 from solver.primal.thin import THIN
 from solver.tfeti.options import TotalFetiOptions
 
-LEAST_ALONE, LEAST_OF_SEVERAL = 20_000, 40_000
+LEAST_ALONE, LEAST_OF_SEVERAL = 10_000, 40_000
 """Unknowns of bodies from mesh files, one or several, from which on multigrid is taken."""
 
 COMPRESSIBLE = 0.45
@@ -39,9 +47,19 @@ COMPRESSIBLE = 0.45
 LARGEST_THIN = {2: 500_000, 3: 60_000}
 """Unknowns up to which factors of thin scenes are cheap, by dimension."""
 
-PATIENCE = 200
-"""Iterations of Total FETI on a thin scene after which the undecomposed problem is solved. Thin
-scenes without peeling take 10 to 200 operator applications, and a fifth of the other's time."""
+LARGEST_THIN_ALONE = 100_000
+"""The same of one body from a mesh file in space: as far as it is measured."""
+
+PATIENCE, PATIENCE_UNKNOWNS = 300, 25_000
+"""Iterations of Total FETI on a thin scene after which the undecomposed problem is solved, and
+unknowns in space up to which so many cost about as much as the sets of the other method. Of more
+unknowns factors cost more iterations: 250 on 22,000 unknowns, 600 on 86,000, 890 on 48,000 of a
+disc. Thin trial parts take 55 to 282; where contact peels off row by row, hundreds more change
+little."""
+
+PATIENCE_OF_MULTIGRID = 600
+"""Iterations of multigrid without friction after which Total FETI is tried. The slowest trial part
+takes 254; a thin one on which a factor costs too much takes 364."""
 
 
 def chosen(scene: Scene) -> Scene:
@@ -49,6 +67,7 @@ def chosen(scene: Scene) -> Scene:
 
     So it is where all bodies come from mesh files, in space, with as many unknowns as pay for its
     levels; and nothing asks for another method. Several bodies of degree 2 stay with Total FETI.
+    One thin body begins with it (`may_peel`).
     """
     if scene.solver.method != "auto" or not _can_be_undecomposed(scene):
         return scene
@@ -60,6 +79,8 @@ def chosen(scene: Scene) -> Scene:
     soft = any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials)
     if scene.dimension == 2 or not large or alike or soft or pairs_of_degree_2:
         return scene
+    if len(bodies) == 1 and may_peel(scene):
+        return scene
     return replace(scene, solver=replace(scene.solver, method="primal"))
 
 
@@ -70,7 +91,23 @@ def may_peel(scene: Scene) -> bool:
     unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
     extents = [np.subtract(body.mesh.upper, body.mesh.lower) for body in scene.bodies]
     thin = any(e.max() >= THIN * e.min() for e in extents)
-    return bool(thin and scene.touching and unknowns <= LARGEST_THIN[scene.dimension])
+    return bool(thin and scene.touching and unknowns <= _largest_thin(scene))
+
+
+def patience(scene: Scene) -> int:
+    """Iterations of Total FETI after which a scene that may peel off is solved otherwise."""
+    if scene.dimension == 2:
+        return PATIENCE
+    unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
+    return round(PATIENCE * math.sqrt(max(1.0, unknowns / PATIENCE_UNKNOWNS)))
+
+
+def _largest_thin(scene: Scene) -> int:
+    """Unknowns up to which a thin scene begins with Total FETI and goes on with factors."""
+    from_file = len(scene.bodies) == 1 and not scene.bodies[0].mesh.congruent
+    if scene.dimension == 3 and from_file:
+        return LARGEST_THIN_ALONE
+    return LARGEST_THIN[scene.dimension]
 
 
 def _can_be_undecomposed(scene: Scene) -> bool:

@@ -8,10 +8,9 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.boundaries import boundary_nodes
-from contact_app.model.equilibrium import group_numbers
 from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
-from contact_app.model.method import PATIENCE, is_undecomposed, may_peel
+from contact_app.model.method import is_undecomposed, may_peel, patience
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
 from contact_app.run.repeated_sentences import said_once
@@ -192,7 +191,7 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
     groups = groups_of(scene, known)
     many = partition.count > 1
     if is_undecomposed(scene):
-        why = "on bodies from mesh files its iterations do not grow with the size"
+        why = "on thick bodies from mesh files its iterations hardly grow with the size"
         return [
             f"method: primal, multigrid on the undecomposed bodies; {why}; one subdomain for each "
             "body and rank, none factored"
@@ -225,8 +224,9 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
         lines.append("  no contacts: conjugate gradients solve the linear problem")
     if may_peel(scene):
         lines.append(
-            f"method: Total FETI; after {PATIENCE} iterations the undecomposed bodies are solved "
-            "with factors, since contact of thin bodies may peel off row by row"
+            "method: Total FETI, which is faster than multigrid on thin bodies; after "
+            f"{patience(scene)} iterations the undecomposed bodies are solved by `primal`, since "
+            "contact of thin bodies may peel off row by row"
         )
     return lines
 
@@ -267,12 +267,11 @@ def _repeated(scene: Scene) -> list[str]:
 
 
 def _unloaded(scene: Scene, known: Outline) -> list[str]:
-    """Bodies that nothing loads, heats, moves or overlaps, themselves or through others."""
+    """Bodies that nothing loads, moves or overlaps."""
     comm = known.partition.comm
     acted = np.zeros(len(scene.bodies), bool)
-    for loads in (known.loads, known.thermal):
-        for s, load in zip(known.partition.subdomains, loads, strict=True):
-            acted[s.body] |= load is not None and bool(load.any())
+    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+        acted[s.body] |= load is not None and bool(load.any())
     for condition in scene.displacements:
         acted[condition.body] |= any(condition.values)
     for rigid in scene.contacts:
@@ -280,8 +279,9 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
     gaps, sources = known.candidates
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
-    group = group_numbers(scene)[: len(acted)]  # what the one does the others feel
-    acted = np.isin(group, group[comm.allreduce(acted.astype(int)) > 0])
+    for pair in scene.pairs:  # what the one does the other feels
+        acted[[pair.body, pair.other]] = True
+    acted = comm.allreduce(acted.astype(int)) > 0
     return [
         f"{body.name}: has no load, no prescribed displacement and no overlap; it does not deform"
         for body, some in zip(scene.bodies, acted, strict=True)

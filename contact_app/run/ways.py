@@ -3,8 +3,8 @@
 ==============  =======================================  =========================================
 way             for scenes                               what comes next
 ==============  =======================================  =========================================
-multigrid       whose method is `primal`, or `auto`      Total FETI as for `auto`
-                where `model.method` takes it
+multigrid       whose method is `primal`, or `auto`      Total FETI as for `auto`, also after more
+                where `model.method` takes it            iterations than any measured part takes
 few iterations  thin, whose contact may peel off row by  multigrid, without a warning: contact
                 row (`model.method.may_peel`)            that peels off is no failure
 multigrid       the same                                 Total FETI
@@ -27,7 +27,12 @@ from typing import Protocol
 from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.model.method import PATIENCE, is_undecomposed, may_peel
+from contact_app.model.method import (
+    PATIENCE_OF_MULTIGRID,
+    is_undecomposed,
+    may_peel,
+    patience,
+)
 from contact_app.results.report import log
 from contact_app.run.fallback import (
     NoAnswerError,
@@ -82,11 +87,11 @@ def ways_to(scene: Scene) -> Iterator[Way]:
     """All ways to an answer of a scene, in order."""
     instead = ""
     if is_undecomposed(scene):
-        yield Way(scene)
+        yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
         scene = _by(scene, "auto")
     if may_peel(scene):
-        yield Way(_by(scene, "active-set"), PATIENCE, instead)
+        yield Way(_by(scene, "active-set"), patience(scene), instead)
         peels = "contact peels off row by row: solving for the displacements instead"
         yield Way(_by(scene, "primal"), instead=peels, warns=False)
         instead = ""

@@ -1,4 +1,4 @@
-"""The kinds of rows of the constraints."""
+"""What the rows of the constraints stand for."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class RowKind(IntEnum):
-    """The kind of a row of B."""
+    """What a row of B stands for."""
 
     GLUING = 0
     DIRICHLET = 1

@@ -1,4 +1,4 @@
-"""The protocol of an approximate inverse of the Hessian for MPRGP."""
+"""What an approximate inverse of the Hessian has to offer MPRGP."""
 
 from __future__ import annotations
 

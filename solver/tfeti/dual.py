@@ -45,14 +45,14 @@ from solver.tfeti.system import ContactSystem
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Results of another problem of the same system; None where they are computed anew.
+    """What a problem has from another one of the same system; None where it computes it itself.
 
     Attributes
     ----------
     operator
         F.
     free
-        The displacements under the loads without constraints.
+        What the loads do without constraints.
     d : (dual,)
         B K⁺ f - c.
     offset, displacements : (dual,), (interface,)
@@ -312,7 +312,7 @@ class DualProblem:
 
     @cached_property
     def free(self) -> FreeSolution:
-        """The displacements under the loads without constraints."""
+        """What the loads do without constraints."""
         if self.known.free is not None:
             return self.known.free
         return solve_free(self.classes, self.loads)
@@ -368,7 +368,7 @@ class DualProblem:
         return largest(self.comm, result)
 
     def lengths(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The reference length of each body, (bodies,), for displacements (interface,)."""
+        """What lengths are relative to in each body, (bodies,), for displacements (interface,)."""
         moved = self.bodies.largest_on_interface(self.comm, interface)
         return body_lengths(self.bodies, moved, self.free_lengths)
 
@@ -486,7 +486,7 @@ class DualProblem:
         return result
 
     def row_stiffness(self, rows: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """The stiffness against some rows, each alone, diag(B diag(K) Bᵀ) (collective)."""
+        """What K holds against some rows on their own, diag(B diag(K) Bᵀ) (collective)."""
         parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
         diagonal = np.concatenate([np.empty(0), *parts])
         squares = self.B.local[rows].power(2)

@@ -1,4 +1,4 @@
-"""Conditions at nodes before B is written: held components, contact rows, contradictions."""
+"""What holds at nodes before B is written: held components, contact rows, and where they clash."""
 
 from __future__ import annotations
 

@@ -8,7 +8,9 @@ arising from free boundary problems*, 1983), on contact rows alone. The next lev
 the rows that a level found closed.
 
 Rows that are closer to each other than the body is thick need no levels, so that only slender
-bodies have any: a body with n nodes and m contact rows is about n/m rows thick.
+bodies have any. A body with n nodes, k of them on contact rows, is about n/k nodes thick. Rows at
+single nodes are as far apart as nodes are. Rows kept in the mean about the vertices of cells of
+degree 2 are fewer than k, and so much farther apart.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual_operator import interface_slices
 
 FEWEST = 8
 """Rows of the coarsest level, for each contact."""
@@ -53,6 +56,21 @@ class ConstraintHierarchy:
         self.allowed = self._levels.pop(0) if self._levels else self._all
 
 
+def _thickness(problem: DualProblem, rows: NDArray[np.int64]) -> float:
+    """Thickness of the bodies in distances between their contact rows (collective)."""
+    comm, d = problem.comm, problem.dimension
+    node_of, found = np.empty(problem.B.columns, np.int64), 0
+    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+        nodes = cls.unknowns // d
+        members = found + nodes * np.arange(cls.members)
+        node_of[part] = (members[:, None] + cls.interface // d).ravel()
+        found += nodes * cls.members
+    touched = len(np.unique(node_of[problem.B.local[rows].indices]))
+    found, touched, total = comm.allreduce(np.array([found, touched, len(rows)]))
+    spacing = (touched / max(total, 1)) ** (1.0 / (d - 1))
+    return float(found / max(touched, 1) / max(spacing, 1.0))
+
+
 def _levels(problem: DualProblem) -> list[NDArray[np.bool_]]:
     """Masks (dual,), coarsest first: of each cell of a grid the row next to its middle."""
     comm, contact = problem.comm, problem.contact
@@ -65,8 +83,7 @@ def _levels(problem: DualProblem) -> list[NDArray[np.bool_]]:
     comm.Allreduce(MPI.IN_PLACE, lower, op=MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, upper, op=MPI.MAX)
     extent = float((upper - lower).max())
-    thickness = sum(c.members * c.unknowns for c in problem.classes) / problem.dimension
-    thickness = comm.allreduce(thickness) / max(total, 1)
+    thickness = _thickness(problem, rows)
     contacts = 1 + comm.allreduce(int(contact.sources.max(initial=-1)), op=MPI.MAX)
     result: list[NDArray[np.bool_]] = []
     mask = np.zeros(problem.size, bool)

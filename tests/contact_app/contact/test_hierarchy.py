@@ -40,6 +40,35 @@ def test_levels_of_a_slender_body_are_nested_and_even() -> None:
     assert levels.allowed is dual.inequality
 
 
+def plate(degree: int) -> Config:
+    """A strip of tetrahedra 60 times as long as thick on a floor."""
+    box = {"lower": [0, 0, 0], "upper": [60, 4, 1], "cells": [60, 4, 1], "cell": "tetrahedron"}
+    return {
+        "dimension": 3,
+        "bodies": [
+            {"name": "strip", "mesh": {"box": box}, "degree": degree,
+             "material": {"young": 1e5, "poisson": 0.3}},
+        ],
+        "conditions": [
+            {"on": "strip.x-", "displacement": [0, 0, 0.1]},
+            {"in": "strip", "force": [0, 0, -1e-3]},
+        ],
+        "contacts": [
+            {"on": "strip.z-", "obstacle": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}}
+        ],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_thickness_counts_in_distances_between_rows(degree: int) -> None:
+    """Cells of degree 2 have rows at their vertices alone, a quarter of the nodes that touch."""
+    dual = problem(plate(degree), [1, 1, 1])
+    assert int(dual.inequality.sum()) in (60 * 5, 61 * 5)
+    levels = ConstraintHierarchy(dual, coarsened=True)
+    assert not levels.finest
+    assert levels.allowed.sum() <= 16
+
+
 @pytest.mark.parametrize("made", [wall(16), slender(5.0, [45, 9])])
 def test_thick_bodies_have_none(made: Config) -> None:
     assert ConstraintHierarchy(problem(made, [2, 1]), coarsened=True).finest

@@ -9,9 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contact_app.model.method import LEAST_ALONE, PATIENCE, chosen, may_peel
+from contact_app.model.method import (
+    LARGEST_THIN_ALONE,
+    LEAST_ALONE,
+    PATIENCE,
+    PATIENCE_OF_MULTIGRID,
+    PATIENCE_UNKNOWNS,
+    chosen,
+    may_peel,
+)
+from contact_app.run.ways import ways_to
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from contact_app.scene.scene import Scene
 from tests import scenes
 from tests.comparison import solve
 
@@ -96,10 +106,12 @@ def test_motions_that_are_held_on_request_meet_their_resistance(degree: int) -> 
 
 
 class Larger:
-    """A mesh that says that it has ten times as many nodes."""
+    """A mesh that says that it has ten times as many nodes, and another thickness if asked to."""
 
-    def __init__(self, mesh: Any) -> None:
-        self._mesh = mesh
+    def __init__(self, mesh: Any, thickness: float | None = None) -> None:
+        self._mesh, self.upper = mesh, np.array(mesh.upper)
+        if thickness is not None:
+            self.upper[1] = mesh.lower[1] + thickness
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._mesh, name)
@@ -108,11 +120,46 @@ class Larger:
         return int(10 * self._mesh.nodes_of(degree))
 
 
+def pillow_block(degree: int, thickness: float | None = None) -> Scene:
+    """The pillow block with ten times its unknowns, 120 long."""
+    scene = build_scene(load(CONFIGS / "pillow_block.yaml", [f"bodies.0.degree={degree}"]))
+    body = scene.bodies[0]
+    return replace(scene, bodies=(replace(body, mesh=Larger(body.mesh, thickness)),), cases=())
+
+
+def test_small_bodies_of_a_mesh_file_stay_with_total_feti() -> None:
+    scene = build_scene(load(CONFIGS / "pillow_block.yaml", ["bodies.0.degree=1"]))
+    assert scene.dimension * scene.bodies[0].nodes < LEAST_ALONE
+    assert chosen(scene).solver.method == "auto"
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_one_body_of_a_mesh_file_takes_multigrid_in_both_degrees(degree: int) -> None:
-    scene = build_scene(load(CONFIGS / "pillow_block.yaml", [f"bodies.0.degree={degree}"]))
-    assert chosen(scene).solver.method == "auto"  # too few unknowns
-    larger = replace(scene.bodies[0], mesh=Larger(scene.bodies[0].mesh))
-    assert chosen(replace(scene, bodies=(larger,))).solver.method == "primal"
-    pair = chosen(replace(scene, bodies=(larger, larger)))
+    scene = pillow_block(degree)
+    assert chosen(scene).solver.method == "primal"
+    pair = chosen(replace(scene, bodies=scene.bodies * 2))
     assert pair.solver.method == ("primal" if degree == 1 else "auto")
+
+
+def ways(scene: Scene) -> list[tuple[str, int | None]]:
+    """Method and patience of each way with a scene of its own."""
+    return [(w.scene.solver.method, w.patience) for w in ways_to(chosen(scene)) if w.scene]
+
+
+def test_multigrid_gives_way_to_total_feti_after_more_iterations_than_any_part_takes() -> None:
+    assert ways(pillow_block(1)) == [("primal", PATIENCE_OF_MULTIGRID), ("auto", None)]
+
+
+def test_one_thin_body_of_a_mesh_file_begins_with_total_feti() -> None:
+    """As far as it is measured; a larger one takes multigrid from the start."""
+    thin = pillow_block(1, thickness=8.0)
+    assert thin.dimension * thin.bodies[0].nodes <= LARGEST_THIN_ALONE
+    assert thin.dimension * thin.bodies[0].nodes > PATIENCE_UNKNOWNS
+    assert [method for method, _ in ways(thin)] == ["active-set", "primal", "auto"]
+    limits = [limit for _, limit in ways(thin)]
+    assert limits[0] is not None
+    assert PATIENCE < limits[0] < 2 * PATIENCE  # factors of so many unknowns cost more iterations
+    assert limits[1:] == [None, None]
+    larger = pillow_block(2, thickness=8.0)
+    assert larger.dimension * larger.bodies[0].nodes > LARGEST_THIN_ALONE
+    assert ways(larger)[0] == ("primal", PATIENCE_OF_MULTIGRID)
