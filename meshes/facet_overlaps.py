@@ -7,6 +7,7 @@ normal of each `on` facet, intersected with it, and integrated by Gauss points.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ UPRIGHT = 1e-12
 """Distance of the corners of rectangles from where they should be, over their sides: round-off."""
 
 QUERIES = 200_000
-"""Points asked of the tree at a time."""
+"""Balls asked of the tree at a time."""
 
 PAIRS = 50_000
 """Pairs of facets intersected at a time; some kilobytes each."""
@@ -68,7 +69,7 @@ def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
 
 
 def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of facets (on, against) near enough for their projections to overlap.
+    """Pairs of facets (on, against) near enough for their projections to overlap, sorted.
 
     The facets looked for lie along the normal of an `on` facet, not farther than the nearest
     point of facets within 60° of facing it can be. Trees of the other side's centres, one for
@@ -82,26 +83,48 @@ def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArr
     trees = [cKDTree(middles[group]) for group in groups]
     nearest = np.min([tree.query(centres)[0] for tree in trees], axis=0)
     reach = 2.0 * (nearest + radii)
-    pairs: list[NDArray[np.int64]] = []
+    keys = [np.zeros(0, np.int64)]
     for group, tree in zip(groups, trees, strict=True):
-        across = radii + sizes[group].max()
-        steps = np.ceil(2.0 * reach / across).astype(np.int64) + 1
-        for part in np.array_split(np.arange(len(steps)), int(steps.sum()) // QUERIES + 1):
-            if len(part) == 0:
-                continue
-            which = np.repeat(part, steps[part])
-            nth = np.arange(len(which)) - np.repeat(np.cumsum(steps[part]) - steps[part],
-                                                    steps[part])  # fmt: skip
-            along = -reach[which] + nth * across[which]
-            asked = centres[which] + along[:, None] * on.normals[which]
-            hits = tree.query_ball_point(asked, 1.2 * across[which])
-            count = np.fromiter((len(h) for h in hits), np.int64, len(hits))
-            if count.sum() == 0:
-                continue
-            there = group[np.concatenate([np.asarray(h, np.int64) for h in hits if h])]
-            pairs.append(np.unique(np.stack([np.repeat(which, count), there], axis=1), axis=0))
-    joined = np.unique(np.concatenate(pairs), axis=0) if pairs else np.zeros((0, 2), np.int64)
-    return joined[:, 0], joined[:, 1]
+        which, asked, radius = _filled(on, tree, reach, radii + sizes[group].max())
+        for part in np.array_split(np.arange(len(which)), len(which) // QUERIES + 1):
+            hits = tree.query_ball_point(asked[part], radius[part])
+            count = np.fromiter(map(len, hits), np.int64, len(hits))
+            there = np.fromiter(chain.from_iterable(hits), np.int64, count.sum())
+            keys.append(np.repeat(which[part], count) * len(middles) + group[there])
+    i, j = np.divmod(np.unique(np.concatenate(keys)), len(middles))
+    across = middles[j] - centres[i]
+    across -= np.einsum("ij,ij->i", across, on.normals[i])[:, None] * on.normals[i]
+    near = np.linalg.norm(across, axis=1) <= (radii[i] + sizes[j]) * (1.0 + 1e-9)
+    return i[near], j[near]
+
+
+def _filled(
+    on: Surface, tree: cKDTree, reach: NDArray[np.float64], across: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Balls along the normals of facets that some point of a tree lies in.
+
+    Neighbouring balls are `across` (facets,) apart, with a radius of 1.2 times that, from -`reach`
+    (facets,) to `reach`. From a ball whose middle is far from all points the next ones are empty,
+    too, and are left out.
+
+    Returns
+    -------
+    The facet of each ball, its middle and its radius.
+    """
+    centres, last = on.centres, np.ceil(2.0 * reach / across).astype(np.int64)
+    found: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+    facets, nth = np.arange(len(last)), np.zeros(len(last), np.int64)
+    while len(facets):
+        along = nth * across[facets] - reach[facets]
+        middles = centres[facets] + along[:, None] * on.normals[facets]
+        away = tree.query(middles)[0] / across[facets] - 1.2  # in steps
+        filled = away <= 1e-9
+        found.append((facets[filled], middles[filled]))
+        nth += np.maximum(np.ceil(away - 1e-9).astype(np.int64), 1)
+        going = nth <= last[facets]
+        facets, nth = facets[going], nth[going]
+    which, asked = (np.concatenate(part) for part in zip(*found, strict=True))
+    return which, asked, 1.2 * across[which]
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,7 @@ class Turn:
 
 @dataclass(frozen=True, eq=False)
 class Statuses:
-    """What holds in each row while a backend solves; local parts.
+    """The status of each row while a backend solves; local parts.
 
     Attributes
     ----------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class QPError(ValueError):
-    """A quadratic program without a solution, or data that make none."""
+    """A quadratic program has no solution, or its data make no program."""
 
 
 class NotFiniteError(QPError):

@@ -34,7 +34,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Limits:
-    """What two levels have to show.
+    """The limits within which two levels agree.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ EXACT = 1e-5
 
 @dataclass(frozen=True)
 class Measured:
-    """What one mesh says of its error.
+    """The error of one mesh by its estimate and its energy.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Agreement:
         return len(self._levels)
 
     def add(self, level: Measured) -> Verdict:
-        """What the levels before say of the next one's estimate.
+        """The verdict on a level's estimate by the levels before it.
 
         Examples
         --------
@@ -164,7 +164,7 @@ class Agreement:
 
 
 def compared(level: Measured, before: list[Measured], limits: Limits = FALLING) -> Verdict:
-    """What other levels, the last first, say of the estimate of a level."""
+    """The verdict on the estimate of a level by other levels, the last first."""
     if not before:
         return Verdict(1.0, "no other mesh confirms its estimate")
     if max(level.square, 2.0 * abs(before[0].energy - level.energy)) <= EXACT**2 * abs(

@@ -86,7 +86,7 @@ def median_gaps(model: Model) -> list[float]:
 
 
 def beside(sagitta: float, moved: float, gap: float) -> str:
-    """What a sagitta is large beside, in words; empty where it is small.
+    """The length beside which a sagitta is large, in words; empty where it is small.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a run to an accuracy holds against its target: the estimate, corrected by energies.
+"""The error that a run compares with its target: the estimate, corrected by energies.
 
 Energies of the meshes of a run say both by how much estimates exceed the error
 (`contact_app.accuracy.estimate.calibration`: lowered) and by how much they fall short of it
@@ -49,7 +49,7 @@ class Judge:
         self._shortfall = SHORTFALL[scene.dimension] ** 2 if short else 1.0
 
     def hear(self, level: Measured, estimate: float, graded: bool) -> tuple[float, Verdict]:
-        """What the next level is worth: the factor on η², and whether it is believed.
+        """The verdict on the next level: the factor on η², and whether it is believed.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class Judge:
         self._agreement.forget()
 
     def compare_with(self, coarse: Measured) -> Verdict:
-        """What a coarser mesh than the last says of the estimate of the last."""
+        """The verdict on the last level's estimate by a coarser mesh."""
         verdict = self._agreement.add_coarser(coarse)
         return replace(verdict, raised=self._shortfall * verdict.raised)
 
@@ -106,7 +106,7 @@ def coarser(scene: Scene, whole: bool) -> Scene | None:
 
 
 def measured(accuracy: Accuracy, energy: float, scene: Scene) -> Measured:
-    """What an answer to a scene says of its error, before any correction."""
+    """The estimated error of an answer to a scene before any correction."""
     degree = min(body.degree for body in scene.bodies)
     return Measured(degree, energy, accuracy.discretisation**2 * accuracy.square)
 

@@ -142,14 +142,19 @@ def resisted(
 ) -> list[NDArray[np.float64]]:
     """Motions that the form resists in each body, (resisted, motions) (collective).
 
-    As rows that hold them: orthonormal and perpendicular to those it does not resist.
+    As rows that hold them: orthonormal and perpendicular to those it does not resist. Subdomains
+    that share a matrix share what is found of it.
     """
     d, m = subdomains.dimension, MOTIONS[subdomains.dimension]
     grams, scale = np.zeros((2, bodies.count, m, m)), np.zeros(bodies.count)
+    floats: dict[int, bool] = {}
     for number, (K, body) in enumerate(zip(stiffness, bodies.of_subdomain, strict=True)):
         points = subdomains.points[subdomains.copies(number)]
         R = bodies.motions(int(body), points, d).reshape(K.shape[0], m)
-        grams[0, body] += R.T @ (K @ R)
+        if id(K) not in floats:
+            floats[id(K)] = kernel_of(K, points, d).shape[1] == m
+        if not floats[id(K)]:
+            grams[0, body] += R.T @ (K @ R)
         grams[1, body] += R.T @ R
         scale[body] = max(scale[body], K.diagonal().max())
     grams, scale = (

@@ -40,13 +40,21 @@ class Grid:
         Sub-box of each cell of this rank.
     lattice : (nodes,)
         Number of each node of the space in the lattice, x fastest.
-    count
-        Sub-boxes of all ranks.
+    cells : (sub-boxes, d)
+        Cells along each axis of each sub-box of all ranks.
+    degree
+        Of the space.
     """
 
     of_cell: NDArray[np.int64]
     lattice: NDArray[np.int64]
-    count: int
+    cells: NDArray[np.int64]
+    degree: int
+
+    @property
+    def count(self) -> int:
+        """Sub-boxes of all ranks."""
+        return len(self.cells)
 
 
 def grid_of(space: Any) -> Grid | None:
@@ -75,12 +83,14 @@ def grid_of(space: Any) -> Grid | None:
     if len(split) != d or np.prod(split) < ALIKE:
         return None
     first = lattice[nodes].min(axis=1) // degree
-    sub_box = np.zeros(len(nodes), np.int64)
+    sub_box, sides = np.zeros(len(nodes), np.int64), []
     for axis in range(d):
         ends = np.linspace(0, counts[axis], split[axis] + 1).round().astype(np.int64)
         sub_box = sub_box * split[axis] + np.searchsorted(ends, first[:, axis], side="right") - 1
+        sides.append(np.diff(ends))
     strides = np.cumprod([1, *(degree * counts[:-1] + 1)])
-    return Grid(sub_box, lattice @ strides, int(np.prod(split)))
+    along = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, d)
+    return Grid(sub_box, lattice @ strides, along, degree)
 
 
 def _extent(comm: MPI.Intracomm, points: Array, nodes: NDArray) -> tuple[Array, Array, NDArray]:

@@ -16,8 +16,8 @@ from contact_app.forms.boundary import Facets
 from contact_app.forms.checks import check_matrices, together
 from contact_app.forms.congruent import Congruent, congruent
 from contact_app.forms.contacts import Contact
+from contact_app.forms.fingerprints import all_equal, fingerprint_of_form, fingerprint_of_rows
 from contact_app.forms.grid import ALIKE, Grid
-from contact_app.forms.kept import all_equal, fingerprint_of_form, fingerprint_of_rows
 from contact_app.forms.parts import Parts, parts_of
 from contact_app.forms.rows import rows_of, tagged_facets
 from contact_app.forms.subdomains import Subdomains, subdomains_of
@@ -126,6 +126,9 @@ def build_model(
         kinds = parts.comm.allreduce(max((c.number + 1 for c in classes), default=0), op=MPI.MAX)
         if kinds * ALIKE > grid.count:
             raise NotCongruentError
+    for cls in classes:
+        for member in cls.members:
+            stiffness[member] = cls.stiffness
     with together(parts.comm):
         check_matrices([cls.stiffness for cls in classes])
     exchange = NodeExchange(parts.comm, own.numbers, parts.nodes)

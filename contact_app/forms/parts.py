@@ -87,17 +87,7 @@ class Parts:
 
     def stiffness(self, form: Any) -> list[sparse.csr_matrix]:
         """K of each part, (n, n) with unknown ``node * dimension + component`` (collective)."""
-        trial, test = ufl.TrialFunction(self.torn), ufl.TestFunction(self.torn)
-        first, second = form.arguments()
-        compiled = dolfinx_compat.compile_form(ufl.replace(form, {first: test, second: trial}))
-        matrix = create_matrix(compiled, "baij")
-        assemble_matrix(matrix, compiled)
-        matrix.assemble()
-        matrix.convert("aij")
-        own = matrix if self.comm.size == 1 else matrix.getDiagonalBlock()
-        pointers, columns, values = own.getValuesCSR()
-        whole = sparse.csr_matrix((values, columns, pointers), shape=own.getSize())
-        matrix.destroy()
+        whole = assembled(self.torn, form)
         parts = [self.unknowns(part) for part in range(self.count)]
         return [whole[part, part].sorted_indices() for part in parts]
 
@@ -109,6 +99,22 @@ class Parts:
         )
         whole = fem.assemble_vector(compiled).array
         return [whole[self.unknowns(part)].copy() for part in range(self.count)]
+
+
+def assembled(torn: Any, form: Any) -> sparse.csr_matrix:
+    """Matrix of a bilinear form over a torn space, in the unknowns of this rank (collective)."""
+    trial, test = ufl.TrialFunction(torn), ufl.TestFunction(torn)
+    first, second = form.arguments()
+    compiled = dolfinx_compat.compile_form(ufl.replace(form, {first: test, second: trial}))
+    matrix = create_matrix(compiled, "baij")
+    assemble_matrix(matrix, compiled)
+    matrix.assemble()
+    matrix.convert("aij")
+    own = matrix if torn.mesh.comm.size == 1 else matrix.getDiagonalBlock()
+    pointers, columns, values = own.getValuesCSR()
+    whole = sparse.csr_matrix((values, columns, pointers), shape=own.getSize())
+    matrix.destroy()
+    return whole
 
 
 def parts_of(space: Any, grid: Grid | None = None) -> Parts:

@@ -49,9 +49,9 @@ class Owners:
     def sums(self, copies: Array) -> Array:
         """Values (copies, …) summed over the copies of a node, (owned, …)."""
         arrived = self._exchange.to_owners(copies)
-        result = np.zeros((self.count, *copies.shape[1:]))
-        np.add.at(result, self._at, arrived)
-        return result
+        columns = arrived.reshape(len(arrived), -1).T
+        sums = [np.bincount(self._at, column, minlength=self.count) for column in columns]
+        return np.stack(sums, axis=1).reshape(self.count, *copies.shape[1:]).astype(float)
 
     def copies(self, owned: Array) -> Array:
         """Values (owned, …) at the copies."""

@@ -17,6 +17,7 @@ from scipy import sparse
 
 from contact_app.forms.grid import Grid
 from contact_app.forms.parts import Parts
+from contact_app.forms.uniform import added, box_stiffness, cell_stiffness, split_form
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value")
@@ -37,6 +38,10 @@ class Subdomains:
     points : (copies, 3)
     moved
         Where the parts go; None where each part is a subdomain of its own rank.
+    grid
+        The cut of a regular mesh; None of others.
+    boxes : (subdomains,)
+        Sub-box of the grid that each is.
     """
 
     parts: Parts
@@ -44,6 +49,8 @@ class Subdomains:
     numbers: NDArray[np.int64]
     points: Array
     moved: Moved | None = None
+    grid: Grid | None = None
+    boxes: NDArray[np.int64] | None = None
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -70,7 +77,25 @@ class Subdomains:
         return slice(int(self.starts[number]) * d, int(self.starts[number + 1]) * d)
 
     def stiffness(self, form: Any) -> list[sparse.csr_matrix]:
-        """K of each, (n, n) with unknown ``node * dimension + component`` (collective)."""
+        """K of each, (n, n) with unknown ``node * dimension + component`` (collective).
+
+        Sub-boxes of a grid whose matrices are equal may share one.
+        """
+        if self.grid is None or self.boxes is None:
+            return self._integrated(form)
+        same, others = split_form(form, self.parts.space.mesh)
+        if same.empty():
+            return self._integrated(form)
+        of_cell = cell_stiffness(self.parts, self.grid, same)
+        sides = [tuple(map(int, self.grid.cells[box])) for box in self.boxes]
+        made = {cells: box_stiffness(of_cell, cells, self.grid.degree) for cells in set(sides)}
+        result = [made[cells] for cells in sides]
+        if not others.empty():
+            result = list(map(added, result, self._integrated(others)))
+        return result
+
+    def _integrated(self, form: Any) -> list[sparse.csr_matrix]:
+        """K of each, integrated over all cells (collective)."""
         own = self.parts.stiffness(form)
         if self.moved is None:
             return own
@@ -165,7 +190,10 @@ def _exchanged(comm: MPI.Intracomm, rank: NDArray[np.int64], values: list[Value]
 def subdomains_of(parts: Parts, grid: Grid | None) -> Subdomains:
     """The subdomains of the parts: these themselves, or sub-boxes of a grid (collective)."""
     if grid is None or parts.comm.size == 1:
-        return Subdomains(parts, parts.starts, parts.numbers, parts.points)
+        boxes = None if grid is None else np.unique(grid.of_cell)
+        return Subdomains(
+            parts, parts.starts, parts.numbers, parts.points, grid=grid, boxes=boxes
+        )  # fmt: skip
     comm, lattice = parts.comm, grid.lattice[parts.blocks]
     boxes = np.unique(grid.of_cell)
     rank = ranks_of(comm, grid)[boxes]
@@ -189,8 +217,9 @@ def subdomains_of(parts: Parts, grid: Grid | None) -> Subdomains:
         nodes |= {int(k): np.searchsorted(every, arrived[k][1]) for k in pieces}
     moved = Moved(comm, rank, subdomain, [nodes[k] for k in range(len(arrived))], len(mine))
     return Subdomains(
-        parts, np.array(starts, np.int64), np.concatenate(numbers), np.concatenate(points), moved
-    )
+        parts, np.array(starts, np.int64), np.concatenate(numbers), np.concatenate(points), moved,
+        grid, mine,
+    )  # fmt: skip
 
 
 def ranks_of(comm: MPI.Intracomm, grid: Grid) -> NDArray[np.int64]:

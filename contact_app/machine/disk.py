@@ -55,7 +55,7 @@ def refuse_without_room(directory: Path, name: str, needed: int) -> None:
 
 
 def no_room(path: Path, needed: int, free: int | None = None) -> CouldNotRunError:
-    """What is told where a file does not fit."""
+    """The error of a file that does not fit."""
     free = free_bytes(path.parent) if free is None else free
     return CouldNotRunError(
         f"{path.parent}: the disk is full: {path.name} needs {_size(needed)}, {_size(free)} are "

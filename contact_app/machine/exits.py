@@ -61,7 +61,7 @@ def code_of(error: BaseException) -> Exit:
 
 
 def message_of(error: BaseException) -> str:
-    """What the user is told: what happened and what to do."""
+    """The message to the user: what happened and what to do."""
     remedy = error.__dict__.get("remedy")
     return _what_happened(error) + (f"; {remedy}" if remedy else "")
 
@@ -86,7 +86,7 @@ def _what_happened(error: BaseException) -> str:
 
 
 def _of_system(error: OSError) -> str:
-    """What the operating system refused; HDF5's own words fill a screen and are left out."""
+    """The refusal of the operating system; HDF5's own words fill a screen and are left out."""
     number = error.errno
     if isinstance(error, TimeoutError) and not number:  # of dolfinx's compiler: says what to do
         return f"the run ended: {str(error).splitlines()[0]}"

@@ -1,4 +1,4 @@
-"""What a scene needs in memory, estimated before anything is allocated.
+"""The memory that a scene needs, estimated before anything is allocated.
 
 Peak memory of a run, fitted to the resident size of runs of the cube with 10³ to 120³ hexahedra,
 decomposed and as one subdomain, to within a factor of two:
@@ -23,6 +23,7 @@ BASE_BYTES = 0.2e9
 BYTES_PER_DOF = 150.0
 BYTES_PER_ROW = 900.0
 BYTES_PER_CLASS = 0.35e6
+"""Fitted to runs of cubes and of shipped scenes (`python -m contact_app.studies.estimates`)."""
 
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
@@ -87,7 +88,7 @@ def _address_space() -> float:
 
 
 def control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgroup")) -> float:
-    """What the control groups of this process, and those they are in, leave it."""
+    """The memory that the control groups of this process leave it."""
     least = math.inf
     for line in _text(own).splitlines():
         _, controllers, path = line.split(":", 2)

@@ -1,4 +1,4 @@
-"""An end to runs that may have none."""
+"""Ends runs that may take for ever."""
 
 from __future__ import annotations
 

@@ -29,6 +29,7 @@ SLENDER = 20.0
 body is cheap, and the bending of a chain of subdomains makes the dual ill-conditioned."""
 
 SLENDER_NODES = 50_000
+"""Nodes up to which slender boxes stay whole."""
 
 LONGEST = 3.0
 """Sub-boxes are up to so many times longer than wide, as far as the cells allow."""

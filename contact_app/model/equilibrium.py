@@ -1,4 +1,4 @@
-"""What holds each body: a scene that its loads drive away is refused before it is solved."""
+"""The equilibrium of each body: a scene whose loads drive a body away is refused unsolved."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def body_balances(
     loads: Iterable[NDArray[np.float64] | None],
     friction: FrictionRows | None = None,
 ) -> list[BodyBalance]:
-    """What holds each body, (bodies,): elastic ones first, then moving rigid ones.
+    """The equilibrium of each body, (bodies,): elastic ones first, then moving rigid ones.
 
     Raises where a load drives a body away.
 
@@ -114,7 +114,7 @@ def _no_equilibrium(
     escape: NDArray[np.float64],
     cones: FrictionCones | None,
 ) -> str:
-    """What is said of a group that a load drives away along an escape (collective).
+    """The message on a group that a load drives away along an escape (collective).
 
     With slip limits that are given, also at which share of all loads this starts. Within a load
     step only its own loads grow, and the step says its factor.
@@ -147,7 +147,7 @@ def _with_free(
 
 
 def loose_bodies(scene: Scene, balances: list[BodyBalance]) -> LooseBodies:
-    """Rigid motions that nothing resists; of moving rigid bodies none."""
+    """Rigid motions that nothing resists; moving rigid bodies have no such motions."""
     frames = [body_frame(body) for body in scene.bodies]
     frames += [(np.zeros(3), 1.0)] * (len(balances) - len(frames))
     return LooseBodies(

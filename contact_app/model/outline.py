@@ -283,7 +283,7 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
 
 @dataclass(frozen=True, eq=False)
 class _Loads:
-    """What `Outline` has under the same names."""
+    """The loads of a scene, under the names of `Outline`."""
 
     linear: tuple[LinearTraction, ...]
     loads: list[NDArray[np.float64] | None]
@@ -365,7 +365,7 @@ def _reach(
 
 
 def left_out_notes(scene: Scene, known: Outline) -> list[str]:
-    """What is left out of the contacts, a sentence each (collective)."""
+    """A sentence on each kind of contact rows that are left out (collective)."""
     comm, count = known.partition.comm, len(scene.touching)
     sources = known.left_out.sources
     far = known.left_out.gaps > known.reach[sources]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contact_app.scene.scene import Scene
 
 ON_PLANE = 1e-9
-"""Distance of a node from a plane, over the size of the scene, that is none."""
+"""Distance from a plane, over the size of the scene, up to which a node lies on it."""
 
 
 def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -268,12 +268,7 @@ def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Conta
     from where it is drawn.
     """
     scene, d = unknowns.scene, unknowns.scene.dimension
-    center = np.array(scene.rigid_bodies[number].center)
-    center = center + np.array(scene.placements[number].displacement)
-    force = np.zeros((len(rows.nodes), 3))
-    force[:, :d] = rows.normals
-    turn = np.cross(rows.points - center, force) + rows.moments
-    own = np.concatenate([rows.normals, turn if d == 3 else turn[:, 2:]], axis=1) / unknowns.units
+    own = _along(rows, unknowns, number)
     held, values = scene.held_components(number)
     gaps = rows.gaps - own[:, held] @ (np.asarray(values) * unknowns.units)[held]
     if number not in scene.moving:
@@ -285,6 +280,38 @@ def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Conta
     first = unknowns.first + NODES * scene.moving.index(number)
     entries = ContactEntries(row, first + node, rows.points[row], inside, own[row, component])
     return replace(rows, gaps=gaps, rigid=entries)
+
+
+def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene) -> Array:
+    """What held components of rigid bodies have added to the gaps of tangential rows, (rows,).
+
+    Parameters
+    ----------
+    before
+        The same scene as it was loaded before; the rows are where bodies are placed now.
+    """
+    scene, added = unknowns.scene, np.zeros(len(rows.nodes))
+    for source, contact in enumerate(scene.contacts):
+        if contact.rigid is None:
+            continue
+        mine = rows.sources == source
+        held, values = scene.held_components(contact.rigid)
+        moved = (np.asarray(values) - before.held_components(contact.rigid)[1]) * unknowns.units
+        along = _along(rows.of(mine), unknowns, contact.rigid)
+        added[mine] = -along[:, held] @ moved[held]
+    return added
+
+
+def _along(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Array:
+    """What each component of a rigid body makes of tangential rows, (rows, components)."""
+    scene, d = unknowns.scene, unknowns.scene.dimension
+    center = np.array(scene.rigid_bodies[number].center)
+    center = center + np.array(scene.placements[number].displacement)
+    force = np.zeros((len(rows.nodes), 3))
+    force[:, :d] = rows.normals
+    turn = np.cross(rows.points - center, force) + rows.moments
+    own = np.concatenate([rows.normals, turn if d == 3 else turn[:, 2:]], axis=1)
+    return np.asarray(own / unknowns.units)
 
 
 def rigid_subdomains(

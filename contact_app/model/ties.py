@@ -112,7 +112,7 @@ def _sides(scene: Scene, partition: Partition, tie: Tie) -> tuple[Surface, Surfa
 
 
 def decided_by(exchange: NodeExchange, held: HeldRows) -> Decided:
-    """Held nodes of all ranks, a small part of the surface; none is taken yet (collective)."""
+    """Held nodes of all ranks, a small part of the surface; no row is taken yet (collective)."""
     nodes, masks = zip(*exchange.comm.allgather((held.nodes, held.held)), strict=True)
     every, mask = np.concatenate(nodes), np.concatenate(masks)
     order = np.argsort(every)

@@ -22,8 +22,10 @@ from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
 from contact_app.model.model import Model
 from contact_app.model.outline import Tell
+from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.run.case_models import CaseModels
 from contact_app.scene.scene import Scene
+from solver.tfeti.derived import beside_moved
 from solver.tfeti.directions import Directions
 
 Displacements = list[NDArray[np.float64]]
@@ -40,6 +42,7 @@ class IncrementModels:
         self._directions: Directions | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
         self._multiplier: NDArray[np.float64] | None = None
+        self._last: Scene | None = None
 
     @property
     def displacements(self) -> Displacements | None:
@@ -52,15 +55,17 @@ class IncrementModels:
         earlier = self._displacements is not None or self._earlier is not None
         return self._rough and earlier
 
-    def go_on(self, read: Callable[[list[tuple[int, int]]], Displacements]) -> None:
+    def go_on(self, last: Scene, read: Callable[[list[tuple[int, int]]], Displacements]) -> None:
         """Go on from displacements of an earlier run.
 
         Parameters
         ----------
+        last
+            The scene as it was loaded then.
         read
             Gives them, (n, members) of each class, by these shapes (collective).
         """
-        self._earlier = read
+        self._last, self._earlier = last, read
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
         """The model of an increment, with slip measured from the last one."""
@@ -74,7 +79,19 @@ class IncrementModels:
             self._earlier = None
         if self._rough and self._displacements is not None:
             problem = problem.with_slip_from(self._displacements)
+            moved = self._moved(model)
+            problem = problem if moved is None else beside_moved(problem, moved)
         return replace(model, problem=problem)
+
+    def _moved(self, model: Model) -> NDArray[np.float64] | None:
+        """What held components of rigid bodies add to slips in this increment, (dual,)."""
+        problem, friction = model.problem, model.problem.system.friction
+        if self._last is None or friction is None or not self._last.rigid_bodies:
+            return None
+        unknowns, moved = RigidUnknowns.of(model.scene, model.partition), np.zeros(problem.size)
+        added = slips_of_held(friction.rows, unknowns, self._last)
+        moved[problem.tangential] = added * problem.spread[problem.tangential]
+        return moved
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """What estimates the errors of answers to a model."""
@@ -82,7 +99,7 @@ class IncrementModels:
 
     def add(self, solved: SolvedScene) -> None:
         """Go on from an answer."""
-        self._displacements = solved.solution.displacements
+        self._last, self._displacements = solved.model.scene, solved.solution.displacements
         if solved.solution.method == "smalbe":  # of sets that did not settle: they lead astray
             self._directions = None
         self._multiplier = solved.solution.multiplier

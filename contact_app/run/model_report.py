@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.boundaries import boundary_nodes
+from contact_app.model.equilibrium import group_numbers
 from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.method import is_undecomposed, may_peel, patience
@@ -267,11 +268,12 @@ def _repeated(scene: Scene) -> list[str]:
 
 
 def _unloaded(scene: Scene, known: Outline) -> list[str]:
-    """Bodies that nothing loads, moves or overlaps."""
+    """Bodies that nothing loads, heats, moves or overlaps, themselves or through others."""
     comm = known.partition.comm
     acted = np.zeros(len(scene.bodies), bool)
-    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
-        acted[s.body] |= load is not None and bool(load.any())
+    for loads in (known.loads, known.thermal):
+        for s, load in zip(known.partition.subdomains, loads, strict=True):
+            acted[s.body] |= load is not None and bool(load.any())
     for condition in scene.displacements:
         acted[condition.body] |= any(condition.values)
     for rigid in scene.contacts:
@@ -279,9 +281,8 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
     gaps, sources = known.candidates
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
-    for pair in scene.pairs:  # what the one does the other feels
-        acted[[pair.body, pair.other]] = True
-    acted = comm.allreduce(acted.astype(int)) > 0
+    group = group_numbers(scene)[: len(acted)]  # what the one does the others feel
+    acted = np.isin(group, group[comm.allreduce(acted.astype(int)) > 0])
     return [
         f"{body.name}: has no load, no prescribed displacement and no overlap; it does not deform"
         for body, some in zip(scene.bodies, acted, strict=True)

@@ -45,15 +45,26 @@ from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Solution
 from solver.driver import reason_text
 
-SMALL_STRAIN = 0.05
-SMALL_ROTATION = 0.1
+SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
+"""Strain, and rotation in radians, above which the user is told that they are not small."""
+
 SMALL_SAGITTA = 0.01
+"""Error of a gap by sliding along a curved obstacle, over the displacement of the body, above which
+the user is told."""
+
 SIMPLICES = ("triangle", "tetrahedron")
+
 LARGE_ERROR = 0.4
+"""Estimated relative error of first-order simplices above which the user is told."""
+
 ROUNDED_STRAINS = 1e-3
+"""Energy norm of rounding errors over that of the strains, above which the user is told."""
+
 STRADDLED = 0.01
+"""Area of facets partly on a loaded boundary, over its area, above which the user is told."""
+
 SMALL_PART = 0.05
-"""Rounding errors over strains from which on the user is told of them."""
+"""Relative error of the solver in heated bodies above which the user is told."""
 
 VARYING_ENERGY = 0.3
 """Share of the energy in strains that vary within first-order cells above which they are too few:

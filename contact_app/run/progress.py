@@ -19,9 +19,8 @@ from rich.text import Text
 
 from solver.qp.result import Monitor, Step
 
-LIVE_SECONDS = 0.1
-PLAIN_SECONDS = 2.0
-OUTER_SECONDS = 0.2
+LIVE_SECONDS, PLAIN_SECONDS, OUTER_SECONDS = 0.1, 2.0, 0.2
+"""Seconds between updates: of a line on a terminal, of lines elsewhere, of outer iterations."""
 
 log = logging.getLogger("contact_app")
 

@@ -142,7 +142,8 @@ def _solve_and_write(
             f"going on after step {files.position.step}, factor {float(files.position.share):.6g}"
         )
         reached = files.reached
-        models.go_on(lambda shapes: reached.displacements(shapes, comm))
+        at = scene.loading_at(files.position.step - 1, float(files.position.share))
+        models.go_on(scene.under(at), lambda shapes: reached.displacements(shapes, comm))
     tell = partial(log_model_that_fits, directory=files.directory)
     over, code, failed = files.position, Exit.CERTIFIED, ""
     for increment in solved_increments(scene, comm, monitor_of, tell, models, over):

@@ -57,6 +57,8 @@ class ConditionReader:
 
     def _boundary(self, text: str, path: Place) -> tuple[int, str]:
         name, dot, boundary = text.partition(".")
+        if text in self.rigid.names:
+            self._name(text, path)
         if not dot or not boundary:
             self.keys.fail(
                 path, f"is {text!r}; it has the form body.boundary, e.g. {self.names[0]}.x-"
@@ -170,20 +172,20 @@ class ConditionReader:
         if contact.against not in self.rigid.names or contact.obstacle is not None:
             return [self._contact(i, contact)]
         path: Place = ("contacts", i)
+        if contact.on.partition(".")[0] in self.rigid.names:
+            self.keys.fail(
+                (*path, "on"),
+                f"is {contact.on!r}, which is rigid as {contact.against} is, and two rigid bodies "
+                "do not touch each other: give one of them a mesh and a stiff material",
+            )
         if contact.tied:
             self.keys.fail(
                 (*path, "tied"),
-                f"is for two elastic bodies; {contact.against} is rigid: hold the boundary with a "
-                "displacement condition instead",
+                f"is for two elastic bodies; {contact.against} is rigid: where it is held, hold "
+                "the boundary with a displacement condition instead; where forces move it, give it "
+                "a mesh and a stiff material, and tie that",
             )
         friction = self._friction(contact.friction, (*path, "friction"))
-        if friction is not None and self.keys.configuration.steps:
-            self.keys.fail(
-                (*path, "friction"),
-                f"is not available at rigid bodies with steps: each increment places "
-                f"{contact.against} anew, and what has slipped before is not carried over; leave "
-                "steps out, or give the body as an obstacle or with a mesh",
-            )
         if contact.round:
             self.keys.fail(
                 (*path, "round"),

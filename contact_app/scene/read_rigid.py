@@ -190,5 +190,6 @@ def refuse_with_rigid(keys: Keys, scene: Scene) -> None:
         keys.fail(
             ("certificate", "guaranteed"),
             f"is not available with rigid bodies, and {name} is one: the bound is for obstacles "
-            "that do not move",
+            f"that do not move; give {name} as an `obstacle` where it is held, or leave this out: "
+            "the error of the mesh is estimated without it, too",
         )

@@ -1,6 +1,6 @@
 """This application beside CalculiX on the same meshes: displacements, forces, seconds, memory.
 
-    python -m contact_app.studies.calculix [NAME …] [-o DIR]
+    python -m contact_app.studies.calculix [NAME …] [--mesh FILE] [--penalty K] [-o DIR]
 
 CalculiX (G. Dhondt, *The Finite Element Method for Three-Dimensional Thermomechanical
 Applications*, 2004; Debian's calculix-ccx) takes the nodes and tetrahedra of the mesh file as they
@@ -10,7 +10,8 @@ first pushed into contact by a displacement that is then taken away. Both use on
 
 The displacements are compared at all nodes of the mesh, but for the slide of bodies that nothing
 holds: the largest, and ‖u - u_ccx‖ over ‖u‖ in the root mean square; and the same without the rigid
-motion of each body in u - u_ccx, which a contact with play hardly resists. Where there is no `ccx`,
+motion of each body in u - u_ccx, which a contact with play hardly resists. The turn is that of the
+first body in each program, about the axis about which they differ most. Where there is no `ccx`,
 nothing is done.
 """
 
@@ -70,29 +71,37 @@ class Part:
         Other than in the file; None to leave it.
     push
         What CalculiX needs to begin with.
+    mesh
+        Another mesh file than the scene's.
     """
 
     scene: str
     factors: dict[str, float] = field(default_factory=dict)
     degree: int | None = None
     push: Push | None = None
+    mesh: str = ""
 
 
 PARTS = {
-    "pin_in_lug": Part("configs/pin_in_lug.yaml", push=Push("lug.pull", 0, -0.06)),
+    "pin_in_lug": Part(
+        "configs/pin_in_lug.yaml",
+        push=Push("lug.pull", 0, -0.06),
+        mesh="meshes/samples/fine/pin_in_lug.msh",
+    ),
     "bolted_flange": Part("configs/bolted_flange.yaml", {"pull": 1.0}, degree=1),
     "hub_on_shaft": Part("configs/hub_on_shaft.yaml"),
 }
 
 
-def scene_of(part: Part) -> dict[str, Any]:
-    """The scene of a part, without load cases, its mesh by an absolute path."""
+def scene_of(part: Part, mesh: Path | None = None) -> dict[str, Any]:
+    """The scene of a part, without load cases, its mesh (another if given) by an absolute path."""
     path = ROOT / part.scene
     made: dict[str, Any] = read(path)[0]
     made.pop("cases", None)
     made.pop("output", None)
     for body in made["bodies"]:
-        body["mesh"]["file"] = str((path.parent / body["mesh"]["file"]).resolve())
+        own = ROOT / part.mesh if part.mesh else path.parent / body["mesh"]["file"]
+        body["mesh"]["file"] = str((mesh or own).resolve())
         if part.degree is not None:
             body["degree"] = part.degree
     kept = [c for c in made["conditions"] if part.factors.get(c.get("name"), 1.0 - ("name" in c))]
@@ -148,7 +157,9 @@ class Mesh:
                     yield f"{node + 1}, {axis + 1}, {share[node] * value:.12e}"
 
 
-def deck(made: dict[str, Any], mesh: Mesh, push: Push | None) -> Iterator[str]:
+def deck(
+    made: dict[str, Any], mesh: Mesh, push: Push | None, penalty: float = PENALTY
+) -> Iterator[str]:
     """The lines of CalculiX's input."""
     yield "*NODE, NSET=ALL"
     yield from (f"{i}, {x:.12e}, {y:.12e}, {z:.12e}" for i, (x, y, z) in enumerate(mesh.points, 1))
@@ -170,7 +181,7 @@ def deck(made: dict[str, Any], mesh: Mesh, push: Push | None) -> Iterator[str]:
             yield f"*SURFACE, NAME={side}{i}, TYPE=ELEMENT"
             yield from mesh.faces(contact[side])
         yield f"*SURFACE INTERACTION, NAME=I{i}\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
-        yield f"{PENALTY}\n*CONTACT PAIR, INTERACTION=I{i}, TYPE=SURFACE TO SURFACE"
+        yield f"{penalty}\n*CONTACT PAIR, INTERACTION=I{i}, TYPE=SURFACE TO SURFACE"
         yield f"on{i}, against{i}"
     yield from (_step(made, mesh, push, pushed) for pushed in ([True, False] if push else [False]))
 
@@ -278,13 +289,26 @@ def differences(
     return abs(other / largest - 1.0), every, float(np.linalg.norm(apart)) / size
 
 
+def turns(made: dict[str, Any], mesh: Mesh, ours: Array, theirs: Array) -> tuple[float, float]:
+    """Of the first body, about the axis about which they differ most."""
+    nodes = np.unique(mesh.cells[made["bodies"][0]["name"]])
+    one, other = (_rigid_motion(mesh.points[nodes], u[nodes])[1][3:] for u in (ours, theirs))
+    axis = int(np.abs(one - other).argmax())
+    return float(one[axis]), float(other[axis])
+
+
 def _rigid_part(points: Array, u: Array) -> Array:
     """The rigid motion nearest to displacements."""
+    motions, amounts = _rigid_motion(points, u)
+    return np.asarray(motions @ amounts)
+
+
+def _rigid_motion(points: Array, u: Array) -> tuple[Array, Array]:
+    """Shifts and turns about the middle, (nodes, 3, 6), and those nearest to u, (6,)."""
     x = points - points.mean(axis=0)
-    turns = [np.cross(axis, x) for axis in np.eye(3)]
-    motions = np.stack([*(np.broadcast_to(e, x.shape) for e in np.eye(3)), *turns], axis=2)
-    flat = motions.reshape(-1, 6)
-    return np.asarray(motions @ np.linalg.lstsq(flat, u.ravel(), rcond=None)[0])
+    about = [np.cross(axis, x) for axis in np.eye(3)]
+    motions = np.stack([*(np.broadcast_to(e, x.shape) for e in np.eye(3)), *about], axis=2)
+    return motions, np.linalg.lstsq(motions.reshape(-1, 6), u.ravel(), rcond=None)[0]
 
 
 def _at_nodes(made: dict[str, Any], mesh: Mesh, file: Path) -> Array:
@@ -299,16 +323,18 @@ def _at_nodes(made: dict[str, Any], mesh: Mesh, file: Path) -> Array:
     return result
 
 
-def compared(name: str, directory: Path) -> dict[str, float]:
+def compared(
+    name: str, directory: Path, mesh_file: Path | None = None, penalty: float = PENALTY
+) -> dict[str, float]:
     """Both programs on a part."""
     part = PARTS[name]
-    made = scene_of(part)
+    made = scene_of(part, mesh_file)
     mesh = Mesh(Path(made["bodies"][0]["mesh"]["file"]))
     directory.mkdir(parents=True, exist_ok=True)
     scene = directory / "scene.yaml"
     scene.write_text(json.dumps(made), encoding="utf-8")
     (directory / "deck.inp").write_text(
-        "\n".join(deck(made, mesh, part.push)) + "\n", encoding="utf-8"
+        "\n".join(deck(made, mesh, part.push, penalty)) + "\n", encoding="utf-8"
     )
     own = [sys.executable, "-m", "contact_app.studies.single_run", str(scene)]
     ours = measured([*own, "--fields", "fields.npz"], directory)
@@ -319,34 +345,38 @@ def compared(name: str, directory: Path) -> dict[str, float]:
     dat = directory / "deck.dat"
     other = printed_displacements(dat, len(mesh.points))
     largest, every, strained = differences(made, mesh, u, other)
+    turn, other_turn = turns(made, mesh, u, other)
     contact = summary["contacts"][0]
     force = float(np.linalg.norm(contact["force"]))
     balanced = force < 1e-2 * contact["max_pressure"] * contact["area"]  # all around a shaft
     return {
         "dofs": 3.0 * len(used), "largest": largest, "every": every,
-        "strained": strained,
+        "strained": strained, "turn": turn, "turn ccx": other_turn,
         "force": np.nan if balanced else force, "force ccx": printed_force(dat),
         **{f"{key} ours": value for key, value in ours.items()},
         **{f"{key} ccx": value for key, value in theirs.items()},
     }  # fmt: skip
 
 
-def table(names: Sequence[str], directory: Path) -> Iterator[str]:
+def table(
+    names: Sequence[str], directory: Path, mesh: Path | None = None, penalty: float = PENALTY
+) -> Iterator[str]:
     """Rows of a table for a page."""
     yield (
         "| part | unknowns | largest displacement differs by | all displacements | without rigid "
-        "motions | contact force | of CalculiX | processor seconds | of CalculiX | memory, GB | "
-        "of CalculiX |"
+        "motions | turn | of CalculiX | contact force | of CalculiX | processor seconds | "
+        "of CalculiX | memory, GB | of CalculiX |"
     )
-    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    yield "|" + "---|" * 13
     for name in names or PARTS:
-        f = compared(name, directory / name)
+        f = compared(name, directory / name, mesh, penalty)
         forces = [f"{v:.5g}" for v in (f["force"], f["force ccx"])]
         if np.isnan(f["force"]):
             forces = ["in balance", ""]
         yield (
             f"| {name} | {f['dofs']:,.0f} | {100 * f['largest']:.2f} % | "
-            f"{100 * f['every']:.2f} % | {100 * f['strained']:.2f} % | {forces[0]} | "
+            f"{100 * f['every']:.2f} % | {100 * f['strained']:.2f} % | "
+            f"{f['turn']:.1e} | {f['turn ccx']:.1e} | {forces[0]} | "
             f"{forces[1]} | {f['cpu ours']:.1f} | {f['cpu ccx']:.1f} | {f['gb ours']:.2f} | "
             f"{f['gb ccx']:.2f} |"
         )
@@ -357,14 +387,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(PARTS)}; all unless given")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/calculix"))
+    parser.add_argument("--mesh", type=Path, help="another mesh file of the one part named")
+    parser.add_argument("--penalty", type=float, default=PENALTY, help="K of CalculiX")
     given = parser.parse_args()
+    if given.mesh and len(given.names) != 1:
+        parser.error("--mesh is of one part: name it")
     unknown = sorted(set(given.names) - set(PARTS))
     if unknown:
         parser.error(f"unknown part {unknown[0]}; known: {', '.join(PARTS)}")
     if shutil.which(COMMAND) is None:
         print(f"skipped: there is no {COMMAND} (Debian: calculix-ccx)")
         return
-    for line in table(given.names, given.output.resolve()):
+    for line in table(given.names, given.output.resolve(), given.mesh, given.penalty):
         print(line, flush=True)
 
 

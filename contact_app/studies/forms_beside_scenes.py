@@ -5,8 +5,9 @@ CELLS bricks along each edge (28 unless given) cut into tetrahedra whose inner n
 random. It prints processor seconds by turns, so that other work on the machine does not count: of
 the form, of a second solve of the same form, of the scene by its default method and by multigrid.
 Forms compiled before are not counted, nor is the mesh of dolfinx; a scene reads its mesh from a
-file and estimates the error of the mesh, too. A second table is of the bricks themselves, a regular
-mesh, of which both take congruent sub-boxes. Under ``mpirun`` there is this one alone, with the
+file and estimates the error of the mesh, too. A second table is of degree 2 on half as many cells
+along an edge, a third of the bricks themselves, a regular mesh, of which both take congruent
+sub-boxes. Under ``mpirun`` there is this one alone, with the
 processor seconds of all ranks.
 """
 
@@ -57,9 +58,9 @@ def bricks(cells: int) -> Any:
     return dolfinx.mesh.create_unit_cube(MPI.COMM_WORLD, cells, cells, cells, kind)
 
 
-def form_problem(mesh: Any) -> ContactProblem:
+def form_problem(mesh: Any, degree: int = 1) -> ContactProblem:
     """The cube as forms."""
-    V = dolfinx_compat.vector_space(mesh, 1, 3)
+    V = dolfinx_compat.vector_space(mesh, degree, 3)
 
     def facets(axis: int, place: float) -> NDArray[np.int32]:
         return dolfinx.mesh.locate_entities_boundary(
@@ -85,14 +86,14 @@ def form_problem(mesh: Any) -> ContactProblem:
     )
 
 
-def scene_of(mesh: dict[str, Any], method: str) -> dict[str, Any]:
+def scene_of(mesh: dict[str, Any], method: str, degree: int = 1) -> dict[str, Any]:
     """The cube as a scene, with the body's `mesh`."""
     sides = {"foot": "z < 1e-9", "top": "z > 1 - 1e-9", "wall": "x > 1 - 1e-9"}
     plane = {"point": [1, 0, 0], "normal": [-1, 0, 0]}
     return {
         "dimension": 3,
         "bodies": [{
-            "name": "cube", "mesh": mesh,
+            "name": "cube", "mesh": mesh, "degree": degree,
             "material": {"young": YOUNG, "poisson": POISSON},
             "boundaries": {name: {"where": where} for name, where in sides.items()},
         }],
@@ -103,17 +104,22 @@ def scene_of(mesh: dict[str, Any], method: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def measure(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
+def measure(cells: int, turns: int = TURNS, degree: int = 1) -> dict[str, dict[str, float]]:
     """Processor seconds (the fewest of some turns), operator applications and energies.
 
     On one rank.
     """
     points, tetrahedra = perturbed_cube(cells)
-    problem = form_problem(dolfinx_compat.create_mesh(tetrahedra, points, "tetrahedron"))
+    mesh = dolfinx_compat.create_mesh(tetrahedra, points, "tetrahedron")
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / "cube.vtu"
         meshio.write(file, meshio.Mesh(points, [("tetra", tetrahedra)]))
-        return _by_turns(problem, {"file": file}, turns)
+        return _by_turns(form_problem(mesh, degree), {"file": file}, turns, degree)
+
+
+def measure_quadratic(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
+    """The same of degree 2 on half as many cells along an edge."""
+    return measure(cells // 2, turns, degree=2)
 
 
 def measure_bricks(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
@@ -123,7 +129,7 @@ def measure_bricks(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]
 
 
 def _by_turns(
-    problem: ContactProblem, mesh: dict[str, Any], turns: int
+    problem: ContactProblem, mesh: dict[str, Any], turns: int, degree: int = 1
 ) -> dict[str, dict[str, float]]:
     def solved(made: ContactProblem) -> dict[str, Any]:
         made.solve()
@@ -135,8 +141,8 @@ def _by_turns(
     ways: dict[str, Callable[[], dict[str, Any]]] = {
         "form": anew,
         "form, solved again": lambda: solved(problem),
-        "scene": lambda: solve(scene_of(mesh, "auto")).summary,
-        "scene, multigrid": lambda: solve(scene_of(mesh, "primal")).summary,
+        "scene": lambda: solve(scene_of(mesh, "auto", degree)).summary,
+        "scene, multigrid": lambda: solve(scene_of(mesh, "primal", degree)).summary,
     }
     found: dict[str, dict[str, float]] = {}
     for way in ways.values():
@@ -157,10 +163,14 @@ def _by_turns(
 
 
 def main() -> None:
-    """Print two tables, or one under mpirun."""
+    """Print three tables, or one under mpirun."""
     cells = int(sys.argv[1]) if len(sys.argv) > 1 else 28
     comm = MPI.COMM_WORLD
-    tables = {"tetrahedra": measure, "bricks": measure_bricks}
+    tables = {
+        "tetrahedra": measure,
+        "quadratic tetrahedra": measure_quadratic,
+        "bricks": measure_bricks,
+    }
     for title in tables if comm.size == 1 else ("bricks",):
         found = tables[title](cells)
         if comm.rank == 0:
@@ -168,10 +178,10 @@ def main() -> None:
 
 
 def _as_text(title: str, found: dict[str, dict[str, float]]) -> str:
-    lines = [f"{title:18s} {'unknowns':>9s} {'seconds':>8s} {'applications':>12s} {'energy':>16s}"]
+    lines = [f"{title:20s} {'unknowns':>9s} {'seconds':>8s} {'applications':>12s} {'energy':>16s}"]
     for name, row in found.items():
         lines.append(
-            f"{name:18s} {row['dofs']:9,.0f} {row['seconds']:8.2f} "
+            f"{name:20s} {row['dofs']:9,.0f} {row['seconds']:8.2f} "
             f"{row['applications']:12.0f} {row['energy']:16.10g}"
         )
     return "\n".join(lines)

@@ -115,7 +115,7 @@ class Start:
 
 @dataclass(frozen=True)
 class StoppingTest(Generic[S]):
-    """What the loop asks about the answer of a set; the same on all ranks.
+    """The test of the answer of a set; the same on all ranks.
 
     Attributes
     ----------
@@ -390,7 +390,7 @@ def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
 
 
 def _peels(backend: Backend[S], statuses: Statuses, following: Statuses, share: float) -> bool:
-    """Whether at least that share of the contact rows leaves and none joins (collective)."""
+    """Whether at least that share of the contact rows leaves and no row joins (collective)."""
     rows = backend.contact_rows
     active, next_active = statuses.active & rows, following.active & rows
     joined, gone, before = backend.comm.allreduce(

@@ -118,7 +118,7 @@ def run_begins(columns: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
-    """What lengths are relative to in each body, (bodies,); never zero.
+    """The reference length of each body, (bodies,); never zero.
 
     The largest displacement of the body; where it does not move, the displacement it would have
     without constraint forces; and at least a small share of the largest in its group. Of a rigid

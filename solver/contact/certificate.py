@@ -76,7 +76,7 @@ class Certificate:
     max_penetration, max_gluing_jump
         Over the largest displacement; the jump covers gluing, held and tied rows.
     min_multiplier
-        Most negative contact force over the load; zero or positive when none pulls.
+        Most negative contact force over the load; zero or positive when no force is tensile.
     complementarity
         Σ λ_i |gap_i| over load times largest displacement.
     equilibrium
@@ -321,7 +321,7 @@ def _certificate(
 ) -> Certificate:
     """The worst body's numbers, from those of all bodies; none of it judged yet.
 
-    Of equilibrium those bodies are worse that exceed what rounding excuses.
+    Bodies whose residual of equilibrium exceeds their rounding errors count as worse than others.
     """
     blame = dict(found)
     excess = found["equilibrium"] > np.minimum(rounded, ROUNDED_LIMIT)

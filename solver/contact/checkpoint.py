@@ -1,4 +1,4 @@
-"""What a stopped run leaves to go on from: the state of the solver at one of its steps.
+"""The checkpoint of a stopped run: the state of the solver at one of its steps.
 
 A checkpoint is written every 30 seconds and when the run is asked to stop, whatever the algorithm
 does at that step. `Attention` decides at each step, on all ranks together, and the algorithm that
@@ -51,7 +51,7 @@ class CheckpointError(Exception):
 
 
 class DescribedProblem(Protocol):
-    """What tells one problem from another; arrays are local parts."""
+    """The numbers that identify a problem; arrays are local parts."""
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -67,7 +67,7 @@ class DescribedProblem(Protocol):
 
     @property
     def effect_of_loads(self) -> NDArray[np.float64]:
-        """What the loads do in the rows, (rows,)."""
+        """The effect of the loads on the rows, (rows,)."""
 
     @property
     def e(self) -> NDArray[np.float64]:
@@ -256,7 +256,7 @@ class Attention:
 
 
 class Saver:
-    """What an algorithm is given to save its state: when, and with which work before its own.
+    """Saves the state of an algorithm when that is due, with the work before it.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ def _part(path: Path) -> Path:
 
 
 def _next_name(previous: list[Path]) -> str:
-    """Name of the next file of vectors: none that is there is written over."""
+    """Name of the next file of vectors: no existing file is written over."""
     numbers = [int(file.stem.split("-")[1]) for file in previous if file.stem[11:].isdigit()]
     return VECTORS.replace("*", str(max(numbers, default=0) + 1))
 

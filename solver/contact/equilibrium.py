@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 
 ROUNDS = 200
+"""Most steps of a search: each lowers the share, or adds a row or a friction force."""
 
 SLIDING = 0.03
 """Sine of the angle between a motion and the surfaces along which it is taken for a slide: normals
@@ -45,7 +46,7 @@ SHARE_TOLERANCE = 1e-6
 """Relative accuracy of the share of a load that is in equilibrium."""
 
 NO_SHARE = 1e-6
-"""Share of a load below which none is in equilibrium: motions are off by errors of rounding."""
+"""Share of a load below which its work counts as zero: motions have errors of rounding."""
 
 LIFT = 1e-6
 """Lift beside the largest, and length of a normalised motion, that are taken for zero."""
@@ -53,7 +54,7 @@ LIFT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BodyBalance:
-    """What holds one body, or several that may touch each other.
+    """The equilibrium of one body, or of several that may touch each other.
 
     Attributes
     ----------
@@ -116,7 +117,7 @@ class FrictionCones:
         return result
 
     def given(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
-        """What friction with given limits does to a motion it opposes, (motions,)."""
+        """The power of friction with given limits against each motion, (motions,)."""
         return (self.limits * self.directions(motion, rows)) @ self.slips
 
 

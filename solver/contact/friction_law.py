@@ -56,7 +56,7 @@ class FrictionOptions:
         Changes of tractions, over the largest multiplier and the tolerance asked for, at which an
         answer is tried as it is: the certificate is judged by the slip limits of the answer itself.
     round_off
-        Changes of tractions that are none, over the largest multiplier.
+        Changes of tractions that count as zero, over the largest multiplier.
     """
 
     turn: float = 1.5

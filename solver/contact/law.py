@@ -23,14 +23,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a state of a set tells a law.
+    """The numbers of a state that a law needs.
 
     Attributes
     ----------
     multiplier, jumps, distance : (rows,)
         λ, B u - c, and that over the displacement of the row's body, as `SetState` has them.
     force, away
-        Multipliers and distances that are none: their share of the error of the state.
+        Multipliers and distances up to which they count as zero, by the error of the state.
     strongest
         The largest multiplier of an active row.
     """
@@ -44,7 +44,7 @@ class Found:
 
 
 class ContactLaw(Protocol):
-    """What the active-set loop asks of a contact law; arrays are (rows,), local parts.
+    """A contact law as the active-set loop uses it; arrays are (rows,), local parts.
 
     `may_stay_active` and `closes` are asked of normal rows alone.
     """

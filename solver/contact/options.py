@@ -1,4 +1,4 @@
-"""What a user may choose of the solver."""
+"""The options of the solver that a user may choose."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ class SolverOptions:
 
     @property
     def expected_tolerance(self) -> float:
-        """What an automatic tolerance may come to, before anything is solved."""
+        """The tolerance for estimates that are made before an automatic one is known."""
         return 1e-3 if self.tolerance == "auto" else float(self.tolerance)

@@ -1,4 +1,4 @@
-"""What the rows of the constraints stand for."""
+"""The kinds of rows of the constraints."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class RowKind(IntEnum):
-    """What a row of B stands for."""
+    """The kind of a row of B."""
 
     GLUING = 0
     DIRICHLET = 1

@@ -1,4 +1,4 @@
-"""What the certificate asks of an answer, and what errors in energy norm are relative to."""
+"""The numbers of an answer for its certificate, and the reference of errors in energy norm."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ UNSTRAINED = 1e-20
 forces that cancel: these have ten digits."""
 
 FORCED = 1e3
-"""Forces on a group over those that rounding makes, beyond which they are no rounding errors."""
+"""Forces on a group over rounding errors, beyond which they are forces."""
 
 IDLE = 1e-3
 """Load of a body over that of its group below which the error of its stresses is measured as if it
@@ -32,7 +32,7 @@ carried so much: what hardly carries anything need not be right to as many digit
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """What K u - f + Bᵀ λ and its parts come to.
+    """The residual of equilibrium K u - f + Bᵀ λ and its parts.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Equilibrium:
 
 
 class MeasuredProblem(Protocol):
-    """What the certificate asks of a problem; arrays are (rows,), local parts, or (bodies,)."""
+    """A problem as the certificate uses it; arrays are (rows,), local parts, or (bodies,)."""
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -99,7 +99,7 @@ class MeasuredAnswer(Protocol):
 
     @property
     def problem(self) -> MeasuredProblem:
-        """What it is an answer to."""
+        """The problem that it answers."""
 
     @property
     def multiplier(self) -> Array:
@@ -110,10 +110,10 @@ class MeasuredAnswer(Protocol):
         """B u - c, (rows,)."""
 
     def equilibrium(self) -> Equilibrium:
-        """What K u - f + Bᵀ λ comes to."""
+        """The residual of equilibrium K u - f + Bᵀ λ and its parts."""
 
     def round_off(self) -> tuple[Array, Array]:
-        """What rounding errors of u do, (bodies,): ‖K δu‖ and δuᵀ K δu."""
+        """The effect of rounding errors of u, (bodies,): ‖K δu‖ and δuᵀ K δu."""
 
     def largest_displacements(self) -> Array:
         """Largest |u| over the nodes of each body, (bodies,); zero for rigid bodies."""
@@ -145,7 +145,7 @@ def energy_scales(
     forces: NDArray[np.float64],
     rounded: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """What squared errors in energy norm are relative to in each body, (bodies,).
+    """The reference of squared errors in energy norm in each body, (bodies,).
 
     Its strains, a(u, u). A body that carries next to nothing is measured as if it carried `IDLE` of
     what its group does, and none by more than its group.

@@ -31,13 +31,14 @@ NEARLY = 1.2
 of that error is made."""
 
 GAIN = 8.0
-"""What one look takes off the error at best: so many are passed over after a bad one."""
+"""Factor by which the error falls at most from one answer to the next: where the error is
+larger than allowed by n such factors, the next n answers are passed over."""
 
 SHARPENS = 20.0
-"""What a sharper duality gap takes off the error at best."""
+"""Factor by which a sharper duality gap is smaller at most."""
 
 AGAIN = 0.7
-"""Factor on what is asked of the next answer of an active set after one that fell short."""
+"""Factor on the error asked of the next answer of an active set after one that failed."""
 
 STEADY = 0.15
 """Algebraic error over that of the mesh below which the latter's estimate is not made again: it is

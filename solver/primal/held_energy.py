@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class HeldEnergy:
-    """What held displacements add to the energy."""
+    """The contribution of held displacements to the energy of the strains."""
 
     def __init__(self, system: MergedSystem) -> None:
         self._system, problem = system, system.problem

@@ -1,4 +1,4 @@
-"""One block of an iterate's vectors: passes over it stay in the cache, and none allocates."""
+"""One block of an iterate's vectors: passes over it stay in the cache and allocate nothing."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Block:
             self.feasible.reduce(self.x, self.free, alpha, out)
 
     def inverse_longest_step(self) -> float:
-        """Inverse of the largest length that keeps x - length * p feasible; 0 if none does not."""
+        """Inverse of the largest length that keeps x - length * p feasible; 0 if all do."""
         return 0.0 if self.feasible is None else self.feasible.inverse_longest_step(self.x, self.p)
 
     def settle(self) -> None:

@@ -80,10 +80,10 @@ class SeparableSet(Protocol):
         """Whether a straight step along the boundary may leave the set."""
 
     def blocks(self, size: int) -> Iterator[slice]:
-        """Slices of components that are passed over together; none cuts a factor."""
+        """Slices of components that are passed over together; no slice cuts a factor."""
 
     def not_finite(self, offset: int) -> list[str]:
-        """What in its data is no number, naming components, the first of this rank at `offset`."""
+        """Messages on data that are no numbers, by component; this rank's first is at `offset`."""
 
     def empty(self, offset: int) -> list[str]:
         """Which factors have no point, naming components."""

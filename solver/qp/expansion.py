@@ -175,7 +175,7 @@ class SafeguardedCG:
             return
         guaranteed = 0.5 * product / it.largest  # D
         enough = self.kappa * (half + guaranteed) - half
-        hopeless = slope < enough  # the cost is convex: none shows that it falls enough
+        hopeless = slope < enough  # the cost is convex: no point of the way falls enough
         if hopeless:
             it.aim_reduced(self.standard / it.largest_known)
             enough = self.kappa * guaranteed

@@ -1,4 +1,4 @@
-"""What an approximate inverse of the Hessian has to offer MPRGP."""
+"""The protocol of an approximate inverse of the Hessian for MPRGP."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solver hands back: the solution, why it stopped, what it cost, and how it went."""
+"""The result of a solver: solution, reason of its end, cost and history."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class SeparableQP:
         return vector
 
     def _raise_first(self, messages: list[str], error: type[QPError]) -> None:
-        """Raise on all ranks when any has something to say, so that none waits for another."""
+        """Raise on all ranks when any has something to say, so that no rank waits for another."""
         found = [message for part in self.comm.allgather(messages) for message in part]
         if found:
             raise error(found[0])

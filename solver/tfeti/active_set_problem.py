@@ -158,7 +158,7 @@ class ActiveSetProblem:
             self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         if not problem.held_without_contact:
             self._check_coarse_problem()
-        # no penalty here: steps that leave the range of P would meet no curvature, and none does
+        # no penalty here: a step out of the range of P would meet no curvature, and no step is one
         base = DualPreconditioner(self.reduced, math.inf)
         own: Preconditioner = base
         rhs, scaled = self.reduced.rhs, None
@@ -261,7 +261,7 @@ class ActiveSetProblem:
             self._iterate.watch = None  # it knows this object, which would hold itself alive
 
     def state(self) -> State:
-        """What the iterate means for the whole problem (collective).
+        """The state of the whole problem at the iterate (collective).
 
         Takes no operator application: the displacements of the directions are stored.
         """

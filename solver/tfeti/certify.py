@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class DualAnswer:
-    """What the certificate asks of an answer (`solver.contact.sizes.MeasuredAnswer`).
+    """The numbers of an answer that the certificate needs (`solver.contact.sizes.MeasuredAnswer`).
 
     Attributes
     ----------
@@ -44,11 +44,11 @@ class DualAnswer:
         return self.problem.residual(self.interface)
 
     def equilibrium(self) -> Equilibrium:
-        """What K u - f + Bᵀ λ comes to."""
+        """The residual of equilibrium K u - f + Bᵀ λ and its parts."""
         return sizes.equilibrium_of(self.problem, self.multiplier, self.displacements)
 
     def round_off(self) -> tuple[Array, Array]:
-        """What rounding errors of u do, (bodies,): ‖K δu‖ and δuᵀ K δu."""
+        """The effect of rounding errors of u, (bodies,): ‖K δu‖ and δuᵀ K δu."""
         return sizes.round_off(self.problem, self.displacements)
 
     def largest_displacements(self) -> Array:

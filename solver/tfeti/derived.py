@@ -76,6 +76,12 @@ def with_active(
     )
 
 
+def beside_moved(problem: DualProblem, moved: NDArray[np.float64]) -> DualProblem:
+    """The same problem with other right-hand sides of constraints: c + moved, (dual,)."""
+    loads = replace(problem.system.loads, c=problem.c + moved)
+    return DualProblem(replace(problem.system, loads=loads), replace(problem.known, d=None))
+
+
 def turned(problem: DualProblem, turn: Turn) -> DualProblem:
     """The same problem in turned tangential frames."""
     own, loads = problem.system.constraints, problem.system.loads

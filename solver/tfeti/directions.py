@@ -52,7 +52,7 @@ class RecyclingOptions:
         Steps within which a set ends that needs no stored directions, where directions are not
         light: the first set that takes more stores the following ones, and each later set all.
     memory
-        Bytes a rank spends on them; large problems store none.
+        Bytes a rank spends on them; large problems store no directions.
     """
 
     most: int = 100

@@ -45,14 +45,14 @@ from solver.tfeti.system import ContactSystem
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What a problem has from another one of the same system; None where it computes it itself.
+    """Results of another problem of the same system; None where they are computed anew.
 
     Attributes
     ----------
     operator
         F.
     free
-        What the loads do without constraints.
+        The displacements under the loads without constraints.
     d : (dual,)
         B K⁺ f - c.
     offset, displacements : (dual,), (interface,)
@@ -312,7 +312,7 @@ class DualProblem:
 
     @cached_property
     def free(self) -> FreeSolution:
-        """What the loads do without constraints."""
+        """The displacements under the loads without constraints."""
         if self.known.free is not None:
             return self.known.free
         return solve_free(self.classes, self.loads)
@@ -368,7 +368,7 @@ class DualProblem:
         return largest(self.comm, result)
 
     def lengths(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What lengths are relative to in each body, (bodies,), for displacements (interface,)."""
+        """The reference length of each body, (bodies,), for displacements (interface,)."""
         moved = self.bodies.largest_on_interface(self.comm, interface)
         return body_lengths(self.bodies, moved, self.free_lengths)
 
@@ -486,7 +486,7 @@ class DualProblem:
         return result
 
     def row_stiffness(self, rows: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """What K holds against some rows on their own, diag(B diag(K) Bᵀ) (collective)."""
+        """The stiffness against some rows, each alone, diag(B diag(K) Bᵀ) (collective)."""
         parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
         diagonal = np.concatenate([np.empty(0), *parts])
         squares = self.B.local[rows].power(2)

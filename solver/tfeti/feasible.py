@@ -21,7 +21,7 @@ MOST_STEPS = 200
 """Steps of conjugate gradients that close jumps; tied surfaces take 20 to 50."""
 
 ROUND_OFF = 1e-16
-"""Contact forces up to this share of the largest multiplier are what rounding left of none."""
+"""Contact forces up to this share of the largest multiplier are rounding errors."""
 
 OPEN_WEIGHT = 1e-3
 """Root of the share of a correction that an open contact row takes beside touching ones."""

@@ -1,4 +1,4 @@
-"""How large an answer is in each body: displacements, forces, energies, and what rounding makes.
+"""The size of an answer in each body: displacements, forces, energies and rounding errors.
 
 The certificate (`solver.contact.certificate`) is relative to these, which subdomains sum up. All
 functions are collective and return one value a body.
@@ -61,7 +61,7 @@ def equilibrium_of(
 def round_off(
     problem: DualProblem, displacements: list[NDArray[np.float64]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What rounding errors of the displacements do, (bodies,): ‖K δu‖ and δuᵀ K δu (collective).
+    """The effect of rounding errors of u, (bodies,): ‖K δu‖ and δuᵀ K δu (collective).
 
     The first is by the sums of the magnitudes of K's rows: loads of held unknowns are products with
     K, too (N. J. Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., sec. 3.5). The

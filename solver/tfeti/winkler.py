@@ -55,7 +55,7 @@ def gaps_are_zero(problem: DualProblem) -> bool:
 
 
 def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]:
-    """What K holds against each contact row on its own, and against any unknown (collective).
+    """The stiffness against each contact row alone, and the largest of an unknown (collective).
 
     Returns
     -------
@@ -73,7 +73,7 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
     contact = problem.inequality
     springs, top = contact_stiffness(problem)
     stiffness = top * coarse.metric
-    springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # none where rigid meets rigid
+    springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # no spring where rigid meets rigid
     stiffness[contact] = np.minimum(springs, top)
     stiffness[problem.tangential] *= FAINT  # friction is no foundation
     motion = np.empty(problem.size)

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import SurfacesApartError, clip
+from meshes.facet_overlaps import Overlaps, SurfacesApartError, clip, overlaps
 from meshes.mortar import MeanGaps, mean_gaps
 from tests import mortar_reference
 
@@ -295,6 +295,23 @@ def test_facets_of_very_different_size_find_each_other() -> None:
     )
     np.testing.assert_allclose(rows.gaps, 0.3)
     assert len(rows.nodes) == 41**2
+
+
+@pytest.mark.parametrize("make", [patch, cap, arc])
+def test_facets_find_each_other_across_a_wide_gap(make) -> None:
+    """As all pairs of facets do: none that overlap is left out on the way along the normals."""
+    if make is patch:
+        on = patch("triangle", 9, False, height=2.7)
+        against = patch("quadrilateral", 16, True, 1000, -0.2, 1.3)
+    else:
+        on, against = make(9, 2.3, 0, True), make(25, 1.0, 1000, False)
+    i, j = (part.ravel() for part in np.indices((len(on.nodes), len(against.nodes))))
+    facing = np.einsum("pk,pk->p", on.normals[i], against.normals[j]) < -0.5
+    every, found = Overlaps.of(on, against, i[facing], j[facing]), overlaps(on, against)
+    assert len(found.i) > len(on.nodes)
+    np.testing.assert_array_equal(found.i, every.i)
+    np.testing.assert_array_equal(found.j, every.j)
+    np.testing.assert_array_equal(found.gap, every.gap)
 
 
 numbers = st.floats(-1, 1, allow_nan=False, width=32)

@@ -1,4 +1,4 @@
-"""What the energies of a run's meshes say of its estimates.
+"""The correction of a run's estimates by the energies of its meshes.
 
 Where every admissible displacement of a mesh is admissible in the continuum, answers come down to
 the energy of the true one, and their distances from it obey ‖u - u_h‖² = 2 (J(u_h) - J(u)) (an

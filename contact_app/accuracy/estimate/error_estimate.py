@@ -1,4 +1,4 @@
-"""How far an answer is from the continuum: of the mesh, of the solver, and of both.
+"""The error of an answer against the continuum: of the mesh, of the solver, and of both.
 
 The mesh. A stress σ* recovered from that of the answer is closer to the true one, and estimates
 the error in energy norm,
@@ -83,7 +83,7 @@ class ErrorEstimator:
 
     @cached_property
     def recovery(self) -> StressRecovery:
-        """What recovers stresses on this model (collective)."""
+        """The recovery of stresses on this model (collective)."""
         return StressRecovery(self.model, self._patches)
 
     def stresses(self, solution: Solution, patches: Patches | None = None) -> list[Array]:

@@ -181,7 +181,7 @@ class Cells:
         return self.table(self.degree)
 
     def sampled(self, rule: int) -> Array | None:
-        """What values at the samples tell of fields at the points of a rule; None of simplices.
+        """Fields at the points of a rule from values at the samples; None for simplices.
 
         Fields of one degree less than the displacement are those that samples determine.
 

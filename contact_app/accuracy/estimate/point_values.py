@@ -41,7 +41,7 @@ class _Piece:
 
     @property
     def boxes(self) -> Array:
-        """What each member answers for: lower and upper corner, (members, 2, 3)."""
+        """The box of each member: lower and upper corner, (members, 2, 3)."""
         points = self.reference.points
         corners = np.stack([points.min(axis=0), points.max(axis=0)])
         around = AROUND * np.linalg.norm(corners[1] - corners[0])

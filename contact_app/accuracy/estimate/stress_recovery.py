@@ -90,7 +90,7 @@ def stress_operator(gradients: Array, DV: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """What a recovery needs of the meshes of a model, whatever loads it.
+    """The part of a recovery that depends on the meshes of a model, not on its loads.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class StressRecovery:
     def thermal_at(
         self, number: int, rows: NDArray[np.int64], members: slice, table: Table
     ) -> Array | None:
-        """What stress lacks by heat in cells of one material; None without heat.
+        """The stress that heat takes off in cells of one material; None without heat.
 
         Returns
         -------

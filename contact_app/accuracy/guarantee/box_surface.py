@@ -281,7 +281,8 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
             BoxSurface(scene, partition, body)
     except NoAdmissibleStressError as error:
         raise ConfigurationError(
-            f"{scene.at('certificate.guaranteed')}: no error can be guaranteed: {error}"
+            f"{scene.at('certificate.guaranteed')}: no error can be guaranteed: {error}; leave it "
+            "out: the error of the mesh is estimated without it, too"
         ) from error
 
 
@@ -303,7 +304,7 @@ def grid_lines(body: Body) -> list[Array]:
     Raises
     ------
     NoAdmissibleStressError
-        The mesh is none.
+        The mesh is no box mesh.
     """
     mesh: BodyMesh = body.mesh
     if isinstance(mesh, Box):

@@ -78,7 +78,7 @@ class NoAdmissibleStressError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class FaceData:
-    """What is known on one face of a box; facets are those of the grid.
+    """The known data of one face of a box; facets are those of the grid.
 
     Attributes
     ----------
@@ -299,7 +299,7 @@ class AdmissibleStresses:
     def _missing(
         self, subspace: _Subspace, s: Array, empty: NDArray[np.bool_], other_energy: float
     ) -> NDArray[np.bool_]:
-        """Of facets without pressure those where one would lower the energy worth mentioning."""
+        """Facets without pressure on which a pressure would lower the energy noticeably."""
         slope = np.where(empty, subspace.slope(self.matrix @ s - self.work), 0.0)
         missing = slope > 0.0
         gain = 0.5 * float((slope**2 / self.matrix.diagonal())[missing].sum())
@@ -368,14 +368,14 @@ class _Subspace:
         return s
 
     def slope(self, gradient: Array) -> Array:
-        """A gradient without what equilibrium takes of it, known values included."""
+        """The part of a gradient that keeps equilibrium, known values included."""
         y = self._solved(self._B @ (self._inverse * gradient))
         return np.asarray(gradient - self._B.T @ y)
 
     def projected(self, gradient: Array) -> tuple[Array, Array]:
-        """What of a gradient equilibrium leaves, and the steepest way along which that holds.
+        """The part of a gradient that keeps equilibrium, and the steepest descent that keeps it.
 
-        Iterations go on from the former: what was taken off it would only bring rounding.
+        Iterations go on from that part: the rest would only bring rounding errors.
         """
         left = np.where(self._free, self.slope(gradient), 0.0)
         return left, self._inverse * left

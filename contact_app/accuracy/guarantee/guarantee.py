@@ -64,7 +64,7 @@ ROUNDED = 1e-12
 
 @dataclass(frozen=True)
 class Guarantee:
-    """What is guaranteed of an answer.
+    """The guaranteed bound of an answer.
 
     Attributes
     ----------

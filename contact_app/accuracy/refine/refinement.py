@@ -77,7 +77,7 @@ MARGIN = 0.97
 little below the error, has to."""
 
 CONFIRMING = 1.5
-"""What the next mesh takes off an error that is below the target but not believed yet."""
+"""Factor by which the next mesh lowers an error that is below the target but not confirmed yet."""
 
 SINGULAR = {1: 0.75, 2: 1.1}
 """Rates by degree below which cells are graded."""
@@ -366,7 +366,7 @@ def unconfirmed(error: float, verdict: Verdict) -> str:
 
 
 def _measured(solved: SolvedScene) -> Measured:
-    """What an answer says of its error, before any correction (collective).
+    """The estimated error of an answer before any correction (collective).
 
     With friction of given limits an answer minimises J(u) + Σ s |w|: the work of friction counts.
     """

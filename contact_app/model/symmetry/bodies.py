@@ -1,4 +1,4 @@
-"""What the bodies of a scene are about a plane: halves of themselves, or images of one another."""
+"""The symmetry of each body about a plane: its own mirror image, or that of another body."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ALIKE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Half:
-    """What a body is in a symmetric scene.
+    """A body of a symmetric scene.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ def scene_size(scene: Scene) -> float:
 
 
 def halves_about(scene: Scene, mirror: Mirror) -> list[Half]:
-    """What the bodies are: halves about the plane, or images of one another."""
+    """The symmetry of each body about the plane."""
     size = scene_size(scene)
     middles = _ends(scene, mirror.axis).mean(axis=1)
     away = middles - mirror.at

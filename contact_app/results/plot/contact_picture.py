@@ -40,18 +40,25 @@ class NothingPressedError(ContactError):
     """The result holds no contact pressure, or none above zero."""
 
 
-def draw_contact(stored: Stored, target: Path, title: str = "") -> Path:
+def draw_contact(
+    stored: Stored, target: Path, title: str = "", name: str = "contact_pressure"
+) -> Path:
     """Draw the contact pressure of a result and return the picture's path.
+
+    Parameters
+    ----------
+    name
+        Of the field: that pressure, or the smoothed one.
 
     Raises
     ------
     NothingPressedError
         There is none to draw.
     """
-    pressure = stored.point_data.get("contact_pressure")
+    pressure = stored.point_data.get(name)
     if pressure is None:
         raise NothingPressedError(
-            "the result holds no contact_pressure; name it in output.fields and run again"
+            f"the result holds no {name}; name it in output.fields and run again"
         )
     if not (pressure > 0.0).any():
         raise NothingPressedError("no contact pressure: nothing touches in this result")
@@ -61,7 +68,7 @@ def draw_contact(stored: Stored, target: Path, title: str = "") -> Path:
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     FigureCanvasAgg(figure)
     draw = _lines if stored.plane else _patches
-    draw(figure, stored, pressure)
+    draw(figure, stored, pressure, name.replace("_", " "))
     if title:
         figure.suptitle(title)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -126,20 +133,20 @@ def sides_in_contact(
     return sides[may if (may & pressed).any() else pressed]
 
 
-def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
+def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64], label: str) -> None:
     axes = figure.subplots()
     for nodes, position in profiles(stored, pressure):
         start, end = stored.points[nodes[[0, -1]]][:, :2]
-        label = f"from ({start[0]:.3g}, {start[1]:.3g}) to ({end[0]:.3g}, {end[1]:.3g})"
-        axes.plot(position, pressure[nodes], marker=".", markersize=4, linewidth=1.2, label=label)
-    axes.set(xlabel="position along the boundary", ylabel="contact pressure")
+        ends = f"from ({start[0]:.3g}, {start[1]:.3g}) to ({end[0]:.3g}, {end[1]:.3g})"
+        axes.plot(position, pressure[nodes], marker=".", markersize=4, linewidth=1.2, label=ends)
+    axes.set(xlabel="position along the boundary", ylabel=label)
     axes.set_ylim(bottom=0.0)
     axes.ticklabel_format(axis="y", scilimits=(-3, 4))
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
 
 
-def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None:
+def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64], label: str) -> None:
     pieces = patches(stored, pressure)
     high = float(pressure.max())
     flat = []
@@ -152,7 +159,7 @@ def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64]) -> None
         )  # fmt: skip
         zoom(axes, across[piece[pressed & shown]], names)
         flat.append(axes)
-    bar = figure.colorbar(shades, ax=flat, label="contact pressure", shrink=0.8)
+    bar = figure.colorbar(shades, ax=flat, label=label, shrink=0.8)
     bar.formatter.set_powerlimits((-3, 4))
 
 

@@ -7,6 +7,8 @@ needs no screen.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from contact_app.results.plot.stored import Stored, read
 VISIBLE = 0.08
 #: Largest change of an edge of a cell's side in the picture, as a share of its length.
 BENT = 0.5
+SMOOTHED = "smoothed_contact_pressure"
 #: What each field is called below its colours.
 LABELS = {
     "displacement": "displacement, magnitude",
@@ -33,6 +36,7 @@ LABELS = {
     "nodal_von_mises": "von Mises stress",
     "nodal_stress": "stress, Frobenius norm",
     "contact_pressure": "contact pressure",
+    SMOOTHED: "smoothed contact pressure",
     "gap": "gap to the obstacle",
     "friction_traction": "friction traction, magnitude",
     "slip": "slip, magnitude",
@@ -64,7 +68,9 @@ def plot(
     output
         Where pictures go; the directory when not given.
     fields
-        What to colour by, a panel each; those that the result does not hold are left out.
+        What to colour by, a panel each; those that the result does not hold are left out. With
+        ``smoothed_contact_pressure`` among them and without ``contact_pressure`` the picture of the
+        contact shows the smoothed one.
     exaggeration
         Factor of the displacements; when not given a round number that makes them visible.
     camera
@@ -107,7 +113,11 @@ def plot(
             between = bool(summary.get("solution", {}).get("pair_forces"))
             draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
     pictures = [bodies]
-    of_contacts = {"contact_pressure.png": draw_contact}
+    smoothed = SMOOTHED in shown and "contact_pressure" not in shown
+    name = SMOOTHED if smoothed else "contact_pressure"
+    of_contacts: dict[str, Callable[..., Path]] = {
+        "contact_pressure.png": partial(draw_contact, name=name)
+    }
     if STATUS in stored.point_data:
         of_contacts["contact_status.png"] = draw_friction
     for name, draw in of_contacts.items():

@@ -45,7 +45,7 @@ def draw_plane(
     outline, rim = stored.points[sides][:, :, :2], moved[sides]
     for axes, name in zip(np.ravel(figure.subplots(1, len(fields))), fields, strict=True):
         axes.add_collection(LineCollection(outline, colors="grey", linewidths=0.8))
-        if name == "contact_pressure":
+        if name.endswith("contact_pressure"):
             pressure = stored.point_data[name]
             axes.tripcolor(*moved.T, triangles, np.zeros(len(moved)), cmap="Greys", vmin=-1, vmax=5)
             axes.add_collection(LineCollection(rim, colors="black", linewidths=0.5))

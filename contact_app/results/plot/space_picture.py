@@ -6,13 +6,14 @@ The picture shows the skin of the cells, seen along one direction without perspe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.results.plot.contact_picture import touchable
+from contact_app.results.plot.curved import finer
 from contact_app.results.plot.node_values import (
     copies,
     limits,
@@ -31,8 +32,9 @@ from contact_app.results.plot.stored import STRESSES, Stored
 
 #: Faces beyond which their edges would blacken the picture.
 EDGES_UP_TO = 40_000
-#: Angle between faces, in degrees, from which the edge between them is drawn as an outline.
-SHARP = 30.0
+#: Angle between faces, in degrees, from which the edge between them is drawn as an outline. A hole
+#: of eight facets has 45 between them and is shown by its rims.
+SHARP = 50.0
 #: Share of the faces whose extreme values may leave the scale, where they would squeeze the rest.
 EXTREME = 0.01
 #: Pixels along the picture where it is asked whether something is hidden.
@@ -154,6 +156,7 @@ def draw_space(
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
+    stored = finer(stored)
     skin = stored.skin()
     rows = np.concatenate([owners for _, owners in skin])
     outline = stored.points[sharp_edges(stored.points, [sides for sides, _ in skin])]
@@ -171,7 +174,7 @@ def draw_space(
     wide = WIDTH
     tall = min(max(wide * view.half[1] / view.half[0], 0.35 * wide), 1.6 * wide)
     frame = Frame.of(view, (wide, tall), SHARPNESS)
-    images = [_image(moved, faces, outline, panel, frame) for panel in panels]
+    images = [_image(moved, faces, outline, panel, frame, stored.drawn) for panel in panels]
     figure = Figure(figsize=(wide * len(panels), tall + 1.3), layout="constrained")
     FigureCanvasAgg(figure)
     places = np.ravel(figure.subplots(1, len(panels)))
@@ -203,7 +206,7 @@ def panel_of(
     values = node_values(stored, name) if at_nodes else stored.cell_data[name][rows]
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)
-    if name == "contact_pressure":
+    if name.endswith("contact_pressure"):
         values = np.where(np.tile(touchable(stored), copies(stored)), values, np.nan)
     shown = means = values
     if at_nodes:
@@ -218,7 +221,7 @@ def panel_of(
     if beyond:
         label = f"{label} (largest {largest:.4g})"
     colours = "viridis" if stress or not at_nodes else "magma_r"
-    through = inside and name in ("contact_pressure", "gap")
+    through = inside and (name == "gap" or name.endswith("contact_pressure"))
     return Panel(values, (low, high), beyond, colours, label, through)
 
 
@@ -241,7 +244,7 @@ def mostly_hidden(
 
 
 def _towards(stored: Stored) -> NDArray[np.float64]:
-    """Direction to the eye, from where the bodies and what touches is seen."""
+    """Direction to the eye, from where the bodies and their contacts are seen."""
     direction = np.array([1.2, -1.0, 0.6])
     touched = touchable(stored) if "contact_pressure" in stored.point_data else np.zeros(0, bool)
     if touched.any():
@@ -301,11 +304,15 @@ def _image(
     outline: NDArray[np.float64],
     panel: Panel,
     frame: Frame,
+    drawn: NDArray[np.bool_] | None,
 ) -> NDArray[np.float64]:
     """Image (height, width, 3) of a panel."""
     from matplotlib import colormaps
 
-    triangles = _triangles(points, faces, panel, frame)
+    few = sum(map(len, faces)) <= EDGES_UP_TO * (1 if drawn is None else 4)
+    triangles = _triangles(points, faces, panel, frame, few)
+    if drawn is not None:
+        triangles = replace(triangles, wired=triangles.wired & drawn)
     bare = triangles.bare
     toward = triangles.towards
     veiled = bare & toward if panel.through else np.zeros(len(bare), bool)
@@ -331,9 +338,13 @@ def _image(
 
 
 def _triangles(
-    points: NDArray[np.float64], faces: list[NDArray[np.int64]], panel: Panel, frame: Frame
+    points: NDArray[np.float64],
+    faces: list[NDArray[np.int64]],
+    panel: Panel,
+    frame: Frame,
+    few: bool,
 ) -> Triangles:
-    """The skin as the eye sees it; quadrilaterals in two halves."""
+    """The skin as the eye sees it; quadrilaterals in two halves. Edges where faces are few."""
     places, view = frame.places(points), frame.view
     corners, values, bright, wired = [], [], [], []
     start = 0
@@ -349,7 +360,6 @@ def _triangles(
             bright.append(light)
             wired.append(np.broadcast_to(edges, (len(sides), 3)))
         start += len(sides)
-    few = sum(map(len, faces)) <= EDGES_UP_TO
     return Triangles(
         np.concatenate(corners), np.concatenate(values), np.concatenate(bright),
         np.concatenate(wired) & few,

@@ -49,6 +49,10 @@ class Stored:
     numbers : {name: (cells,)}
         Rows of the cells in `cell_data`.
     point_data, cell_data : {name: (n,) or (n, 3) or (n, 9)}
+    pieces
+        Sides of the skin and their rows, where these are finer than the cells; else None.
+    drawn : (sides, 3)
+        Of finer sides: whether the edge opposite each corner is one of a cell.
     """
 
     points: NDArray[np.float64]
@@ -56,6 +60,8 @@ class Stored:
     numbers: dict[str, NDArray[np.int64]]
     point_data: dict[str, NDArray[np.float64]]
     cell_data: dict[str, NDArray[np.float64]]
+    pieces: tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...] | None = None
+    drawn: NDArray[np.bool_] | None = None
 
     @property
     def plane(self) -> bool:
@@ -78,6 +84,8 @@ class Stored:
 
     def skin(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """The same, and the row in `cell_data` of the cell each side belongs to (sides,)."""
+        if self.pieces is not None:
+            return list(self.pieces)
         return [_single(sides, rows) for sides, rows in self._sides() if len(sides)]
 
     def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -182,7 +190,7 @@ def _pieces(cell: str, quadratic: bool) -> Iterator[tuple[int, ...]]:
         yield from SIDES[cell]
         return
     for side, nodes in zip(SIDES[cell], facet_table(SIDES[cell], cell), strict=True):
-        middles = _middles(cell, side)
+        middles = edge_middles(cell, side)
         if len(side) == 2:
             yield side[0], middles[0]
             yield middles[0], side[1]
@@ -198,7 +206,7 @@ def _pieces(cell: str, quadratic: bool) -> Iterator[tuple[int, ...]]:
             yield from ((centre, bc, c, cd), (da, centre, cd, d))
 
 
-def _middles(cell: str, side: tuple[int, ...]) -> list[int]:
+def edge_middles(cell: str, side: tuple[int, ...]) -> list[int]:
     """Nodes amid the edges of a side, in the order of its vertices."""
     known = {frozenset(edge): i for i, edge in enumerate(EDGES[cell], start=_CORNERS[cell])}
     around = zip(side, side[1:] + side[:1], strict=True)

@@ -40,7 +40,7 @@ from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import on_arrays
 
 VANISHING = 1e-13
-"""Blocks of G W Gᵀ, over the largest entry, that are what rounding left of none."""
+"""Size of blocks of G W Gᵀ, over the largest entry, up to which they are rounding errors."""
 
 
 class Restriction(Protocol):
@@ -125,7 +125,7 @@ class CoarseProblem:
         self._solution = np.empty(self._layout.rows)
 
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
-        """What G W Gᵀ is without contact rows, which are summed from `_contact` (collective)."""
+        """G W Gᵀ without its contact rows, which are summed from `_contact` (collective)."""
         repeated, inside = blocks_of(self.patterns, rows.motions, metric)
         single = np.flatnonzero(~inside & ~self._inequality)
         singles = Blocks.of(rows.alike(single), rows.motions, metric)

@@ -1,4 +1,4 @@
-"""What holds at nodes before B is written: held components, contact rows, and where they clash."""
+"""Conditions at nodes before B is written: held components, contact rows, contradictions."""
 
 from __future__ import annotations
 

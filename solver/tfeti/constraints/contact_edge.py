@@ -25,7 +25,7 @@ not solved to the end the edge of its tensile rows is ragged, along a surface mo
 line."""
 
 APART = 10.0
-"""Distance that is put between contacts, over the extent of all: none is near another."""
+"""Distance that is put between contacts, over the extent of all: no contact is near another."""
 
 AROUND = 8
 """Neighbours among which a row is the one farthest from all compressive rows."""

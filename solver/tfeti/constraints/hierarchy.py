@@ -59,6 +59,8 @@ class ConstraintHierarchy:
 def _thickness(problem: DualProblem, rows: NDArray[np.int64]) -> float:
     """Thickness of the bodies in distances between their contact rows (collective)."""
     comm, d = problem.comm, problem.dimension
+    if d == 1:  # a string is as thick as its row
+        return 1.0
     node_of, found = np.empty(problem.B.columns, np.int64), 0
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
         nodes = cls.unknowns // d

@@ -222,7 +222,7 @@ class TurnedConstraintMatrix(ConstraintMatrix):
 
 
 class RowWeights:
-    """Weights of this rank's rows; where few differ from one, only those are touched.
+    """Weights of this rank's rows; where few differ from one, only these rows are multiplied.
 
     Parameters
     ----------

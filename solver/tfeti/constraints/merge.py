@@ -126,7 +126,7 @@ def contact_rows(exchange: NodeExchange, conditions: NodeConditions) -> ContactR
 def drop_parallel(
     exchange: NodeExchange, rows: ContactRows, length: float
 ) -> tuple[ContactRows, ContactRows]:
-    """Of rows of one node that are parallel keep the tightest, unless none of them is a mean.
+    """Of parallel rows of one node keep the tightest, where a row in the mean is among them.
 
     Rows at nodes alone are those of `merge_contact`, which has done so.
 

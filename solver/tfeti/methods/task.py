@@ -1,4 +1,4 @@
-"""What a solve is asked for, handed from the driver to its algorithms."""
+"""The arguments of a solve, handed from the driver to its algorithms."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ class SubdomainClass:
 
     @cached_property
     def preconditioning(self) -> Block | sparse.csr_matrix:
-        """What stands for K on the interface in a preconditioner, dense where that is faster.
+        """The stiffness on the interface in a preconditioner, dense where that is faster.
 
         A Schur complement is in single precision, where its condition allows it; certificates
         need it in double.

@@ -1,4 +1,4 @@
-"""What subdomains cost in time, and with it the choices how they are made and applied.
+"""The time that subdomains cost, and the choices that follow: how they are made and applied.
 
 Seconds on one machine of two cores, fitted to some seventy runs of the shipped scenes and of cubes
 of 10³ to 60³ hexahedra, each in several decompositions; choices depend on their ratios only. A

@@ -46,7 +46,7 @@ class ZeroBlock:
         return np.zeros((self._size, self._size))
 
     def schur_complement(self, kernel: NDArray[np.float64]) -> ZeroBlock:
-        """The stiffness: none."""
+        """A rigid body has no stiffness."""
         return self
 
     def in_single(self, inverse: ZeroBlock) -> ZeroBlock:

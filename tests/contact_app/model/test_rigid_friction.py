@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contact_app.errors import ConfigurationError, NoEquilibriumError
+import contact_app
+from contact_app.errors import NoEquilibriumError
 from tests import scenes
 from tests.comparison import solve
 from tests.rows import covering
@@ -133,12 +134,72 @@ def test_a_roller_turns_until_friction_carries_its_moment(method: str) -> None:
         solve(roller(-25.0), None, method=method)
 
 
-def test_steps_are_refused() -> None:
-    made = under_a_plate("quadrilateral", LAWS[0], plate("quadrilateral", [0.01, -0.01]))
-    made["conditions"][1]["name"] = "press"
-    made["steps"] = [{"press": 1}]
-    with pytest.raises(ConfigurationError, match=r"contacts\[0\]\.friction.*rigid bodies"):
-        scenes.build(made)
+def history(made: scenes.Config, steps: list[scenes.Config]) -> list[Any]:
+    """Records of a history, all certified."""
+    answer = contact_app.solve({**made, "steps": steps})
+    assert answer.converged
+    return list(answer.summary["steps"])
+
+
+def agree(some: list[Any], others: list[Any]) -> None:
+    """Contact forces and the work that friction takes are the same in each increment."""
+    for one, other in zip(some, others, strict=True):
+        forces = [record["contacts"][0]["force"] for record in (one, other)]
+        np.testing.assert_allclose(*forces, rtol=0, atol=1e-5)
+        lost = [record["solution"]["dissipated_work"] for record in (one, other)]
+        assert lost[0] == pytest.approx(lost[1], abs=1e-6)
+    assert others[-1]["contacts"][0]["nodes"]["slip"] > 0
+    assert lost[1] > 1.01 * others[0]["solution"]["dissipated_work"]
+
+
+@pytest.mark.parametrize(("cell", "method"), [(CELLS[0], "active-set"), (CELLS[1], "primal")])
+def test_a_history_of_a_plate_is_that_of_a_foot(cell: str, method: str) -> None:
+    """Pressed and pushed to and fro, beside a fixed obstacle and a foot that goes the other way."""
+    moved = {"push": scenes.vector(cell, 0.03, 0.01, None),
+             "press": scenes.vector(cell, None, None, -0.04)}  # fmt: skip
+    back = [
+        {"name": name, "on": f"block.{scenes.down(cell)}",
+         "displacement": [None if x is None else -x for x in to]}
+        for name, to in moved.items()
+    ]  # fmt: skip
+    law = {"coulomb": 0.3}
+    fixed = {"on": f"block.{scenes.up(cell)}", "obstacle": top(cell), "friction": law}
+    steps = [{"press": 1}, {"push": 1, "increments": 2}, {"push": -0.5, "increments": 2}]
+    known = history(scenes.config(cell, [scenes.block(cell, 3)], back, [fixed]), steps)
+    rotation: Any = [0.0] * 3 if scenes.dimension(cell) == 3 else 0.0
+    held = [{"name": name, "in": "plate", "displacement": to} for name, to in moved.items()]
+    made = under_a_plate(cell, law, [{**held[0], "rotation": rotation}, held[1]])
+    made["solver"]["method"] = method
+    agree(history(made, steps), known)
+
+
+def test_a_history_of_a_plate_that_sinks_is_that_of_one_held_there() -> None:
+    push = {"name": "push", "in": "plate", "displacement": [0.03, None], "rotation": 0.0}
+    press = {"name": "press", "in": "plate", "total_force": [0.0, -40.0]}
+    free = under_a_plate("quadrilateral", {"coulomb": 0.3}, [push, press])
+    found = history(free, [{"press": 1}, {"push": 1}, {"push": -0.5}])
+    lower = {"name": "lower", "in": "plate", "displacement": [None, 1.0]}
+    held = under_a_plate("quadrilateral", {"coulomb": 0.3}, [push, lower])
+    heights = [record["rigid_bodies"]["plate"]["displacement"][1] for record in found]
+    pushes = (0.0, 1.0, -0.5)
+    steps = [{"push": p, "lower": height} for p, height in zip(pushes, heights, strict=True)]
+    agree(found, history(held, steps))
+
+
+@pytest.mark.slow
+def test_a_history_of_a_roller_that_turns_is_that_of_one_held_there() -> None:
+    made = roller(-9.0)
+    *_, load = made["conditions"]
+    turn = {"name": "turn", "in": "roller", "total_moment": load.pop("total_moment")}
+    made["conditions"] = [*made["conditions"][:2], {**load, "name": "press"}, turn]
+    found = history(made, [{"press": 1}, {"turn": 1, "increments": 2}, {"turn": -1}])
+    lower = {"name": "lower", "in": "roller", "displacement": [0.0, 1.0]}
+    turned = {"name": "turned", "in": "roller", "rotation": 1.0}
+    made["conditions"] = [made["conditions"][0], lower, turned]
+    places = [record["rigid_bodies"]["roller"] for record in found]
+    steps = [{"lower": at["displacement"][1], "turned": at["rotation"]} for at in places]
+    assert abs(places[-1]["rotation"]) > 1e-5
+    agree(found, history(made, steps))
 
 
 @pytest.mark.mpi

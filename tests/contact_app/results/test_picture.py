@@ -11,7 +11,12 @@ from typer.testing import CliRunner
 
 from contact_app.cli import app
 from contact_app.results.plot import node_values, picture, space_picture
-from contact_app.results.plot.contact_picture import draw_contact, flattened, profiles
+from contact_app.results.plot.contact_picture import (
+    NothingPressedError,
+    draw_contact,
+    flattened,
+    profiles,
+)
 from contact_app.results.plot.stored import Stored, StoredError, read
 from contact_app.results.report import write_summary
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
@@ -145,6 +150,19 @@ def test_a_plane_result_has_two_pictures(tmp_path: Path) -> None:
     assert made == [tmp_path / "to" / name for name in ("bodies.png", "contact_pressure.png")]
     assert not remarks
     assert not any(plain(path) for path in made)
+
+
+def test_the_smoothed_pressure_is_drawn_where_it_is_asked_for(tmp_path: Path) -> None:
+    square(tmp_path)
+    stored = read(tmp_path)
+    stored.point_data["smoothed_contact_pressure"] = np.array([4.0, 4.0, 0.0, 0.0])
+    one, other = (
+        draw_contact(stored, tmp_path / f"{name}.png", name=name).read_bytes()
+        for name in ("contact_pressure", "smoothed_contact_pressure")
+    )
+    assert one != other
+    with pytest.raises(NothingPressedError, match="holds no smoothed_contact_pressure"):
+        draw_contact(read(tmp_path), tmp_path / "none.png", name="smoothed_contact_pressure")
 
 
 def test_a_field_the_result_lacks_is_told(tmp_path: Path) -> None:

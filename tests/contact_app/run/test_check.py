@@ -94,6 +94,28 @@ def test_plane_scenes() -> None:
     assert "circle about (0.45, 2.01)" in lines_of(scenes.sphere("triangle", 4))
 
 
+@pytest.mark.parametrize("change", ["none", "tied", "heat"])
+def test_a_body_without_a_load_of_its_own(change: str) -> None:
+    """What it is tied to may deform it, and so may heat."""
+    made = scenes.wall("hexahedron", 2)
+    made["bodies"].append(
+        {
+            **made["bodies"][0],
+            "name": "idle",
+            "mesh": {"box": {"lower": [0, 0, 1], "upper": [1, 1, 2], "cells": [3, 3, 3]}},
+        }
+    )
+    if change == "none":
+        made["conditions"].append({"on": "idle.z+", "displacement": [0, 0, 0]})
+    elif change == "tied":
+        made["contacts"].append({"on": "block.z+", "against": "idle.z-", "tied": True})
+    else:
+        made["bodies"][1]["material"] = {**made["bodies"][1]["material"], "expansion": 1e-5}
+        made["conditions"].append({"on": "idle.z+", "displacement": [0, 0, 0]})
+        made["conditions"].append({"in": "idle", "temperature": 10})
+    assert ("idle: has no load" in lines_of(made)) == (change == "none")
+
+
 def test_shared_nodes_are_counted_once() -> None:
     made = scenes.wall("hexahedron", 4)
     whole, split = lines_of(made, 1), lines_of(made, [2, 2, 2])

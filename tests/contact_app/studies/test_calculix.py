@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.studies.calculix import COMMAND, PARTS, Mesh, compared, deck, scene_of
+from contact_app.studies.calculix import COMMAND, PARTS, Mesh, compared, deck, scene_of, turns
 
 
 @pytest.mark.parametrize("name", list(PARTS))
@@ -36,3 +36,13 @@ def test_both_agree_on_a_flange(tmp_path: Path) -> None:
     assert found["force ccx"] == pytest.approx(found["force"], rel=0.01)
     assert found["largest"] < 0.01
     assert found["strained"] <= found["every"] < 0.01
+
+
+def test_turns_are_those_of_the_first_body() -> None:
+    made = scene_of(PARTS["bolted_flange"])
+    mesh = Mesh(Path(made["bodies"][0]["mesh"]["file"]))
+    about = np.array([1e-5, 0.0, -3e-5])
+    first = np.unique(mesh.cells[made["bodies"][0]["name"]])
+    still, turned = np.zeros((2, *mesh.points.shape))
+    turned[first] = np.cross(about, mesh.points[first]) + 0.1
+    np.testing.assert_allclose(turns(made, mesh, turned, still), (-3e-5, 0.0), atol=1e-12)

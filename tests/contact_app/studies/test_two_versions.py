@@ -30,6 +30,19 @@ def test_runs_are_compared_by_name(tmp_path: Path) -> None:
     assert last == "| cube | 16 | 16 | -2 | 1.0e-01 |"
 
 
+def test_load_cases_are_compared_one_by_one(tmp_path: Path) -> None:
+    """The summary above those of the cases has no counts of its own."""
+    one = {"solver": {"hessian_multiplications": 9}, "solution": {"energy": -1.0}}
+    for name in ("before", "after"):
+        (tmp_path / name / "parts" / "east").mkdir(parents=True)
+        (tmp_path / name / "parts" / "summary.json").write_text(
+            json.dumps({"cases": {"east": one}})
+        )
+        (tmp_path / name / "parts" / "east" / "summary.json").write_text(json.dumps(one))
+    _, _, *rows = compare(tmp_path / "before", tmp_path / "after")
+    assert rows == ["| parts/east | 9 | 9 | -1 | 0 |"]
+
+
 def test_results_of_different_kinds_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no results of the same kind"):
         list(compare(tmp_path, tmp_path))

@@ -1,4 +1,4 @@
-"""The mirror image of what pulls, beside its definition on a line and on a surface."""
+"""The mirror image of tensile rows, beside its definition on a line and on a surface."""
 
 from __future__ import annotations
 

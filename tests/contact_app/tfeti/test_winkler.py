@@ -1,4 +1,4 @@
-"""The first guess of what touches: rigid subdomains on springs, beside a general optimiser."""
+"""The contact of rigid subdomains on a Winkler foundation, beside a general optimiser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solve of forms keeps for the next one: stiffness, factors and rows, where these are equal.
+"""Fingerprints of forms and rows: a solve reuses stiffness, factors and rows where they are equal.
 
 A form's matrix is taken as it was where its coefficients, constants and facet tags and the mesh
 have the same values, byte by byte; the rows where all but displacements and gaps are the same.

@@ -1,0 +1,103 @@
+"""Stiffness of the sub-boxes of a regular mesh, from that of one cell.
+
+An integral over all cells that depends on no place, no tag and no coefficient has the same matrix
+K_e in each cell of a regular mesh. Sub-boxes with equally many cells along each axis then have one
+stiffness, K = Σ_e A_eᵀ K_e A_e over the cells, and one assembly serves them all.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import ufl
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy import sparse
+from ufl.algorithms.analysis import extract_type
+
+from contact_app.forms.grid import Grid
+from contact_app.forms.parts import Parts, assembled
+from meshes import dolfinx_compat
+
+Array = NDArray[np.float64]
+
+
+def split_form(form: Any, mesh: Any) -> tuple[Any, Any]:
+    """A form as the sum of integrals that are the same in each cell, and of others.
+
+    Either may be a form without integrals. Constants may have any value.
+    """
+    straight = dolfinx_compat.cell_nodes(mesh).shape[1] == 2**mesh.topology.dim
+    same: list[Any] = []
+    others: list[Any] = []
+    for integral in form.integrals():
+        (same if straight and _is_uniform(integral) else others).append(integral)
+    return ufl.Form(same), ufl.Form(others)
+
+
+def _is_uniform(integral: Any) -> bool:
+    return (
+        integral.integral_type() == "cell"
+        and integral.subdomain_id() in ("everywhere", ("everywhere",))
+        and not any(
+            extract_type(integral.integrand(), kind)
+            for kind in (ufl.Coefficient, ufl.classes.GeometricQuantity)
+        )
+    )
+
+
+def cell_stiffness(parts: Parts, grid: Grid, form: Any) -> Array:
+    """K_e of one cell, (n, n), with nodes in the order of the lattice (collective).
+
+    It is the same on all ranks to the last bit.
+    """
+    space, mesh, comm = parts.space, parts.space.mesh, parts.comm
+    nodes = dolfinx_compat.dof_nodes(space)
+    some = min(len(parts.of_cell), 1)
+    order = np.argsort(np.argsort(grid.lattice[nodes[:some]], axis=1), axis=1)
+    # all cells have the nodes of the first, over which alone the form is integrated
+    blocks = np.broadcast_to(order[0] if some else np.zeros(nodes.shape[1], int), nodes.shape)
+    torn = dolfinx_compat.torn_space(space, blocks, nodes.shape[1])
+    tags = dolfinx_compat.meshtags(mesh, mesh.topology.dim, np.arange(some, dtype=np.int32), 1)
+    first = ufl.Form(
+        [own.reconstruct(subdomain_id=1, subdomain_data=tags) for own in form.integrals()]
+    )
+    K = assembled(torn, first).toarray()
+    root = comm.allreduce(comm.rank if some else comm.size, op=MPI.MIN)
+    return np.asarray(comm.bcast(K if comm.rank == root else None, root=root))
+
+
+def box_stiffness(K: Array, cells: tuple[int, ...], degree: int) -> sparse.csr_matrix:
+    """K of a box of some cells along each axis, of which each has the matrix given.
+
+    Nodes are in the order of the lattice, x fastest.
+    """
+    d = len(cells)
+    strides = np.cumprod([1, *(degree * n + 1 for n in cells[:-1])])
+    own = np.array([node[::-1] for node in product(range(degree + 1), repeat=d)]) @ strides
+    first = degree * np.array([cell[::-1] for cell in product(*map(range, cells[::-1]))]) @ strides
+    nodes = first[:, None] + own
+    size = d * int(np.prod([degree * n + 1 for n in cells]))
+    unknowns = (nodes[:, :, None] * d + np.arange(d)).reshape(len(nodes), -1).astype(np.int32)
+    shape = (*unknowns.shape, unknowns.shape[1])
+    entries = (
+        np.broadcast_to(unknowns[:, :, None], shape).ravel(),
+        np.broadcast_to(unknowns[:, None, :], shape).ravel(),
+    )
+    values = np.broadcast_to(K, shape).ravel()
+    # entries that are zero stay: sub-boxes with and without springs have equal patterns
+    return sparse.csr_matrix((values, entries), shape=(size, size)).sorted_indices()
+
+
+def added(K: sparse.csr_matrix, other: sparse.csr_matrix) -> sparse.csr_matrix:
+    """The sum of two matrices, with the entries that are zero in it; K itself plus nothing."""
+    if not other.data.any():
+        return K
+    pairs = [own.tocoo() for own in (K, other)]
+    entries = tuple(
+        np.concatenate([getattr(own, name) for own in pairs]) for name in ("row", "col")
+    )
+    values = np.concatenate([own.data for own in pairs])
+    return sparse.csr_matrix((values, entries), shape=K.shape).sorted_indices()

@@ -1,0 +1,98 @@
+"""Skins of second-order tetrahedra in pieces small enough to look round.
+
+A side of six nodes is cut at the middles of its edges into four triangles and these once more, with
+nodes where the side's own polynomial has them: x = Σ_k N_k x_k, and the same of every field.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from contact_app.results.plot.stored import SIDES, Stored, edge_middles
+
+Integers = NDArray[np.int64]
+
+HALF = np.array([0.375, 0.75, -0.125])
+"""N of a side's end, middle and other end at a quarter of an edge."""
+
+INNER = np.array([-0.125, -0.125, 0.5, 0.5, 0.25])
+"""N amid two middles: of the two vertices that both edges do not share, the two middles, the third
+middle."""
+
+_DRAWN = ((False, True, True), (True, False, True), (True, True, False), (False, False, False))
+"""Of the quarters at the three vertices and the one between the middles: whether the edge opposite
+each corner is part of one of the side."""
+
+
+def finer(stored: Stored) -> Stored:
+    """A result with sixteen pieces a side of the skin; as it is where cells are of other kinds."""
+    if set(stored.cells) != {"tetrahedron10"}:
+        return stored
+    faces, rows = _faces(stored)
+    a, b, c, ab, bc, ca = faces.T
+    weights = _Weights(len(stored.points))
+    # a side and its neighbour have the same nodes on the edge between them
+    halves = ((a, ab, b), (b, ab, a), (b, bc, c), (c, bc, b), (c, ca, a), (a, ca, c))
+    amid = weights.add(np.concatenate([np.stack(half, axis=1) for half in halves]), HALF)
+    inner = ((b, c, ab, ca, bc), (c, a, bc, ab, ca), (a, b, ca, bc, ab))
+    amid_inner = weights.add(np.concatenate([np.stack(own, axis=1) for own in inner]), INNER)
+    a_ab, b_ab, b_bc, c_bc, c_ca, a_ca = amid.reshape(6, -1)
+    ab_ca, bc_ab, ca_bc = amid_inner.reshape(3, -1)
+    quarters = (
+        (a, ab, ca, a_ab, ab_ca, a_ca), (ab, b, bc, b_ab, b_bc, bc_ab),
+        (ca, bc, c, ca_bc, c_bc, c_ca), (ab, bc, ca, bc_ab, ca_bc, ab_ca),
+    )  # fmt: skip
+    pieces, drawn = [], []
+    for (p, q, r, pq, qr, rp), outer in zip(quarters, _DRAWN, strict=True):
+        x, y, z = outer
+        pieces += [(p, pq, rp), (pq, q, qr), (rp, qr, r), (pq, qr, rp)]
+        drawn += [(False, y, z), (x, False, z), (x, y, False), (False,) * 3]
+    sides = np.concatenate([np.stack(piece, axis=1) for piece in pieces])
+    W = weights.matrix()
+    data = {name: np.concatenate([v, W @ v]) for name, v in stored.point_data.items()}
+    return replace(
+        stored, points=np.concatenate([stored.points, W @ stored.points]), point_data=data,
+        pieces=((sides, np.tile(rows, len(pieces))),), drawn=np.repeat(drawn, len(faces), axis=0),
+    )  # fmt: skip
+
+
+def _faces(stored: Stored) -> tuple[Integers, Integers]:
+    """Sides that only one cell has, (sides, 6), vertices first, and the row of their cells."""
+    cells, rows = stored.cells["tetrahedron10"], stored.numbers["tetrahedron10"]
+    faces = np.concatenate(
+        [cells[:, [*side, *edge_middles("tetrahedron", side)]] for side in SIDES["tetrahedron"]]
+    )
+    _, first, count = np.unique(
+        np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True
+    )
+    once = first[count == 1]
+    return faces[once], np.tile(rows, len(SIDES["tetrahedron"]))[once]
+
+
+class _Weights:
+    """New nodes as sums of known ones."""
+
+    def __init__(self, known: int) -> None:
+        self._known, self._count = known, 0
+        self._rows: list[Integers] = []
+        self._columns: list[Integers] = []
+        self._values: list[NDArray[np.float64]] = []
+
+    def add(self, nodes: Integers, weights: NDArray[np.float64]) -> Integers:
+        """Numbers of new nodes, one a row of `nodes`; equal rows are one node."""
+        unique, of_row = np.unique(nodes, axis=0, return_inverse=True)
+        first = self._count
+        self._count += len(unique)
+        self._rows.append(np.repeat(np.arange(first, self._count), nodes.shape[1]))
+        self._columns.append(unique.ravel())
+        self._values.append(np.tile(weights, len(unique)))
+        return self._known + first + of_row.reshape(-1)
+
+    def matrix(self) -> csr_array:
+        """Values at new nodes from those at known ones, (new, known)."""
+        entries = np.concatenate(self._rows), np.concatenate(self._columns)
+        return csr_array((np.concatenate(self._values), entries), (self._count, self._known))

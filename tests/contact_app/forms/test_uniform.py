@@ -1,0 +1,85 @@
+"""The stiffness of sub-boxes of a regular mesh, made from that of one cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from contact_app.forms.grid import grid_of
+from contact_app.forms.parts import parts_of
+from contact_app.forms.subdomains import Subdomains, subdomains_of
+from contact_app.forms.uniform import split_form
+from tests import form_problems as problems
+
+
+def cut(cell: str, degree: int, cells: tuple[int, ...]) -> Subdomains:
+    mesh = problems.box(cell, cells, (1.0, 0.8, 0.6)[: len(cells)], MPI.COMM_SELF)
+    space = problems.vector_space(mesh, degree)
+    grid = grid_of(space)
+    assert grid is not None
+    return subdomains_of(parts_of(space, grid), grid)
+
+
+def energy(space: Any, stress: Any, dx: Any) -> Any:
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    return ufl.inner(stress(u), problems.strain(v)) * dx
+
+
+def steel(u: Any) -> Any:
+    return problems.isotropic(u, 200.0, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "cells"),
+    [
+        ("quadrilateral", 1, (40, 24)),
+        ("quadrilateral", 2, (40, 30)),
+        ("hexahedron", 1, (11, 11, 10)),
+    ],
+)
+@pytest.mark.parametrize("springs", [0.0, 50.0])
+def test_it_is_that_of_an_integration_over_all_cells(
+    cell: str, degree: int, cells: tuple[int, ...], springs: float
+) -> None:
+    own = cut(cell, degree, cells)
+    space = own.parts.space
+    a = energy(space, steel, ufl.dx)
+    if springs:
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        a += springs * ufl.inner(u, v) * ufl.ds
+    made, integrated = own.stiffness(a), own.parts.stiffness(a)
+    assert len(made) == own.count > 3
+    for one, other in zip(made, integrated, strict=True):
+        assert abs(one - other).max() <= 1e-12 * abs(other).max()
+    distinct = len({id(K) for K in made})
+    sides = len(np.unique(own.grid.cells, axis=0)) if own.grid is not None else 0
+    # of the sub-boxes only those that no spring is at share the matrix of their size
+    assert distinct >= own.count // 2 if springs else distinct == sides
+
+
+def test_integrals_that_vary_are_left_to_an_integration_over_all_cells() -> None:
+    mesh = problems.box("quadrilateral", (4, 4), (1.0, 1.0), MPI.COMM_SELF)
+    space = problems.vector_space(mesh, 1)
+    x = ufl.SpatialCoordinate(mesh)
+    modulus = fem.Function(problems.scalar_space(mesh, 1))
+    constant = fem.Constant(mesh, 2.0)
+    every = np.arange(16, dtype=np.int32)
+    tags = dolfinx.mesh.meshtags(mesh, 2, every, (every % 2).astype(np.int32))
+    tagged = ufl.Measure("dx", domain=mesh, subdomain_data=tags)
+    dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": 2})
+
+    def counts(a: Any) -> tuple[int, ...]:
+        return tuple(len(form.integrals()) for form in split_form(a, mesh))
+
+    assert counts(energy(space, steel, dx)) == (1, 0)
+    assert counts(energy(space, lambda u: constant * steel(u), dx)) == (1, 0)
+    assert counts(energy(space, lambda u: (1 + x[0]) * steel(u), dx)) == (0, 1)
+    assert counts(energy(space, lambda u: modulus * steel(u), dx)) == (0, 1)
+    assert counts(energy(space, steel, tagged(1))) == (0, 1)
+    assert counts(energy(space, steel, dx) + energy(space, steel, tagged(1))) == (1, 1)
