@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.resources import as_file, files
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from tests import scenes
-from tests.contact_app.accuracy.test_refinement import shipped
+from tests.contact_app.accuracy.test_refinement import DATA, shipped
 from tests.contact_app.model.test_two_bodies import stack
 
 CUBE = -0.51237
@@ -27,9 +25,8 @@ CANTILEVER = -0.568692
 
 
 def packaged(name: str, cells: list[int], accuracy: float) -> Scene:
-    with as_file(files("contact_app.studies").joinpath(f"data/{name}.yaml")) as path:
-        made = [f"bodies.0.mesh.box.cells={cells}", f"accuracy={accuracy}", "decomposition=auto"]
-        return build_scene(load(path, made))
+    made = [f"bodies.0.mesh.box.cells={cells}", f"accuracy={accuracy}", "decomposition=auto"]
+    return build_scene(load(DATA / f"{name}.yaml", made))
 
 
 def cube(accuracy: float) -> Scene:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +31,7 @@ from tests.comparison import solve
 from tests.contact_app.model.test_convergence import column, confined_modulus
 
 CONFIGS = Path(__file__).parents[3] / "configs"
+DATA = Path(__file__).parents[2] / "data"
 
 
 def shipped(name: str, *overrides: str) -> Scene:
@@ -242,8 +242,7 @@ def test_the_degree_is_chosen_where_the_file_leaves_it_open() -> None:
 
 
 def punch(accuracy: float) -> Scene:
-    with as_file(files("contact_app.studies").joinpath("data/flat_punch.yaml")) as path:
-        return build_scene(load(path, [f"accuracy={accuracy}"]))
+    return build_scene(load(DATA / "flat_punch.yaml", [f"accuracy={accuracy}"]))
 
 
 def test_what_the_best_grid_lines_would_leave_is_foreseen() -> None:
@@ -257,9 +256,8 @@ def test_what_the_best_grid_lines_would_leave_is_foreseen() -> None:
 
 def test_smooth_answers_with_a_narrow_contact_take_few_unknowns() -> None:
     """Hertz's disc to 1 %: equal cells of degree 2 take 30,000."""
-    with as_file(files("contact_app.studies").joinpath("data/hertz.yaml")) as path:
-        cells = "bodies.0.mesh.box.cells=[8,8]"
-        scene = build_scene(load(path, [cells, "accuracy=0.01", "decomposition=auto"]))
+    wanted = ["bodies.0.mesh.box.cells=[8,8]", "accuracy=0.01", "decomposition=auto"]
+    scene = build_scene(load(DATA / "hertz.yaml", wanted))
     found = solve_to_accuracy(scene, solve_scene)
     assert not found.missed
     assert found.levels[-1].dofs < 2_500

@@ -37,7 +37,7 @@ def cube(cells: int, *overrides: str, subdomains: Any = None) -> Scene:
 
 def hertz(cells: int, subdomains: int) -> Scene:
     wanted = [f"bodies.0.mesh.box.cells=[{cells},{cells}]", "bodies.0.degree=2"]
-    return built("contact_app/studies/data/hertz.yaml", *wanted, subdomains=subdomains)
+    return built("tests/data/hertz.yaml", *wanted, subdomains=subdomains)
 
 
 def products(solved: SolvedScene) -> int:
