@@ -272,9 +272,10 @@ def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
     if not answer.model.scene.temperatures or accuracy is None:
         return
     if np.isnan(accuracy.algebraic):
+        across = "that across the plane and " if answer.model.scene.plane == "strain" else ""
         yield (
-            "the bodies expand with the temperature and have no stress but rounding errors, so a "
-            "relative error does not exist"
+            f"the bodies expand with the temperature and have no stress but {across}rounding "
+            "errors, so a relative error does not exist"
         )
     elif accuracy.algebraic > SMALL_PART:
         yield (
