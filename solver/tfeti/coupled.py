@@ -28,6 +28,10 @@ from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.matrix import ConstraintMatrix, lent, local_rows, petsc_rows
 from solver.tfeti.dual import DualProblem
 
+REDUNDANT = 1e-12
+"""Added to the diagonal of M, relatively. Where contact along the edge of a tie closes more rows
+than the other side has nodes there, rows depend on one another, and M alone is singular."""
+
 NEGLIGIBLE = 1e-12
 """Cosine of the angle between rows up to which they count as perpendicular."""
 
@@ -98,7 +102,8 @@ class CoupledRows:
         """The coupled rows and columns, on every rank."""
         every = np.concatenate(self.comm.allgather(M.getOwnershipRange()[0] + coupled))
         parts = self.comm.allgather(local_rows(M)[coupled][:, every])
-        return sparse.vstack(parts, format="csc")
+        matrix = sparse.vstack(parts, format="csc")
+        return (matrix + sparse.diags(REDUNDANT * matrix.diagonal())).tocsc()
 
     def divide(self, x: NDArray[np.float64], free: NDArray[np.bool_] | None) -> None:
         """Replace the coupled rows by M⁻¹ of those that are free, zero elsewhere.
