@@ -67,7 +67,10 @@ def _thickness(problem: DualProblem, rows: NDArray[np.int64]) -> float:
         members = found + nodes * np.arange(cls.members)
         node_of[part] = (members[:, None] + cls.interface // d).ravel()
         found += nodes * cls.members
-    touched = len(np.unique(node_of[problem.B.local[rows].indices]))
+    B = problem.B
+    columns = np.concatenate(comm.allgather(np.unique(B.local[rows].indices)))  # of all ranks
+    own = columns[(columns >= B.first) & (columns < B.first + B.columns)] - B.first
+    touched = len(np.unique(node_of[own]))
     found, touched, total = comm.allreduce(np.array([found, touched, len(rows)]))
     spacing = (touched / max(total, 1)) ** (1.0 / (d - 1))
     return float(found / max(touched, 1) / max(spacing, 1.0))

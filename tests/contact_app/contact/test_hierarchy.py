@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -13,7 +15,28 @@ from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.hard_scenes import slender, wall
+from tests.ranks import execute
 from tests.scenes import Config
+
+LEVELS = """
+import json
+import sys
+
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from tests import scenes
+
+comm, counts = MPI.COMM_WORLD, []
+problem = build_model(scenes.build(json.loads(sys.argv[1]), [6, 1, 1]), comm).problem
+levels = ConstraintHierarchy(problem, coarsened=True)
+while not levels.finest:
+    counts.append(comm.allreduce(int(levels.allowed.sum())))
+    levels.refine()
+if comm.rank == 0:
+    print(counts)
+"""
 
 
 def problem(made: Config, parts: list[int]) -> DualProblem:
@@ -106,3 +129,12 @@ def test_a_slender_body_costs_less_than_thrice_its_thick_twin(parts: list[int]) 
         assert summary["certificate"]["passed"]
         products.append(summary["solver"]["hessian_multiplications"])
     assert products[0] < 3 * products[1]
+
+
+@pytest.mark.mpi
+def test_two_ranks_have_the_levels_of_one() -> None:
+    """Rows of a rank touch columns of the other, which count where they are."""
+    asked = json.dumps(plate(2))
+    one, two = (execute(LEVELS, asked, ranks=ranks).strip() for ranks in (1, 2))
+    assert one == two
+    assert len(json.loads(one)) >= 3
