@@ -148,7 +148,10 @@ def build_model(
     )
     lifted = _lifted(exchange, held)
     with together(parts.comm):
-        pieces = [_subdomain(own, bodies, eliminated, loads, lifted, cls) for cls in classes]
+        pieces = [
+            _subdomain(own, bodies, eliminated, loads, lifted, cls, not options.factored)
+            for cls in classes
+        ]
     place = np.empty((own.count, 2), np.int64)
     for number, cls in enumerate(classes):
         place[cls.members, 0], place[cls.members, 1] = number, np.arange(len(cls.members))
@@ -228,8 +231,15 @@ def _subdomain(
     loads: list[Array],
     lifted: tuple[NDArray[np.bool_], Array],
     alike: Congruent,
+    levels: bool,
 ) -> CongruentSubdomains:
-    """Subdomains of one stiffness."""
+    """Subdomains of one stiffness.
+
+    Parameters
+    ----------
+    levels
+        Whether levels of a multigrid ask for the vertices of cells of degree 2.
+    """
     K, members, points = alike.stiffness, alike.members, alike.points
     of_members = [subdomains.copies(number) for number in members]
     body, nodes = bodies.of_subdomain[members[0]], np.arange(len(points))
@@ -256,6 +266,7 @@ def _subdomain(
             np.stack([subdomains.numbers[own] for own in of_members]),
             subdomains.points[starts] - points[0],
             points,
+            subdomains.parts.vertex_weights(int(members[0])) if levels else None,
         ),
     )
 

@@ -85,6 +85,25 @@ class Parts:
         d = self.dimension
         return slice(int(self.starts[part]) * d, int(self.starts[part + 1]) * d)
 
+    def vertex_weights(self, part: int) -> sparse.csr_matrix | None:
+        """Degree 2: the functions of degree 1 of the vertices of a part at its nodes, (n, n)."""
+        if dolfinx_compat.lagrange_degree(self.space) != 2:
+            return None
+        kind = str(self.space.mesh.topology.cell_name())
+        places = dolfinx_compat.lagrange_nodes(kind, 2)[0]
+        functions = dolfinx_compat.lagrange_values(kind, 1, places)
+        functions[np.abs(functions) < 1e-12] = 0.0
+        nodes = self.cells[self.of_cell == part] - self.starts[part]
+        cell, place = np.empty((2, int(self.starts[part + 1] - self.starts[part])), np.int64)
+        cell[nodes] = np.arange(len(nodes))[:, None]
+        place[nodes] = np.arange(nodes.shape[1])
+        vertices = nodes[cell][:, : functions.shape[1]]
+        rows = np.broadcast_to(np.arange(len(cell))[:, None], vertices.shape)
+        entries = (rows.ravel(), vertices.ravel())
+        found = sparse.csr_matrix((functions[place].ravel(), entries), shape=(len(cell),) * 2)
+        found.eliminate_zeros()
+        return found
+
     def stiffness(self, form: Any) -> list[sparse.csr_matrix]:
         """K of each part, (n, n) with unknown ``node * dimension + component`` (collective)."""
         whole = assembled(self.torn, form)
