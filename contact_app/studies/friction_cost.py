@@ -1,0 +1,328 @@
+"""What friction costs: operator applications beside those of the same scene without friction.
+
+    python -m contact_app.studies.friction_cost [NAME …] [--methods active-set,primal] [--sets]
+
+Each scene is solved without and with friction to its own tolerance. The limit is three times the
+applications of the frictionless solve with Tresca's law, six times with Coulomb's, or 60 where that
+is more; a scene without equilibrium where nothing rubs has the limit 60. Of a history, ten
+increments together may take twelve times the applications of one that goes to the same loads.
+
+``--sets`` tells of each active set of a scene what it took and how many rows were active.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+
+from contact_app.errors import ContactError
+from contact_app.run.increments import solved_increments
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import from_mapping
+from contact_app.scene.scene import Scene
+from contact_app.scene.yaml_reader import read
+from solver.qp.result import Step
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+METHODS = ("active-set", "primal")
+
+ENOUGH = 60
+"""Applications that a scene with friction may take, whatever it takes without."""
+
+TIMES = {"tresca": 3, "coulomb": 6}
+"""Times those of the frictionless scene that one with friction may take."""
+
+TEN = 12
+"""Times those of one increment that ten may take."""
+
+
+class Rubbed(NamedTuple):
+    """A scene, and the friction of its contacts.
+
+    Attributes
+    ----------
+    scene
+        A mapping, or the name of a shipped scene.
+    friction
+        Of all contacts; None where the scene has its own.
+    settings
+        As of ``--set``.
+    """
+
+    scene: dict[str, Any] | str
+    friction: dict[str, float] | None = None
+    settings: tuple[str, ...] = ()
+
+
+def _box(cells: Sequence[int], upper: Sequence[float], cell: str, **rest: Any) -> dict[str, Any]:
+    """A box from the origin on."""
+    box = {"lower": [0] * len(cells), "upper": list(upper), "cells": list(cells), "cell": cell}
+    return {"mesh": {"box": box | rest}, "material": {"young": 1000, "poisson": 0.3}}
+
+
+def _on_floor(body: dict[str, Any], conditions: list[dict[str, Any]], axis: str) -> dict[str, Any]:
+    """A body on a floor at zero along an axis."""
+    size = len(body["mesh"]["box"]["cells"])
+    normal = [int(name == axis) for name in "xyz"[:size]]
+    plane = {"plane": {"point": [0] * size, "normal": normal}}
+    return {
+        "dimension": 3 if size == 3 else "plane_strain",
+        "bodies": [{"name": "body"} | body],
+        "conditions": conditions,
+        "contacts": [{"on": f"body.{axis}-", "obstacle": plane}],
+    }
+
+
+def _two_boxes(cell: str) -> dict[str, Any]:
+    """A box pressed on a larger one and pushed along it."""
+    lower = _box([8, 8, 4], [2, 2, 1], cell)
+    upper = _box([7, 7, 5], [1.6, 1.6, 2], cell, lower=[0.4, 0.4, 1])
+    return {
+        "dimension": 3,
+        "bodies": [{"name": "lower"} | lower, {"name": "upper"} | upper],
+        "conditions": [
+            {"on": "lower.z-", "displacement": [0, 0, 0]},
+            {"on": "upper.z+", "displacement": [0.02, 0.01, -0.05]},
+        ],
+        "contacts": [{"on": "upper.z-", "against": "lower.z+"}],
+    }
+
+
+def _strips() -> dict[str, Any]:
+    """A strip that is pressed on another one and stretched along it."""
+    lower = _box([80, 4], [20, 1], "quadrilateral")
+    upper = _box([60, 3], [18, 2], "quadrilateral", lower=[2, 1])
+    return {
+        "dimension": "plane_strain",
+        "bodies": [{"name": "lower"} | lower, {"name": "upper"} | upper],
+        "conditions": [
+            {"on": "lower.y-", "displacement": [0, 0]},
+            {"on": "upper.y+", "traction": [0, -4]},
+            {"on": "upper.x-", "displacement": [0, None]},
+            {"on": "upper.x+", "traction": [10, 0]},
+        ],
+        "contacts": [{"on": "upper.y-", "against": "lower.y+"}],
+    }
+
+
+SHEET = _on_floor(
+    _box([30, 30, 2], [30, 30, 1], "hexahedron"),
+    [
+        {"on": "body.z+", "traction": [0, 0, -2]},
+        {"on": "body.x-", "displacement": [0, 0, None]},
+        {"on": "body.x+", "traction": [10, 4, 0]},
+    ],
+    "z",
+)
+
+BAR = _on_floor(
+    _box([60, 3, 3], [30, 1.5, 1.5], "tetrahedron"),
+    [
+        {"on": "body.z+", "traction": [0, 0, -2]},
+        {"on": "body.x-", "displacement": [0, 0, None]},
+        {"on": "body.x+", "traction": [4, 1, 0]},
+    ],
+    "z",
+)
+
+HISTORY_CUBE = {
+    "dimension": 3,
+    "bodies": [{"name": "cube"} | _box([10, 10, 10], [1, 1, 1], "hexahedron")],
+    "conditions": [
+        {"on": "cube.z-", "displacement": [0, 0, 0]},
+        {"name": "press", "on": "cube.z+", "traction": [0, 0, -5]},
+        {"name": "push", "on": "cube.z+", "traction": [0, 1, 0]},
+    ],
+    "contacts": [
+        {"on": "cube.x+", "obstacle": {"plane": {"point": [1, 0, 0], "normal": [-1, 0, 0]}}}
+    ],
+}
+
+PULLED = ("conditions.2.name=pull", "cases={pulled: {pull: 1}}")
+
+SCENES = {
+    "cube_coulomb_0.1": Rubbed("cube", {"coulomb": 0.1}),
+    "cube_coulomb_0.3": Rubbed("cube", {"coulomb": 0.3}),
+    "cube_coulomb_1": Rubbed("cube", {"coulomb": 1.0}),
+    "cube_tresca_1": Rubbed("cube", {"tresca": 1.0}),
+    "cube_tresca_30": Rubbed("cube", {"tresca": 30.0}),
+    "bracket_tresca": Rubbed("bracket", {"tresca": 3.0e3}),
+    "bracket_coulomb_0.3": Rubbed("bracket", {"coulomb": 0.3}),
+    "sheet_tresca": Rubbed(SHEET, {"tresca": 0.5}),
+    "sheet_coulomb_0.3": Rubbed(SHEET, {"coulomb": 0.3}),
+    "strips_coulomb_0.3": Rubbed(_strips(), {"coulomb": 0.3}),
+    "strips_tresca": Rubbed(_strips(), {"tresca": 1.0}),
+    "rough_rod": Rubbed("rough_rod"),
+    "bar_coulomb_0.3": Rubbed(BAR, {"coulomb": 0.3}),
+    "bar_tresca": Rubbed(BAR, {"tresca": 0.3}),
+    "friction_block": Rubbed("friction_block"),
+    "friction_block_coulomb_1": Rubbed("friction_block", {"coulomb": 1.0}),
+    "boxes_hexahedra": Rubbed(_two_boxes("hexahedron"), {"coulomb": 0.3}),
+    "boxes_tetrahedra": Rubbed(_two_boxes("tetrahedron"), {"coulomb": 0.3}),
+    "boxes_tresca": Rubbed(_two_boxes("hexahedron"), {"tresca": 5.0}),
+    "pin_in_lug": Rubbed("pin_in_lug", {"coulomb": 0.1}),
+    "pillow_block": Rubbed("pillow_block", {"coulomb": 0.3}),
+}
+"""Solved in one step."""
+
+HISTORIES = {
+    "press_and_push": Rubbed(
+        "press_and_push", settings=("steps=[{press: 1}, {push: 1, increments: N}]",)
+    ),
+    "cube_pushed": Rubbed(
+        HISTORY_CUBE, {"coulomb": 0.3}, ("steps=[{press: 1, push: 1, increments: N}]",)
+    ),
+    "cube_turned": Rubbed(
+        HISTORY_CUBE, {"coulomb": 0.3}, ("steps=[{press: 1}, {push: 1, increments: N}]",)
+    ),
+}
+"""Solved in N = 10 increments and in one."""
+
+
+@dataclass
+class Counted:
+    """What a solve took.
+
+    Attributes
+    ----------
+    applications
+        Of the operator; None where there is no equilibrium.
+    passed
+        Whether all answers are certified.
+    sets
+        Iterations and active rows of each active set.
+    """
+
+    applications: int | None = None
+    passed: bool = True
+    sets: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+
+
+def scene_of(
+    rubbed: Rubbed, method: str, rough: bool = True, increments: int = 1, every: bool = False
+) -> Scene:
+    """The scene, with friction or without.
+
+    Parameters
+    ----------
+    increments
+        In place of N in the settings.
+    """
+    made: dict[str, Any]
+    if isinstance(rubbed.scene, str):
+        made = read(CONFIGS / f"{rubbed.scene}.yaml")[0]
+        for body in made["bodies"]:
+            if "file" in body.get("mesh", {}):
+                body["mesh"]["file"] = str((CONFIGS / body["mesh"]["file"]).resolve())
+    else:
+        made = {"title": "friction", **rubbed.scene}
+    made["contacts"] = [
+        {**{k: v for k, v in c.items() if k != "friction"},
+         **({"friction": rubbed.friction or c["friction"]} if rough else {})}
+        for c in made["contacts"]
+    ]  # fmt: skip
+    made.pop("cases", None)
+    settings = [s.replace("N", str(increments)) for s in rubbed.settings]
+    return build_scene(from_mapping(made, [f"solver.method={method}", *settings]))
+
+
+def counted(scene: Scene) -> Counted:
+    """Solve a scene, or all its increments."""
+    found, part = Counted(), 0
+
+    def tell(step: Step) -> None:
+        of_set = (part, step.outer or step.active_set)
+        before = found.sets.get(of_set, (0, 0))[0]
+        found.sets[of_set] = before + 1, step.active_rows or 0
+
+    try:
+        if not scene.steps:
+            summaries = [solve_scene(scene, MPI.COMM_SELF, tell).summary]
+        else:
+            summaries = []
+            for made in solved_increments(scene, MPI.COMM_SELF, lambda place: tell):
+                summaries.append(made.solved.summary)
+                part += 1
+    except ContactError:
+        return found
+    found.applications = sum(s["solver"]["hessian_multiplications"] for s in summaries)
+    found.passed = all(s["certificate"]["passed"] for s in summaries)
+    return found
+
+
+def row(name: str, method: str) -> str:
+    """Of one scene in the table."""
+    if name in HISTORIES:
+        one, ten = (counted(scene_of(HISTORIES[name], method, increments=n)) for n in (1, 10))
+        most: float = TEN * (one.applications or 0)
+    else:
+        rubbed = SCENES[name]
+        one, ten = (counted(scene_of(rubbed, method, rough)) for rough in (False, True))
+        most = max(ENOUGH, TIMES[law_of(rubbed)] * (one.applications or 0))
+    return _cells(name, method, one, ten, most)
+
+
+def law_of(rubbed: Rubbed) -> str:
+    """The key of the friction of a scene."""
+    given = rubbed.friction
+    if given is None:
+        assert isinstance(rubbed.scene, str)
+        given = read(CONFIGS / f"{rubbed.scene}.yaml")[0]["contacts"][0]["friction"]
+    return next(iter(given))
+
+
+def _cells(name: str, method: str, before: Counted, after: Counted, most: float) -> str:
+    took, without = after.applications, before.applications
+    cells = [name, method, "none" if without is None else f"{without}"]
+    told = "no answer" if took is None else f"{took}" + ("" if after.passed else ", not certified")
+    over = "" if took is None or took <= most else " (above)"
+    ratio = f"{took / without:.1f}" if took is not None and without else ""
+    sets = len(after.sets)
+    return "| " + " | ".join([*cells, told, f"{most:.0f}{over}", ratio, f"{sets}"]) + " |"
+
+
+def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
+    """Rows of a table for a page."""
+    yield "| scene | method | without, or one | with, or ten | limit | ratio | sets |"
+    yield "|---|---|---:|---:|---:|---:|---:|"
+    for name in names:
+        for method in methods:
+            yield row(name, method)
+
+
+def told_sets(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
+    """What each active set took."""
+    for name in names:
+        for method in methods:
+            known = SCENES | HISTORIES
+            found = counted(scene_of(known[name], method, increments=10))
+            yield f"{name} {method}: {found.applications}"
+            for (part, number), (took, rows) in found.sets.items():
+                yield f"  increment {part + 1}, set {number}: {took} steps, {rows} active rows"
+
+
+def main() -> None:
+    """The command."""
+    known = [*SCENES, *HISTORIES]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(known)}; all unless given")
+    parser.add_argument("--methods", default=",".join(METHODS))
+    parser.add_argument("--sets", action="store_true", help="tell of each active set")
+    given = parser.parse_args()
+    unknown = sorted(set(given.names) - set(known))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(known)}")
+    tell = told_sets if given.sets else table
+    for line in tell(given.names or known, given.methods.split(",")):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

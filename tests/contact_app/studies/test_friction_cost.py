@@ -1,0 +1,36 @@
+"""What friction costs: the study's limits, and scenes whose slip front moves far."""
+
+from __future__ import annotations
+
+import pytest
+
+from contact_app.studies import friction_cost
+from contact_app.studies.friction_cost import SCENES, counted, law_of, row, scene_of
+
+
+def test_a_row_tells_the_limit_of_its_law() -> None:
+    """Six times the frictionless solve with Coulomb's law, and nothing certified is missed."""
+    assert law_of(SCENES["friction_block"]) == "coulomb"
+    cells = [cell.strip() for cell in row("friction_block", "active-set").split("|")]
+    without, took, limit = int(cells[3]), int(cells[4]), int(cells[5])
+    assert limit == max(friction_cost.ENOUGH, 6 * without)
+    assert 0 < without < took <= limit
+
+
+@pytest.mark.ratchet
+def test_a_slip_front_moves_at_once() -> None:
+    """Half of a rod's 401 points slide: without looking ahead 40 sets let go 8 points each."""
+    found = counted(scene_of(SCENES["rough_rod"], "primal"))
+    assert found.passed
+    assert found.applications is not None
+    assert found.applications <= 12
+    assert len(found.sets) <= 6
+
+
+@pytest.mark.ratchet
+@pytest.mark.parametrize(("name", "most"), [("cube_coulomb_0.3", 48), ("boxes_tresca", 33)])
+def test_friction_costs_at_most_three_times_the_frictionless_solve(name: str, most: int) -> None:
+    found = counted(scene_of(SCENES[name], "active-set"))
+    assert found.passed
+    assert found.applications is not None
+    assert found.applications <= most
