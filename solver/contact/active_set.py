@@ -73,6 +73,11 @@ class ActiveSetOptions:
         Share of the rows released as mirror images that may join later sets again. More of them
         show that the front is not where the rule expects it, as where a base lifts off for the
         most part: the sets would nearly cycle, so the rule is switched off.
+    looks_ahead
+        Whether a law may let points go of which a state alone does not tell it (`solver.contact.
+        slip_front`). Where sets fail so, they are tried once more without.
+    returning
+        Share of these points that may stick again before the rule is switched off.
     """
 
     most_sets: int = 60
@@ -90,6 +95,8 @@ class ActiveSetOptions:
     peeled: float = 0.1
     release_at_edge: bool = True
     rejoining: float = 0.25
+    looks_ahead: bool = True
+    returning: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,9 +216,32 @@ def active_set_loop(
     SMALBE-M, whose convergence is proved, then goes on from there.
     """
     options, law = options or ActiveSetOptions(), law or Frictionless()
+    found, guessed = _sets(backend, start, test, inner, monitor, saver, options, law)
+    if found.reason is not None or not guessed:
+        return found
+    # nothing fails because points were let go ahead of the states
+    spent, options = found.counts, replace(options, looks_ahead=False)
+    left = replace(inner, max_iterations=inner.max_iterations - spent.inner)
+    saver = replace(saver, before=saver.before + spent) if saver else None
+    found, _ = _sets(backend, start, test, left, monitor, saver, options, law)
+    return replace(found, counts=spent + found.counts)
+
+
+def _sets(
+    backend: Backend[S],
+    start: Start,
+    test: StoppingTest[S],
+    inner: MPRGP,
+    monitor: Monitor | None,
+    saver: StateSaver[S] | None,
+    options: ActiveSetOptions,
+    law: ContactLaw,
+) -> tuple[Outcome[S], bool]:
+    """As `active_set_loop`, once; and whether points were let go ahead of a state."""
     comm, multiplier, alternative = backend.comm, start.multiplier, start.alternative
     hierarchy = backend.hierarchy(warm=multiplier is not None)
-    update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge)
+    ahead = options.looks_ahead
+    update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge, ahead)
     seen, counts = set[int](), Counts()
     reduction = options.first_reduction if hierarchy.finest else options.coarse_reduction
     statuses = law.initial(start.active & hierarchy.allowed, start.multiplier)
@@ -221,7 +251,7 @@ def active_set_loop(
         fingerprint = statuses.fingerprint(comm)
         if fingerprint in seen:  # decided too early, or the sets do not settle
             reduction *= options.deeper
-            update = replace(update, release_at_edge=False)
+            update = replace(update, release_at_edge=False, looks_ahead=False)
             seen.clear()
         seen.add(fingerprint)
         if options.patience and number and number % options.patience == 0:
@@ -231,7 +261,7 @@ def active_set_loop(
         except ArithmeticError:  # a body is held by rows that have left the set
             break
         left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
-        watch = replace(saver, before=counts).watch(on_set) if saver else None
+        watch = replace(saver, before=saver.before + counts).watch(on_set) if saver else None
         try:
             tells = on_active_set(
                 monitor, number + 1, comm.allreduce(int(statuses.active.sum())), counts.inner
@@ -253,13 +283,12 @@ def active_set_loop(
             fewer = following.active & (alternative() | ~backend.contact_rows)
             following = law.consistent(replace(following, active=fewer))
             alternative = None
-        if update.release_at_edge:
-            again |= released & following.active
-            released |= found.released if found.released is not None else False
-            if _share(comm, again, released) > options.rejoining:
-                update = replace(update, release_at_edge=False)
+        again |= released & following.active
+        released |= found.released if found.released is not None else False
+        update = update.without_failed(again, released)
         multiplier, statuses = found.state.multiplier, following
-    return replace(found, counts=counts)
+    guessed = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
+    return replace(found, counts=counts), guessed
 
 
 def solve_on_set(
@@ -295,7 +324,7 @@ def solve_on_set(
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, on_set.counts)
         changes = _changes(comm, on_set.statuses, following)
-        asks = test.may_end_early or not changes or update.nearly(following, on_set, state)
+        asks = test.may_end_early or not changes or not update.law.settles
         lack = test.required_reduction(state) if asks else math.inf
         at_end = not changes and on_set.at_round_off
         if lack <= 1.0 or at_end:
@@ -329,6 +358,7 @@ class ActiveSetUpdate(Generic[S]):
     law: ContactLaw
     options: ActiveSetOptions
     release_at_edge: bool = True
+    looks_ahead: bool = True
 
     @classmethod
     def simple(cls, backend: Backend[S]) -> ActiveSetUpdate[S]:
@@ -354,17 +384,22 @@ class ActiveSetUpdate(Generic[S]):
             if not backend.comm.allreduce(int(active.sum())):
                 joins &= self._first_to_close(state, joins)
             normals = backend.contact_rows & np.where(active, stays, joins)
-            following = self.law.following(normals, found, before)
+            following, early = self.law.following(normals, found, before, self.looks_ahead)
             if self.hierarchy.finest or _changes(backend.comm, before, following):
                 break
             self.hierarchy.refine()
-        return following, released
+        return following, released | early
 
-    def nearly(self, following: Statuses, on_set: SetSolve[S], state: S) -> bool:
-        """Whether the next statuses differ so little that an answer may do (collective)."""
-        active = on_set.statuses.active
-        strongest = _largest(self.backend.comm, state.multiplier[active])
-        return self.law.nearly(following, on_set.statuses, strongest)
+    def without_failed(self, again: Mask, released: Mask) -> ActiveSetUpdate[S]:
+        """Without the rules whose released rows were active again too often (collective)."""
+        rows, comm, most = self.backend.contact_rows, self.backend.comm, self.options.rejoining
+        edge = _share(comm, again & rows, released & rows) <= most
+        ahead = _share(comm, again & ~rows, released & ~rows) <= self.options.returning
+        return replace(
+            self,
+            release_at_edge=self.release_at_edge and edge,
+            looks_ahead=self.looks_ahead and ahead,
+        )
 
     def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
         """Penetrated rows that a growing load closes first; others may then stay open."""

@@ -262,7 +262,7 @@ def certificate_of(
         "complementarity": idle / (load * lengths),
         "equilibrium": state.imbalance / load,
         "duality_gap": _relative_gaps(problem, measures),
-        **_friction(answer, load, lengths),
+        **friction_numbers(problem, answer.multiplier, residual, load, lengths),
     }
     frictional = problem.friction is not None
     certificate = replace(_certificate(found, rounded / load), frictional=frictional)
@@ -278,11 +278,22 @@ def _friction_work(answer: MeasuredAnswer) -> float:
     return float(points.slip_limits(answer.multiplier) @ slips)
 
 
-def _friction(
-    answer: MeasuredAnswer, load: NDArray[np.float64], lengths: NDArray[np.float64]
+def friction_numbers(
+    problem: MeasuredProblem,
+    multiplier: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    load: NDArray[np.float64],
+    lengths: NDArray[np.float64],
 ) -> dict[str, NDArray[np.float64]]:
-    """The numbers of friction of each body, (bodies,) (collective)."""
-    problem, multiplier = answer.problem, answer.multiplier
+    """The numbers of friction of each body, (bodies,) (collective).
+
+    Parameters
+    ----------
+    multiplier, residual : (dual,)
+        λ and B u - c.
+    load, lengths : (bodies,)
+        What forces and lengths are relative to.
+    """
     points, bodies = problem.friction, problem.bodies
     if points is None:
         return {name: np.zeros(bodies.count) for name in ("friction_cone", "slip_alignment")}
@@ -295,7 +306,7 @@ def _friction(
         result[rows] = values
         return result
 
-    forces, slips = points.forces(multiplier), points.slips(answer.residual)
+    forces, slips = points.forces(multiplier), points.slips(residual)
     size, limit, slip = points.sizes(forces), points.slip_limits(multiplier), points.sizes(slips)
     beyond = at_rows(np.maximum(size - limit, 0.0)) / bodies.of_rows(load)
     askew = points.sizes(limit[points.point] * slips - slip[points.point] * forces)

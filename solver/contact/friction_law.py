@@ -19,8 +19,8 @@ It comes to rest where w = 0, or its force grows until it slides.
 Contact and its release are those of Signorini's law. The rules are the semismooth Newton method for
 Tresca friction (G. Stadler, *Path-following and augmented Lagrangian methods for contact problems
 in linear elasticity*, 2007, in the plane), with a fixed point over slip limits. Tractions that
-change by less than what the error of the state leaves open stay as they are; where they change by
-little beside the tolerance, the certificate of the answer is tried before the next set.
+change by less than what the error of the state leaves open stay as they are. Points behind the
+front that the force beyond its limits would overload slide at once (`solver.contact.slip_front`).
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from solver.backend import Statuses, Turn
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
 from solver.contact.law import Found, Frictionless
+from solver.contact.slip_front import SlipFront
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -52,15 +53,11 @@ class FrictionOptions:
     turn
         ρ: largest slip limit over largest slip, times this. Larger ones overshoot where slips are
         no larger than what the tractions themselves cause.
-    precision
-        Changes of tractions, over the largest multiplier and the tolerance asked for, at which an
-        answer is tried as it is: the certificate is judged by the slip limits of the answer itself.
     round_off
         Changes of tractions that count as zero, over the largest multiplier.
     """
 
     turn: float = 1.5
-    precision: float = 0.1
     round_off: float = 1e-13
 
 
@@ -74,18 +71,19 @@ class Friction(Frictionless):
         Contact points with friction of this rank.
     comm
         Of all ranks.
-    tolerance
-        Relative accuracy asked for.
     give : (k,)
         Compliance of each tangential row where its node is closed in another contact; None on all
         ranks where no node is in several.
+    front
+        Tells which points let go ahead of the set that would show it; None for none.
     """
 
     name: str = "friction"
+    settles: bool = False
     points: FrictionPoints
     comm: MPI.Intracomm
-    tolerance: float = 1e-6
     give: Array | None = None
+    front: SlipFront | None = None
     options: FrictionOptions = FrictionOptions()
 
     def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
@@ -110,7 +108,9 @@ class Friction(Frictionless):
         forces = np.where(touching[points.point], self._prescribed(statuses), 0.0)
         return self._statuses(normals, sticks, forces, np.zeros(len(points.first)))
 
-    def following(self, normals: Mask, found: Found, before: Statuses) -> Statuses:
+    def following(
+        self, normals: Mask, found: Found, before: Statuses, ahead: bool
+    ) -> tuple[Statuses, Mask]:
         """Which points stick from now on, and the tractions of those that slide (collective)."""
         points, multiplier = self.points, found.multiplier
         stuck = before.active[points.rows[points.first]]
@@ -122,12 +122,16 @@ class Friction(Frictionless):
         spread = points.spread[points.first]
         slack = found.force * spread
 
-        direction = np.divide(forces, size[points.point], out=np.zeros(len(forces)),
-                              where=size[points.point] > 0.0)  # fmt: skip
+        direction = self._units(forces)
         relative = found.distance[points.rows]
         back = points.dots(relative, direction)
         still = np.where(size > 0.0, back < -found.away, points.sizes(relative) <= found.away)
         sticks = (limit > 0.0) & np.where(stuck, size <= limit + slack, still)
+        early = np.zeros(len(sticks), bool)
+        if ahead and self.front is not None:
+            early, shed = self.front.sliding(forces, limit + slack, stuck & (limit > 0.0))
+            direction = np.where(early[points.point], self._units(shed), direction)
+            sticks &= ~early
         wanted = direction * limit[points.point]
         turning = np.where(stuck, 0.0, self._rho(limit, length, stuck))
         wanted = self._cut(wanted + turning[points.point] * slips, limit)
@@ -137,17 +141,14 @@ class Friction(Frictionless):
         kept = (stuck == sticks) & (points.sizes(wanted - given) <= np.maximum(slack, least))
         give = np.divide(length, limit, out=np.zeros(len(limit)), where=(limit > 0.0) & ~stuck)
         after = self._statuses(normals, sticks, wanted, give)
-        return self._keeping(after, before, kept)
+        guessed = np.zeros(len(normals), bool)
+        guessed[points.rows[points.first]] = early
+        return self._keeping(after, before, kept), guessed
 
-    def nearly(self, after: Statuses, before: Statuses, strongest: float) -> bool:
-        """Whether all points have their statuses, and tractions that hardly change (collective)."""
-        points = self.points
-        forces, given = self._prescribed(after), self._prescribed(before)
-        spread = points.spread[points.first]
-        least = self.options.precision * self.tolerance * strongest * spread
-        moved = bool((points.sizes(forces - given) > least).any())
-        changed = moved or bool((after.active != before.active).any())
-        return not self.comm.allreduce(int(changed))
+    def _units(self, forces: Array) -> Array:
+        """Directions of forces (k,), zero of none."""
+        size = self.points.sizes(forces)[self.points.point]
+        return np.divide(forces, size, out=np.zeros(len(forces)), where=size > 0.0)
 
     def _cut(self, forces: Array, limit: Array) -> Array:
         """Forces (k,) with the directions of some and the sizes of their limits (points,)."""

@@ -37,6 +37,10 @@ class FrictionPoints:
         Force over multiplier, and slip over residual by its inverse.
     shared, beside : (pairs,), (pairs,)
         Points whose node has other contact rows, and the rows of B of these.
+    places, sources : (points, 3), (points,)
+        Where each point is, and the number of its contact.
+    tangents : (k, dimension)
+        Direction of each tangential row.
     """
 
     rows: NDArray[np.int64]
@@ -49,6 +53,9 @@ class FrictionPoints:
     normal_spread: Array
     shared: NDArray[np.int64]
     beside: NDArray[np.int64]
+    places: Array
+    sources: NDArray[np.int64]
+    tangents: Array
 
     @property
     def planar(self) -> NDArray[np.int64]:

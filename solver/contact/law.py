@@ -53,6 +53,13 @@ class ContactLaw(Protocol):
     def name(self) -> str:
         """For messages."""
 
+    @property
+    def settles(self) -> bool:
+        """Whether sets come to one that is the answer's.
+
+        Where prescribed forces follow the answer, they only come close to it.
+        """
+
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Active rows whose multiplier the law admits, to a tolerance."""
 
@@ -65,22 +72,21 @@ class ContactLaw(Protocol):
     def consistent(self, statuses: Statuses) -> Statuses:
         """The statuses after normal rows were taken out of the active set (collective)."""
 
-    def following(self, normals: Mask, found: Found, before: Statuses) -> Statuses:
+    def following(
+        self, normals: Mask, found: Found, before: Statuses, ahead: bool
+    ) -> tuple[Statuses, Mask]:
         """Statuses with the normal rows that are active from now on (collective).
 
         Parameters
         ----------
         before
             Of the set that the state solves.
-        """
+        ahead
+            Whether points may let go of which the state alone does not tell it.
 
-    def nearly(self, after: Statuses, before: Statuses, strongest: float) -> bool:
-        """Whether statuses differ so little that an answer may do as it is (collective).
-
-        Parameters
-        ----------
-        strongest
-            The largest multiplier of an active row.
+        Returns
+        -------
+        The statuses, and which tangential rows (rows,) belong to such points.
         """
 
 
@@ -89,6 +95,7 @@ class Frictionless:
     """Signorini's conditions: λ ≥ 0, B u ≤ c, λ (B u - c) = 0 in each contact row."""
 
     name: str = "frictionless"
+    settles: bool = True
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Rows without a tensile multiplier."""
@@ -106,10 +113,8 @@ class Frictionless:
         """The same."""
         return statuses
 
-    def following(self, normals: Mask, found: Found, before: Statuses) -> Statuses:
+    def following(
+        self, normals: Mask, found: Found, before: Statuses, ahead: bool
+    ) -> tuple[Statuses, Mask]:
         """The active rows; the others carry no force."""
-        return Statuses(normals)
-
-    def nearly(self, after: Statuses, before: Statuses, strongest: float) -> bool:
-        """Never: a row that changes its status changes the answer."""
-        return False
+        return Statuses(normals), np.zeros_like(normals)

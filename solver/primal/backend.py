@@ -71,6 +71,8 @@ class PrimalState:
     multiplier, jumps, sizes : (dual,)
         λ; B u - c; what each row's jump is relative to. Zero, zero and one but in contact,
         tangential and tied rows.
+    lengths : (bodies,)
+        What lengths are relative to.
     u : (unknowns,)
     active : (dual,)
         Contact and tangential rows that hold with equality.
@@ -87,6 +89,7 @@ class PrimalState:
     multiplier: Array
     jumps: Array
     sizes: Array
+    lengths: Array
     u: Array
     active: NDArray[np.bool_]
     strained: float
@@ -394,6 +397,7 @@ class PrimalSet:
             found if turn is None else turn.back(found),
             apart if turn is None else turn.back(apart),
             problem.spread * problem.bodies.of_rows(lengths),
+            lengths,
             u,
             self.statuses.holding,
             backend.strained(u, unheld),

@@ -17,8 +17,8 @@ from solver.primal.factor import FactorOptions
 from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
-from solver.tfeti.certify import certify
-from solver.tfeti.methods.by_active_sets import contact_law, options_of
+from solver.tfeti.certify import certify, friction_residual
+from solver.tfeti.methods.by_active_sets import SURE, contact_law, options_of
 from solver.tfeti.methods.task import Task
 
 METHOD = "primal"
@@ -92,7 +92,7 @@ def _solve(
         task.monitor,
         StateSaver(lambda: saver.due, save),
         options_of(problem, options),
-        contact_law(problem, task.rule.tolerance),
+        contact_law(problem),
     )
     return _answer(test, found, before)
 
@@ -165,6 +165,9 @@ class _CertificateTest:
         )
         load = np.maximum(self._load, problem.comm.allreduce(pressed))
         worst = max(state.worst(problem), state.imbalance / (float(load.max()) or 1.0))
+        if problem.friction is not None:
+            left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
+            worst = max(worst, left / SURE)
         required = rule.required_reduction(worst, state.strained, gap)
         relative = state.error_square / state.strained if state.strained > 0.0 else 0.0
         required = max(required, float(np.sqrt(relative / rule.tolerance)))

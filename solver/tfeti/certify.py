@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.certificate import Certificate, Measures, certificate_of
+from solver.contact.bodies import sizes as at_least
+from solver.contact.certificate import Certificate, Measures, certificate_of, friction_numbers
 from solver.contact.sizes import Equilibrium
 from solver.tfeti import sizes
 from solver.tfeti.dual import DualProblem
@@ -87,3 +88,27 @@ def certify(
     """
     answer = DualAnswer(problem, multiplier, displacements)
     return certificate_of(answer, tolerance, relaxations, unsolved)
+
+
+def friction_residual(
+    problem: DualProblem, multiplier: Array, jumps: Array, lengths: Array
+) -> float:
+    """The larger of the certificate's numbers of friction, of a state (collective).
+
+    The load of each body lacks reactions at eliminated unknowns, which makes it no smaller.
+
+    Parameters
+    ----------
+    multiplier, jumps : (dual,)
+        λ and B u - c.
+    lengths : (bodies,)
+        What lengths are relative to.
+    """
+    bodies = problem.bodies
+    if problem.friction is None:
+        return 0.0
+    force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
+    forces = sizes.forces_on_bodies(problem, multiplier, force, np.zeros(bodies.count))
+    load = at_least(bodies, forces.max(axis=0))
+    numbers = friction_numbers(problem, multiplier, jumps, load, lengths)
+    return float(max(values.max() for values in numbers.values()))

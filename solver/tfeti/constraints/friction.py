@@ -87,4 +87,6 @@ def friction_points(
         limits=friction.limits[first], spread=friction.rows.spread,
         normal_spread=contact.spread[normal],
         shared=shared[other], beside=normals[beside[other]],
+        places=friction.rows.points[first], sources=friction.rows.sources[first],
+        tangents=-friction.rows.normals,
     )  # fmt: skip
