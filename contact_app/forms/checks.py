@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, get_args
 
 import numpy as np
 import ufl
@@ -16,6 +17,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.forms.contacts import Contact, SignedDistance, values_of
 from contact_app.scene.obstacles import Cylinder, Plane, Sphere
 from meshes import dolfinx_compat
+from solver.contact.options import Method
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
@@ -100,6 +102,37 @@ def _check_space(space: Any) -> None:
         raise ValueError(f"the space has {components} components in {d}D; displacements have {d}")
     if degree not in DEGREES:
         raise ValueError(f"the space is of degree {degree}; contact needs degree 1 or 2")
+
+
+def check_lists(bcs: Any, contacts: Any) -> None:
+    """Check that conditions and contacts are lists, also of one.
+
+    Raises
+    ------
+    TypeError
+    """
+    for name, given in (("bcs", bcs), ("contacts", contacts)):
+        if not isinstance(given, Sequence) or isinstance(given, str):
+            raise TypeError(
+                f"{name} must be a list, not {type(given).__name__}; of one: {name}=[…]"
+            )  # fmt: skip
+
+
+def check_options(method: Any, tolerance: Any, max_iterations: Any) -> None:
+    """Check what the solver is told.
+
+    Raises
+    ------
+    TypeError, ValueError
+    """
+    if method not in get_args(Method):
+        raise ValueError(f"method is {method!r}; allowed: {', '.join(get_args(Method))}")
+    if not isinstance(tolerance, Real):
+        raise TypeError(f"tolerance must be a number, not {tolerance!r}")
+    if not 0.0 < float(tolerance) < 1.0:
+        raise ValueError(f"tolerance must lie between 0 and 1, not {tolerance!r}")
+    if not isinstance(max_iterations, Integral) or max_iterations < 1:
+        raise ValueError(f"max_iterations must be a whole number from 1 on, not {max_iterations!r}")
 
 
 def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:

@@ -170,7 +170,10 @@ class Contact:
         if callable(obstacle):
             obstacle = SignedDistance(obstacle)
         if isinstance(obstacle, SignedDistance):
-            gap, normal = obstacle.gap_and_normal(points, d, STEP * size)
+            try:
+                gap, normal = obstacle.gap_and_normal(points, d, STEP * size)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"contact of {self.on}: {error}") from error
         else:
             assert obstacle is not None
             gap, normal = in_space(obstacle).gap_and_normal(points)

@@ -12,7 +12,12 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from contact_app.errors import CouldNotRunError
-from contact_app.forms.checks import check_contacts, check_forms
+from contact_app.forms.checks import (
+    check_contacts,
+    check_forms,
+    check_lists,
+    check_options,
+)
 from contact_app.forms.contacts import Contact
 from contact_app.forms.grid import Grid, grid_of
 from contact_app.forms.model import (
@@ -102,11 +107,11 @@ class ContactProblem:
         max_iterations: int = 10_000,
         u: Any = None,
     ) -> None:
+        check_lists(bcs, contacts)
         self.a, self.L, self.bcs, self.contacts = a, L, list(bcs), list(contacts)
         self._space = check_forms(a, L, self.bcs)
         check_contacts(self.contacts, self._space.mesh)
-        if not 0.0 < tolerance < 1.0:
-            raise ValueError(f"tolerance must lie between 0 and 1, not {tolerance!r}")
+        check_options(method, tolerance, max_iterations)
         self.options = SolverOptions(
             method=method, tolerance=float(tolerance), max_iterations=max_iterations
         )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.errors import ConfigurationError
 from contact_app.model.outline import Outline
 from contact_app.results.mirror import Image, whole
 from contact_app.results.output import Fields, write_fields
@@ -187,6 +188,10 @@ def solve(
     CouldNotRunError
         The program could not run; the message says what to do.
     """
+    if not isinstance(scene, str | Path | Mapping):
+        raise ConfigurationError(
+            f"a scene is the path of a YAML file or a mapping of its keys, not {scene!r:.80}"
+        )
     given = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
     built = build_scene(given)
     if built.symmetry:

@@ -215,3 +215,32 @@ def test_an_answer_that_is_not_certified_is_said() -> None:
     with pytest.warns(RuntimeWarning, match="not certified"):
         problem.solve()
     assert not problem.converged
+
+
+WRONG_OPTIONS: dict[str, tuple[dict[str, Any], type, str]] = {
+    "method": ({"method": "cg"}, ValueError, "method is 'cg'; allowed: auto, active-set, smalbe"),
+    "text": ({"tolerance": "1e-8"}, TypeError, "tolerance must be a number, not '1e-8'"),
+    "iterations": ({"max_iterations": 0}, ValueError, "whole number from 1 on, not 0"),
+}
+
+
+@pytest.mark.parametrize("name", list(WRONG_OPTIONS))
+def test_options_are_checked(name: str, body: Square, tags: Any) -> None:
+    options, kind, text = WRONG_OPTIONS[name]
+    with pytest.raises(kind, match=text):
+        ContactProblem(body.a, body.L, [], [Contact(tags, 1, FLOOR)], **options)
+
+
+def test_a_single_contact_or_condition_is_no_list(body: Square, tags: Any) -> None:
+    floor, held = Contact(tags, 1, FLOOR), problems.held(body.space, problems.left)
+    with pytest.raises(TypeError, match="contacts must be a list, not Contact; of one: contacts="):
+        ContactProblem(body.a, body.L, [held], floor)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="bcs must be a list, not DirichletBC; of one: bcs="):
+        ContactProblem(body.a, body.L, held, [floor])  # type: ignore[arg-type]
+
+
+def test_the_message_of_a_function_names_its_contact(body: Square, tags: Any) -> None:
+    contact = Contact(tags, 1, lambda x: x, name="foot")
+    problem = ContactProblem(body.a, body.L, [problems.held(body.space, problems.left)], [contact])
+    with pytest.raises(ConfigurationError, match="contact of foot: the distance of a Signed"):
+        problem.solve()

@@ -106,3 +106,9 @@ def test_the_example_of_the_guide_is_right() -> None:
     for line, theory, off in ((pressure, 5.266, 0.1), (radius, 0.3011, 0.05)):
         assert float(line.split()[2]) == pytest.approx(theory, rel=off)
     assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) <= 45
+
+
+@pytest.mark.parametrize("wrong", [5, ["configs/cube.yaml"], None])
+def test_a_scene_is_a_path_or_a_mapping(wrong: object) -> None:
+    with pytest.raises(ConfigurationError, match="a scene is the path of a YAML file or a mapping"):
+        contact_app.solve(wrong)  # type: ignore[arg-type]
