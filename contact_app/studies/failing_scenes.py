@@ -20,6 +20,7 @@ import numpy as np
 from meshes import BoxShape
 
 Config = dict[str, Any]
+Point = list[float]
 
 REFUSED = "refused"
 HOLDS = "holds"
@@ -31,18 +32,13 @@ class Case:
 
     Attributes
     ----------
-    failure : str
-        What goes wrong without care.
-    guard : str
-        What is done about it.
+    failure, guard : str
+        What goes wrong without care, and what is done about it.
     make : callable
         The scene as a configuration, without decomposition.
-    subdomains : list of int or int
-        Into what the decomposed run cuts it.
-    expected : "holds" or "refused"
-        What must happen.
-    energy : float, optional
-        The exact energy.
+    subdomains : list of int or int, of the decomposed run
+    expected : "holds" or "refused"; what must happen
+    energy : float, optional; exact
     scale : float, optional
         What the energy is compared with where it is zero.
     mild : callable, optional
@@ -60,18 +56,21 @@ class Case:
     mild: Callable[[], Config] | None = None
 
 
-def _body(name: str, lower: list[float], upper: list[float], cells: list[int], **more: Any) -> Any:
+def box_body(name: str, lower: Point, upper: Point, cells: list[int], **more: Any) -> Config:
+    """A box of equal cells."""
     cell = more.pop("cell", "quadrilateral" if len(cells) == 2 else "hexahedron")
     material = {"young": more.pop("young", 1000.0), "poisson": more.pop("poisson", 0.3)}
     box = {"lower": lower, "upper": upper, "cells": cells, "cell": cell}
     return {"name": name, "mesh": {"box": box}, "material": material, **more}
 
 
-def _plane(on: str, point: list[float], normal: list[float]) -> Config:
+def plane_contact(on: str, point: list[float], normal: list[float]) -> Config:
+    """A boundary beside a plane."""
     return {"on": on, "obstacle": {"plane": {"point": point, "normal": normal}}}
 
 
-def _scene(bodies: list[Any], conditions: list[Config], contacts: list[Config]) -> Config:
+def scene_of(bodies: list[Any], conditions: list[Config], contacts: list[Config]) -> Config:
+    """The whole configuration but for its decomposition."""
     return {
         "title": "",
         "dimension": len(bodies[0]["mesh"]["box"]["cells"]),
@@ -84,84 +83,84 @@ def _scene(bodies: list[Any], conditions: list[Config], contacts: list[Config]) 
 
 def wall(n: int = 16, **more: Any) -> Config:
     """The paper's problem in the plane: foot clamped, top pressed, a wall at the right."""
-    return _scene(
-        [_body("block", [0.0, 0.0], [1.0, 1.0], [n, n], **more)],
+    return scene_of(
+        [box_body("block", [0.0, 0.0], [1.0, 1.0], [n, n], **more)],
         [
             {"on": "block.y-", "displacement": [0.0, 0.0]},
             {"on": "block.y+", "traction": [0.0, -50.0]},
         ],
-        [_plane("block.x+", [1.0, 0.0], [-1.0, 0.0])],
+        [plane_contact("block.x+", [1.0, 0.0], [-1.0, 0.0])],
     )
 
 
 def grazing() -> Config:
     """The top moves down by exactly the gap below the foot."""
     gap = 0.015625
-    return _scene(
-        [_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8], poisson=0.0)],
+    return scene_of(
+        [box_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8], poisson=0.0)],
         [{"on": "block.y+", "displacement": [0.0, -gap]}],
-        [_plane("block.y-", [0.0, -gap], [0.0, 1.0])],
+        [plane_contact("block.y-", [0.0, -gap], [0.0, 1.0])],
     )
 
 
 def weakly_active() -> Config:
     """A bar with EA = L = F = 1 that just reaches its wall: rows touch without force."""
-    return _scene(
-        [_body("bar", [0.0, 0.0], [1.0, 1.0], [16, 16], young=1.0, poisson=0.0)],
+    return scene_of(
+        [box_body("bar", [0.0, 0.0], [1.0, 1.0], [16, 16], young=1.0, poisson=0.0)],
         [
             {"on": "bar.x-", "displacement": [0.0, 0.0]},
             {"on": "bar.x+", "traction": [1.0, 0.0]},
         ],
-        [_plane("bar.x+", [2.0, 0.0], [-1.0, 0.0])],
+        [plane_contact("bar.x+", [2.0, 0.0], [-1.0, 0.0])],
     )
 
 
 def quadratic_patch(degree: int = 2) -> Config:
     """A block on a floor under uniform pressure."""
-    return _scene(
-        [_body("block", [0.0, 0.0], [1.0, 1.0], [4, 4], degree=degree)],
+    return scene_of(
+        [box_body("block", [0.0, 0.0], [1.0, 1.0], [4, 4], degree=degree)],
         [
             {"on": "block.x-", "displacement": [0.0, None]},
             {"on": "block.y+", "pressure": 10.0},
         ],
-        [_plane("block.y-", [0.0, 0.0], [0.0, 1.0])],
+        [plane_contact("block.y-", [0.0, 0.0], [0.0, 1.0])],
     )
 
 
 def eccentric(reach: float) -> Config:
     """A free block on a support over 0 ≤ x ≤ reach; the load acts at x = 0.75."""
-    body = _body(
+    body = box_body(
         "block", [0.0, 0.0], [1.0, 1.0], [50, 8],
         boundaries={
             "support": {"where": f"y < 1e-9 and x < {reach} + 1e-9"},
             "right": {"where": "y > 1 - 1e-9 and x > 0.5 - 1e-9"},
         },
     )  # fmt: skip
-    return _scene(
+    return scene_of(
         [body],
         [{"on": "block.right", "traction": [0.0, -50.0]}],
-        [_plane("block.support", [0.0, 0.0], [0.0, 1.0])],
+        [plane_contact("block.support", [0.0, 0.0], [0.0, 1.0])],
     )
 
 
 def floating(load: list[float]) -> Config:
     """A free block on a frictionless floor."""
-    return _scene(
-        [_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8])],
+    return scene_of(
+        [box_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8])],
         [{"on": "block.y+", "traction": load}],
-        [_plane("block.y-", [0.0, 0.0], [0.0, 1.0])],
+        [plane_contact("block.y-", [0.0, 0.0], [0.0, 1.0])],
     )
 
 
 def held_and_touching() -> Config:
     """Nodes held in one component and in contact in the other, on an oblique plane."""
-    return _scene(
-        [_body("block", [0.0, 0.0], [1.0, 1.0], [12, 12])],
+    return scene_of(
+        [box_body("block", [0.0, 0.0], [1.0, 1.0], [12, 12])],
         [
             {"on": "block.x-", "displacement": [0.0, None]},
             {"on": "block.y+", "pressure": 40.0},
         ],
-        [_plane("block.y-", [0.0, 0.0], [0.3, 1.0])],
+        [plane_contact("block.y-", [0.0, 0.0], [0.3, 1.0])],
     )
 
 
@@ -173,8 +172,8 @@ def two_planes() -> Config:
         {"on": "block.y+", "traction": [30.0, -80.0]},
     ]
     made["contacts"] = [
-        _plane("block.y-", [0.0, -0.002], [0.0, 1.0]),
-        _plane("block.x+", [1.004, 0.0], [-1.0, 0.0]),
+        plane_contact("block.y-", [0.0, -0.002], [0.0, 1.0]),
+        plane_contact("block.x+", [1.004, 0.0], [-1.0, 0.0]),
     ]
     return made
 
@@ -184,7 +183,7 @@ def same_plane_thrice() -> Config:
     made = wall()
     made["contacts"] += [
         copy.deepcopy(made["contacts"][0]),
-        _plane("block.x+", [1.0, 0.0], [-1.0, 0.001]),
+        plane_contact("block.x+", [1.0, 0.0], [-1.0, 0.001]),
     ]
     return made
 
@@ -192,7 +191,7 @@ def same_plane_thrice() -> Config:
 def held_inside() -> Config:
     """A held face that is moved into an obstacle."""
     made = grazing()
-    made["contacts"] = [_plane("block.y+", [0.0, 0.99], [0.0, 1.0])]
+    made["contacts"] = [plane_contact("block.y+", [0.0, 0.99], [0.0, 1.0])]
     return made
 
 
@@ -205,8 +204,8 @@ def squeezed() -> Config:
         {"on": "block.y+", "traction": [5.0, -5.0]},
     ]
     made["contacts"] = [
-        _plane("block.middle", [0.505, 0.0], [1.0, 0.5]),
-        _plane("block.middle", [0.495, 0.0], [-1.0, 0.5]),
+        plane_contact("block.middle", [0.505, 0.0], [1.0, 0.5]),
+        plane_contact("block.middle", [0.495, 0.0], [-1.0, 0.5]),
     ]
     return made
 
@@ -214,13 +213,13 @@ def squeezed() -> Config:
 def slender(ratio: float, cells: list[int]) -> Config:
     """A cantilever that bends down onto a plane some way below it."""
     length, height = 1.0, 1.0 / ratio
-    return _scene(
-        [_body("beam", [0.0, 0.0], [length, height], cells)],
+    return scene_of(
+        [box_body("beam", [0.0, 0.0], [length, height], cells)],
         [
             {"on": "beam.x-", "displacement": [0.0, 0.0]},
             {"on": "beam.y+", "pressure": 2000.0 / ratio**3},
         ],
-        [_plane("beam.y-", [0.0, -0.02], [0.0, 1.0])],
+        [plane_contact("beam.y-", [0.0, -0.02], [0.0, 1.0])],
     )
 
 
@@ -233,10 +232,10 @@ def slivers(cells: list[int]) -> Config:
 
 def contrast(ratio: float) -> Config:
     """A block pressed onto another one that is stiffer, with meshes that do not match."""
-    return _scene(
+    return scene_of(
         [
-            _body("lower", [0.0, 0.0], [1.0, 1.0], [6, 6], young=1000.0 * ratio),
-            _body("upper", [0.2, 1.0], [0.8, 1.5], [5, 5]),
+            box_body("lower", [0.0, 0.0], [1.0, 1.0], [6, 6], young=1000.0 * ratio),
+            box_body("upper", [0.2, 1.0], [0.8, 1.5], [5, 5]),
         ],
         [
             {"on": "lower.y-", "displacement": [0.0, 0.0]},
@@ -252,10 +251,10 @@ def weak_beside_strong(ratio: float) -> Config:
 
     Loads and gap of the cantilever are proportional to a ratio; those of the block are not.
     """
-    return _scene(
+    return scene_of(
         [
-            _body("strong", [0.0, 0.0], [1.0, 1.0], [8, 8]),
-            _body("weak", [3.0, 0.0], [7.0, 1.0], [24, 6]),
+            box_body("strong", [0.0, 0.0], [1.0, 1.0], [8, 8]),
+            box_body("weak", [3.0, 0.0], [7.0, 1.0], [24, 6]),
         ],
         [
             {"on": "strong.y-", "displacement": [0.0, 0.0]},
@@ -263,24 +262,24 @@ def weak_beside_strong(ratio: float) -> Config:
             {"on": "weak.x-", "displacement": [0.0, 0.0]},
             {"on": "weak.y+", "traction": [0.0, -10.0 * ratio]},
         ],
-        [_plane("weak.y-", [0.0, -0.1 * ratio], [0.0, 1.0])],
+        [plane_contact("weak.y-", [0.0, -0.1 * ratio], [0.0, 1.0])],
     )
 
 
 def between_walls(contrast: float) -> Config:
     """A block between frictionless walls, pressed onto a softer, broader one."""
-    return _scene(
+    return scene_of(
         [
-            _body("rubber", [-1.0, -1.0], [3.0, 0.0], [12, 4], young=1.0, poisson=0.4),
-            _body("steel", [0.0, 0.0], [2.0, 2.0], [10, 10], young=contrast),
+            box_body("rubber", [-1.0, -1.0], [3.0, 0.0], [12, 4], young=1.0, poisson=0.4),
+            box_body("steel", [0.0, 0.0], [2.0, 2.0], [10, 10], young=contrast),
         ],
         [
             {"on": "rubber.y-", "displacement": [0.0, 0.0]},
             {"on": "steel.y+", "traction": [0.0, -0.01]},
         ],
         [
-            _plane("steel.x-", [0.0, 0.0], [1.0, 0.0]),
-            _plane("steel.x+", [2.0, 0.0], [-1.0, 0.0]),
+            plane_contact("steel.x-", [0.0, 0.0], [1.0, 0.0]),
+            plane_contact("steel.x+", [2.0, 0.0], [-1.0, 0.0]),
             {"on": "steel.y-", "against": "rubber.y+"},
         ],
     )
@@ -349,7 +348,7 @@ def overlap() -> Config:
     """Nothing but an obstacle that starts inside the body."""
     made = wall(12)
     made["conditions"] = [{"on": "block.x-", "displacement": [0.0, 0.0]}]
-    made["contacts"] = [_plane("block.x+", [0.99, 0.0], [-1.0, 0.05])]
+    made["contacts"] = [plane_contact("block.x+", [0.99, 0.0], [-1.0, 0.05])]
     return made
 
 

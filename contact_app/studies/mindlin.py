@@ -9,6 +9,11 @@ Hertz's, nodes within c = a (1 - Q/(μ P))^(1/3) stick, and the tractions are al
 *Contact Mechanics*, 1985, section 7.2). P, Q, and a by a line through p² over r², are those of the
 answer. c is the radius of a circle of the area of the nodes that stick, each node having the area
 of the cells about it. Half of the block is modelled, symmetric about y = 0.
+
+The theory's pressure is normal to a plane. Normals of the ball lean by up to a/R, and friction
+carries what the pressure pushes aside by that: tractions of a/(μ R) of its limit, towards the
+middle, which no mesh removes. With R = 20 a they were 9 % in the root mean square of 11 % on six
+cells over a, odd in x; with R = 200 a all is 6 %, which falls with the cells.
 """
 
 from __future__ import annotations
@@ -21,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.run.increments import SolvedIncrement
+from contact_app.scene.obstacles import Sphere
 from contact_app.studies.hertz import Quantity, fitted
 from contact_app.studies.history_cases import growing
 
@@ -50,7 +56,10 @@ def mindlin(found: Sequence[SolvedIncrement]) -> list[Quantity]:
     side = np.sign(solved.summary["contacts"][0]["force"][0])
     traction = side * nodes.friction_traction[at, 0] / (coefficient * peak)
     rms = float(np.sqrt(np.mean((traction - exact) ** 2)))
-    radius, (material,) = 20.0, solved.model.scene.bodies[0].materials
+    (material,) = solved.model.scene.bodies[0].materials
+    obstacle = solved.model.scene.contacts[0].obstacle
+    assert isinstance(obstacle, Sphere)
+    radius = obstacle.radius
     modulus = material.young / (1.0 - material.poisson**2)
     return [
         Quantity("a", a, float((1.5 * force[2] * radius / modulus) ** (1.0 / 3.0))),

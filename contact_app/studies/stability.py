@@ -19,9 +19,8 @@ reference that shares no code with it.
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +30,10 @@ from scipy import sparse
 
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.machine.time_limit import OutOfTime, time_limit
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import Configuration
-from contact_app.scene.scene import Scene
+from contact_app.studies.failing_friction import FRICTION_CASES, FRICTION_METHODS, solve_rough
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case, Config
+from contact_app.studies.outcomes import OURS, WHOLE, Outcome, built, shortened
 from contact_app.studies.qp_solvers import RTOL, Problem, run_tao
 from solver import MPRGP, BoxQP
 from solver.errors import QPError
@@ -48,7 +46,6 @@ GROWTH = 3.0
 LIMIT = 30.0
 """Seconds a run may take."""
 
-OURS, WHOLE = "contact-app", "contact-app, whole"
 PEERS = {
     "SNES VI": "snes-vi-cholmod",
     "TAO bnls": "tao-bnls",
@@ -65,40 +62,6 @@ COLUMNS = (
     "energy",
     "penetration",
 )
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How one method did on one case.
-
-    Attributes
-    ----------
-    verdict : str
-        One of those above.
-    detail : str
-    applications : int
-        Hessian multiplications; of peers, multiplications with the stiffness or factors.
-    energy, penetration : float
-        The penetration relative to the largest displacement.
-    growth : float
-        Products over those of the milder twin; 0 without one.
-    strains : tuple of float
-        Twice the strain energy of each body; empty for peers, which take one body.
-    """
-
-    verdict: str
-    detail: str = ""
-    applications: int = 0
-    energy: float = float("nan")
-    penetration: float = float("nan")
-    growth: float = 0.0
-    strains: tuple[float, ...] = ()
-
-    def __str__(self) -> str:
-        work = f" ({self.applications})" if self.applications else ""
-        if self.growth:
-            work += f" ×{self.growth:.1f}"
-        return f"{self.verdict}{work}" + (f": {self.detail}" if self.detail else "")
 
 
 Solve = Callable[[str, Config, Any], Outcome]
@@ -172,18 +135,18 @@ def _attempt(solve: Solve, method: str, case: Case, made: Config) -> Outcome:
         return Outcome("fails", f"no end in {LIMIT:.0f} s")
     except (NoEquilibriumError, ConfigurationError) as error:
         kind = "cannot" if method in PEERS else REFUSED  # peers get what this application reads
-        return Outcome(kind, _short(str(error)))
+        return Outcome(kind, shortened(str(error)))
     except ContactError as error:
-        return Outcome("fails", _short(str(error)))
+        return Outcome("fails", shortened(str(error)))
     except (ValueError, RuntimeError) as error:  # a peer's: unsuitable, or an error of PETSc
         unsuitable = type(error).__name__ == "UnsuitableError"
         kind = "cannot" if unsuitable else "fails"
-        return Outcome(kind, _short(str(error).strip().splitlines()[-1]))
+        return Outcome(kind, shortened(str(error).strip().splitlines()[-1]))
 
 
 def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
     """What a method makes of a configuration; an empty verdict where it says it converged."""
-    scene = _build(made, subdomains)
+    scene = built(made, subdomains)
     if method in (OURS, WHOLE):
         from contact_app.run.solve import solve_scene
 
@@ -199,7 +162,7 @@ def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
             strains=tuple(float(s) for s in strains),
         )
         if not certificate["passed"]:
-            return replace(outcome, verdict="fails", detail=_short(solver["reason"]))
+            return replace(outcome, verdict="fails", detail=shortened(solver["reason"]))
         return outcome
     from contact_app.studies import peers
 
@@ -211,18 +174,6 @@ def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
     applications = row["applications"] if "tao" in PEERS[method] else row["steps"]
     outcome = Outcome("", "", applications, row["energy"], row["penetration"])
     return outcome if row["converged"] else replace(outcome, verdict="fails", detail="says so")
-
-
-def _build(made: Config, subdomains: Any) -> Scene:
-    decomposition = {"subdomains": subdomains}
-    return build_scene(Configuration.model_validate({**made, "decomposition": decomposition}))
-
-
-def _short(text: str, most: int = 240) -> str:
-    """The first sentence or so, without what only this study's scenes are called."""
-    text = " ".join(text.split()).removeprefix("scene: ").replace("|", "/")
-    text = re.sub(r"/\S*/(\S+\.vtu)", r"\1", text)
-    return text if len(text) <= most else text[: most - 1].rsplit(" ", 1)[0] + " …"
 
 
 # ------------------------------------------------------------------------- quadratic programmes
@@ -266,9 +217,9 @@ def _solve_qp(method: str, case: QPCase) -> Outcome:
     except OutOfTime:
         return Outcome("fails", f"no end in {LIMIT:.0f} s")
     except QPError as error:
-        return Outcome(REFUSED, _short(str(error)))
+        return Outcome(REFUSED, shortened(str(error)))
     except RuntimeError as error:  # PETSc's
-        return Outcome("fails", _short(str(error).strip().splitlines()[-1]))
+        return Outcome("fails", shortened(str(error).strip().splitlines()[-1]))
     note = "" if result.converged else result.reason.name.lower().replace("_", " ")
     applications = result.counts.hessian + result.counts.norm_estimation
     return _qp_verdict(case, applications, problem.residual(result.x), note)
@@ -313,6 +264,18 @@ decomposition at tolerance 1e-10, whose duality gap bounds its error. The tests
 `contact-app` is the run with the body cut into subdomains, *whole* the same without
 decomposition, which `auto` chooses for bodies of this size. SNES VI is `vinewtonrsls` with a
 CHOLMOD factor a step, TAO runs CG with Jacobi; all are asked for 1e-8.
+
+"""
+
+FRICTION = """
+## Scenes with friction
+
+Coulomb's law. `contact-app` is Total FETI with active sets in subdomains, *whole* the same without
+decomposition, *multigrid* active sets on the undecomposed body (`solver.method: primal`), SMALBE-M
+the proved method with MPRGP on discs of friction forces (`smalbe`), in subdomains. The number in
+parentheses is operator applications, for multigrid those of the stiffness. Energies are right to
+1e-6, of a load history their sum over all increments; twins are the same scenes without friction,
+with μ = 0.3, or at half the load.
 
 """
 
@@ -373,6 +336,7 @@ def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
     for case in CASES:
         scenes[case.name] = run_case(case)
         tell(_line(case.name, scenes[case.name]))
+    rough = friction_table(tell)
     programmes: Table = {}
     for qp_case in QP_CASES:
         programmes[qp_case.name] = run_qp_case(qp_case)
@@ -381,15 +345,31 @@ def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
     with table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for name, outcomes in (*scenes.items(), *programmes.items()):
+        for name, outcomes in (*scenes.items(), *rough.items(), *programmes.items()):
             for method, o in outcomes.items():
                 numbers = (o.applications, o.growth, o.energy, o.penetration)
                 writer.writerow((name, method, o.verdict, o.detail, *numbers))
-    page.write_text(document(scenes, programmes), encoding="utf-8")
+    page.write_text(document(scenes, rough, programmes), encoding="utf-8")
     return [table, page]
 
 
-def document(scenes: Table, programmes: Table) -> str:
+def friction_table(tell: Callable[[str], None] = print) -> Table:
+    """All methods on all scenes with friction."""
+    found: Table = {}
+    for case in FRICTION_CASES:
+        found[case.name] = run_case(case, tuple(FRICTION_METHODS), solve_rough)
+        tell(_line(case.name, found[case.name]))
+    return found
+
+
+def friction_section(found: Table) -> str:
+    """Of the page."""
+    guards = [(c.name, c.failure, c.guard) for c in FRICTION_CASES if c.name in found]
+    table = _markdown(("scene", *FRICTION_METHODS), found)
+    return "".join((FRICTION, table, "\n", _guards(guards, found)))
+
+
+def document(scenes: Table, rough: Table, programmes: Table) -> str:
     """``docs/benchmarks/stability.md``."""
     guards = [(c.name, c.failure, c.guard) for c in (*CASES, *QP_CASES)]
     return "".join(
@@ -398,6 +378,7 @@ def document(scenes: Table, programmes: Table) -> str:
             _markdown(("scene", *METHODS), scenes),
             "\n",
             _guards([g for g in guards if g[0] in scenes], scenes),
+            friction_section(rough),
             MIDDLE,
             _markdown(("problem", *QP_METHODS), programmes),
             "\n",

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from contact_app.studies import failing_scenes
+from contact_app.studies.failing_friction import FRICTION_CASES, solve_rough
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case
 from contact_app.studies.stability import (
@@ -18,7 +19,7 @@ from contact_app.studies.stability import (
     run_case,
     run_qp_case,
 )
-from tests import reference, scenes
+from tests import friction_reference, reference, scenes
 from tests.stability import groups
 
 SLOW = ("slender body 1:100", "load at the edge of the support")
@@ -68,6 +69,21 @@ def test_each_of_several_bodies_is_right(case: Case) -> None:
 @pytest.mark.parametrize("case", cases(slow=True), ids=lambda case: case.name)
 def test_ours_holds_or_refuses_with_more_work(case: Case) -> None:
     check(case)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", FRICTION_CASES, ids=lambda case: case.name)
+def test_ours_holds_or_refuses_with_friction(case: Case) -> None:
+    """And where the body is held, with the energy of sweeps over contact points."""
+    for method, outcome in run_case(case, (OURS, WHOLE, "multigrid"), solve_rough).items():
+        allowed = {HOLDS, "degrades"} if case.expected == HOLDS else {REFUSED}
+        assert outcome.verdict in allowed, f"{method}: {outcome}"
+    made = case.make()
+    held = any("displacement" in condition for condition in made["conditions"])
+    if held and "steps" not in made:
+        energy = solve_rough(OURS, made, list(case.subdomains)).energy
+        known = friction_reference.solve(scenes.build(made, 1)).energy
+        assert math.isclose(energy, known, rel_tol=1e-6)
 
 
 @pytest.mark.parametrize("case", QP_CASES, ids=lambda case: case.name)
@@ -160,9 +176,9 @@ def test_the_document_has_every_case_and_method() -> None:
 
     page = Path(__file__).parents[3] / "docs" / "benchmarks" / "stability.md"
     text = page.read_text(encoding="utf-8")
-    for case in (*CASES, *QP_CASES):
+    for case in (*CASES, *FRICTION_CASES, *QP_CASES):
         assert f"\n| {case.name} |" in text
     for method in QP_METHODS:
         assert f"| {method} " in text
-    empty = document({}, {})
+    empty = document({}, {}, {})
     assert text.startswith(empty[: empty.index("\n## Scenes")])

@@ -119,13 +119,13 @@ def test_a_block_on_an_incline_slides_where_statics_say() -> None:
 
 @pytest.mark.slow
 def test_the_rim_of_a_contact_in_space_slips_under_a_push() -> None:
-    """Mindlin: the radius of what sticks; tractions come down slowly."""
+    """Mindlin: the radius of what sticks, and tractions, which three cells resolve to a tenth."""
     (case,) = find(["mindlin"])
     (row,) = study(case, case.levels[:1])
     assert row.certified
     _, stick, tractions = errors(row)
     assert stick < 0.04, row
-    assert tractions < 0.2, row
+    assert tractions < 0.12, row
 
 
 def test_the_radius_of_sticking_is_that_of_theory_on_a_coarse_mesh() -> None:

@@ -121,3 +121,49 @@ def test_a_slide_that_a_ramp_stops_keeps_its_lift() -> None:
     assert escape is not None
     assert escape[1] == pytest.approx(0.5 * escape[0])
     np.testing.assert_array_equal(slide(MPI.COMM_SELF, no_turn, rows, escape, cones), escape)
+
+
+def points_in_space(random: np.random.Generator) -> tuple[np.ndarray, FrictionCones]:
+    """Contact rows (n, 6) of points about a floor, whose normals lean, and their friction."""
+    n = int(random.integers(4, 9))
+    points = np.column_stack([random.uniform(-1.0, 1.0, (n, 2)), random.uniform(-0.1, 0.1, n)])
+    normals = np.column_stack([random.uniform(-0.4, 0.4, (n, 2)), np.full(n, -1.0)])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    first = np.cross(normals, np.eye(3)[0])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    tangents = np.stack([first, np.cross(normals, first)], axis=1)
+    rows = np.column_stack([normals, np.cross(points, normals)])
+    slips = np.concatenate([tangents, np.cross(points[:, None], tangents)], axis=2).reshape(-1, 6)
+    mu = random.uniform(0.1, 0.6, n)
+    return rows, FrictionCones(slips, np.repeat(np.arange(n), 2), np.repeat(mu, 2), np.zeros(2 * n))
+
+
+def carried_of_push(
+    rows: np.ndarray, cones: FrictionCones, base: np.ndarray, push: np.ndarray, sides: int
+) -> float:
+    """The largest share of a push that cones with so many sides carry beside a base load."""
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    slips = cones.slips.reshape(len(rows), 2, 6)
+    turned = np.einsum("ka,nai->nki", np.column_stack([np.cos(angles), np.sin(angles)]), slips)
+    rays = (rows[:, None] + cones.coefficients[::2, None, None] * turned).reshape(-1, 6)
+    found = linprog(
+        np.append(np.zeros(len(rays)), -1.0),
+        A_eq=np.column_stack([rays.T, -push]), b_eq=base, bounds=(0.0, None),
+    )  # fmt: skip
+    return float(-found.fun) if found.success else 0.0
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_any_direction_in_space_slides_at_its_limit(seed: int) -> None:
+    """At 0.99 of the push that cones of 180 sides carry the body rests, at 1.01 it leaves."""
+    random = np.random.default_rng([seed, 6])
+    rows, cones = points_in_space(random)
+    base = random.uniform(1.0, 2.0, len(rows)) @ rows  # what pressures alone carry
+    push = random.normal(size=6)
+    limit = carried_of_push(rows, cones, base, push, 180)
+    assert 1e-3 < limit < 1e3
+    none = np.zeros((0, 6))
+    for share, rests in ((0.99, True), (1.01, False)):
+        load = base + share * limit * push
+        found = balance(MPI.COMM_SELF, none, rows, load, float(np.abs(load).sum()), cones)
+        assert (found.escape is None) == rests

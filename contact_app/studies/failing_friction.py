@@ -1,0 +1,179 @@
+"""Scenes with friction on which methods fail, each named after the failure (`failing_scenes`).
+
+Every one is solved by `auto` in subdomains and whole, by multigrid on the undecomposed body
+(`primal`) and by SMALBE-M with MPRGP on discs of friction forces (`smalbe`), which knows no
+statuses of points. What is right is a run without decomposition at tolerance 1e-10; the tests hold
+it against Gauss-Seidel sweeps over contact points, which share no code with this application.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.studies.failing_scenes import (
+    REFUSED,
+    Case,
+    Config,
+    box_body,
+    plane_contact,
+    scene_of,
+)
+from contact_app.studies.outcomes import OURS, WHOLE, Outcome, built, shortened
+
+FRICTION_METHODS = {
+    OURS: "auto", WHOLE: "auto", "multigrid": "primal", "SMALBE-M": "smalbe",
+}  # fmt: skip
+"""`solver.method` of each column."""
+
+PRESS, LIMIT = 10.0, 0.4
+"""Pressure on a body that friction alone holds, and its coefficient of friction."""
+
+
+def _floor(coefficient: float) -> Config:
+    return {
+        **plane_contact("block.y-", [0.0, 0.0], [0.0, 1.0]),
+        "friction": {"coulomb": coefficient},
+    }
+
+
+def held(coefficient: float, n: int = 12, push: float = 30.0) -> Config:
+    """A block held at one side, pressed and pushed on a floor."""
+    return scene_of(
+        [box_body("block", [0.0, 0.0], [1.0, 1.0], [n, n])],
+        [
+            {"on": "block.x-", "displacement": [0.0, 0.0]},
+            {"on": "block.y+", "traction": [push, -60.0]},
+        ],
+        [_floor(coefficient)],
+    )
+
+
+def smooth() -> Config:
+    """The same without friction."""
+    made = held(0.0)
+    del made["contacts"][0]["friction"]
+    return made
+
+
+def floating(share: float) -> Config:
+    """A block that friction alone keeps in place, pushed by a share of what it carries."""
+    return scene_of(
+        [box_body("block", [0.0, 0.0], [2.0, 0.25], [32, 4])],
+        [{"on": "block.y+", "traction": [share * LIMIT * PRESS, -PRESS]}],
+        [_floor(LIMIT)],
+    )
+
+
+def alternating() -> Config:
+    """A block whose top is pressed down and moved to and fro, so that all of its foot slips."""
+    made = held(0.3, 8)
+    made["conditions"] = [
+        {"name": "press", "on": "block.y+", "displacement": [None, -0.01]},
+        {"name": "push", "on": "block.y+", "displacement": [0.02, None]},
+    ]
+    made["steps"] = [{"press": 1}, {"push": 1}, {"push": -1}, {"push": 1}, {"push": 0}]
+    return made
+
+
+def two_floors(dimension: int) -> Config:
+    """A clamped block pushed into a corner of two rough planes."""
+    flat, n = dimension == 2, 12 if dimension == 2 else 4
+    down, up = ("y-", "y+") if flat else ("z-", "z+")
+    load = [30.0, -60.0] if flat else [30.0, 10.0, -60.0]
+    axes = np.eye(dimension)
+    floor = plane_contact(f"block.{down}", [0.0] * dimension, axes[-1].tolist())
+    wall = plane_contact("block.x+", axes[0].tolist(), (-axes[0]).tolist())
+    return scene_of(
+        [box_body("block", [0.0] * dimension, [1.0] * dimension, [n] * dimension)],
+        [
+            {"on": "block.x-", "displacement": [0.0] * dimension},
+            {"on": f"block.{up}", "traction": load},
+        ],
+        [{**floor, "friction": {"coulomb": 0.3}}, {**wall, "friction": {"coulomb": 0.4}}],
+    )
+
+
+def edge() -> Config:
+    """A cube moved down and aside on a floor that is tilted: it touches along one edge."""
+    floor = plane_contact("block.z-", [1.0, 0.0, 0.0], [-0.2, 0.0, 1.0])
+    return scene_of(
+        [box_body("block", [0.0] * 3, [1.0] * 3, [4] * 3)],
+        [{"on": "block.z+", "displacement": [0.01, 0.005, -0.02]}],
+        [{**floor, "friction": {"coulomb": 0.5}}],
+    )
+
+
+FRICTION_CASES = (
+    Case(
+        "friction with μ = 0", "discs of radius zero: divisions by the slip limit, points that "
+        "slide without a force", "no tangential rows without a coefficient", lambda: held(0.0),
+        mild=smooth,
+    ),
+    Case(
+        "friction with μ = 1", "the fixed point over the slip limits multiplies its error by μ "
+        "over the slope of the load path, oscillates and looks converged",
+        "limits follow the contact forces within semismooth Newton steps; the certificate judges "
+        "by the limits of the answer",
+        lambda: held(1.0, push=90.0), mild=lambda: held(0.3, push=90.0),
+    ),
+    Case(
+        "at 0.999 of the load that slides", "nearly all points slide: what is left to hold the "
+        "body is nearly singular", "statics decide before anything is solved; a body's rigid "
+        "motions are in the coarse problem", lambda: floating(0.999), (4, 1),
+        mild=lambda: floating(0.5),
+    ),
+    Case(
+        "at 1.001 of the load that slides", "the body slides away: no answer, an endless loop",
+        "equilibrium with friction cones is decided before anything is factored",
+        lambda: floating(1.001), (4, 1), expected=REFUSED,
+    ),
+    Case(
+        "kept by friction alone", "no displacement is held: the stiffness is singular, and stays "
+        "so in each set where points slide", "sticking points hold the body like conditions; its "
+        "rigid motions are kept in equilibrium", lambda: floating(0.1), (4, 1),
+    ),
+    Case(
+        "slip to and fro", "all points slide, to one side and then to the other: statuses do not "
+        "settle", "SMALBE-M goes on, with MPRGP on discs; an increment that is not certified is "
+        "halved", alternating,
+    ),
+    Case(
+        "a node in two frictional planes", "what sticks at one plane would have to stay where the "
+        "other closes; forces are not determined", "such points give way by a small compliance "
+        "that vanishes at rest (proximal points)", lambda: two_floors(2),
+    ),
+    Case(
+        "an edge in two frictional planes", "the same at each node of an edge, in space",
+        "the same", lambda: two_floors(3), (2, 2, 2),
+    ),
+    Case(
+        "an edge in contact", "few points carry all, without area on most facets",
+        "forces stand at nodes; each has its own disc", edge, (2, 2, 1),
+    ),
+)  # fmt: skip
+
+
+def solve_rough(method: str, made: Config, subdomains: Any) -> Outcome:
+    """What a method makes of a scene with friction, over all its increments."""
+    from contact_app.run.increments import solved_increments
+    from contact_app.run.solve import solve_scene
+
+    made = copy.deepcopy(made)
+    made["solver"]["method"] = FRICTION_METHODS[method]
+    scene = built(made, 1 if method == "multigrid" else subdomains)
+    if scene.steps:
+        found = [i.solved for i in solved_increments(scene, MPI.COMM_SELF, lambda place: None)]
+    else:
+        found = [solve_scene(scene, MPI.COMM_SELF)]
+    summaries = [solved.summary for solved in found]
+    bad = next((s for s in summaries if not s["certificate"]["passed"]), None)
+    return Outcome(
+        "fails" if bad else "", shortened(bad["solver"]["reason"]) if bad else "",
+        sum(s["solver"]["hessian_multiplications"] for s in summaries),
+        sum(s["solution"]["energy"] for s in summaries),
+        max(s["certificate"]["max_penetration"] for s in summaries),
+    )  # fmt: skip
