@@ -77,7 +77,7 @@ def _order(rows: Sequence[Row], number: int) -> str:
 def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+    from matplotlib.ticker import NullFormatter
 
     columns = min(3, len(found))
     lines = -(-len(found) // columns)
@@ -92,9 +92,8 @@ def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
         axes.axhline(0.02, color="grey", linewidth=0.8, linestyle="--")
         axes.set_title(case.title, fontsize=9)
         axes.set(xlabel="degrees of freedom", ylabel="relative error")
-        if dofs[-1] < 10 * dofs[0]:  # few powers of ten to be labelled, or none
-            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+        if dofs[-1] < 10 * dofs[0]:  # one power of ten to be labelled, or none
+            axes.set_xticks(dofs, [f"{n:,}" for n in dofs])
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3, which="both")
         axes.legend(fontsize=7)
