@@ -1,0 +1,52 @@
+"""A slip front that goes too far costs applications, never the answer."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from solver.contact.active_set import ActiveSetOptions, Outcome, StoppingTest, active_set_loop
+from solver.contact.friction_law import Friction
+from solver.contact.slip_front import SlipFront
+from solver.qp.mprgp import MPRGP
+from solver.qp.result import Reason
+from solver.tfeti.active_set_problem import State
+from solver.tfeti.backend import TotalFeti
+from solver.tfeti.certify import friction_residual
+from solver.tfeti.methods.by_active_sets import initial_active_set
+from tests import scenes
+from tests.contact_app.model.test_rigid_friction import plate, under_a_plate
+
+
+def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
+    """A plate at 0.99 of the load at which it slides, where all points are let go at once."""
+    d, load = 2, [0.99 * 0.3 * 40.0, -40.0]
+    made = under_a_plate(
+        "quadrilateral", {"coulomb": 0.3}, plate("quadrilateral", [None] * d, total_force=load)
+    )
+    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    law = Friction(
+        points=problem.friction,
+        comm=MPI.COMM_SELF,
+        front=SlipFront(problem.friction, MPI.COMM_SELF, held=True),  # which it is not
+    )
+
+    def lack(state: State) -> float:
+        lengths = problem.lengths(state.displacements)
+        left = friction_residual(problem, state.multiplier, state.jumps, lengths)
+        return max(left, state.worst(problem)) / 1e-8
+
+    def sets(ahead: bool) -> Outcome[State]:
+        return active_set_loop(
+            TotalFeti(problem), initial_active_set(problem, None),
+            StoppingTest(lack, lambda state: lack(state) <= 1.0), MPRGP(),
+            options=ActiveSetOptions(looks_ahead=ahead), law=law,
+        )  # fmt: skip
+
+    found, safe = sets(True), sets(False)
+    assert found.reason is safe.reason is Reason.ACCEPTED
+    assert found.counts.hessian > safe.counts.hessian  # it failed once
+    np.testing.assert_allclose(
+        found.state.multiplier, safe.state.multiplier, rtol=0, atol=1e-6 * 40.0
+    )
