@@ -1,0 +1,276 @@
+"""Friction beside CalculiX and GetFEM: ``python -m contact_app.studies.friction_beside [-o DIR]``.
+
+Two scenes (`rough_scenes`) on rows of meshes that all programs share, each run a process on one
+thread, measured as a whole. Errors are against this application's own answer on the finest mesh
+with degree 2:
+
+* displacements at the nodes of the coarsest mesh, ‖u - u_ref‖ / ‖u_ref‖ in the root mean square;
+* the resultant contact force, and its component along x alone, which of the block is friction and
+  of the roller also what normals lean;
+* of the roller the slip and the friction traction over 0 ≤ x ≤ `END`, likewise. The slip is taken
+  from displacements, along the tangents of the roller: what its nodes have moved beside the block.
+  Tractions that CalculiX prints do not add up to its resultant, and are left out.
+
+A program that is not installed is left out, with the reason; one that does not converge, or takes
+more than `LIMIT` seconds, has a row that says so. Writes ``friction.csv`` and ``friction.png``, and
+prints the tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from contact_app.studies import rough_calculix
+from contact_app.studies.calculix import COMMAND, measured
+from contact_app.studies.rough_models import Outcome, PlainScene
+from contact_app.studies.rough_scenes import ROUGH, plain
+
+Array = NDArray[np.float64]
+
+OURS, CALCULIX, GETFEM = "contact-app", "CalculiX", "GetFEM"
+
+LIMIT = 420
+"""Seconds by the clock that a run may take."""
+
+END, RADIUS = 5.0, 50.0
+"""How far along the roller's contact profiles are compared, within it on all meshes; its radius."""
+
+COLUMNS = (
+    "scene", "program", "degree", "level", "unknowns", "cpu", "clock", "displacement", "force",
+    "along", "slip", "traction", "note",
+)  # fmt: skip
+
+
+def missing(program: str) -> str:
+    """Why a program cannot be asked; empty where it can."""
+    if program == CALCULIX and shutil.which(COMMAND) is None:
+        return f"there is no {COMMAND} (Debian: calculix-ccx)"
+    if program == GETFEM and importlib.util.find_spec("getfem") is None:
+        return "there is no module getfem (Debian: python3-getfem)"
+    return ""
+
+
+def run(
+    program: str, name: str, level: float, degree: int, directory: Path
+) -> tuple[Outcome, dict[str, Any]]:
+    """What a program makes of a scene on a mesh, with its seconds.
+
+    Raises
+    ------
+    RuntimeError
+        It fails.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    file, scene_file = directory / "outcome.pickle", directory / "scene.pickle"
+    python, note = [sys.executable, "-m"], ""
+    if program == OURS:
+        here = [*python, "contact_app.studies.rough_scenes", name, str(level), str(degree)]
+        row: dict[str, Any] = dict(measured([*here, str(file)], directory))
+        last = (directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1]
+        if not json.loads(last)["certificate"]["passed"]:
+            note = "not certified"
+        return Outcome.load(file), {**row, "note": note}
+    scene = plain(name, level, degree)
+    if program == GETFEM:
+        scene.save(scene_file)
+        words = [*python, "contact_app.studies.rough_getfem", str(scene_file), str(file)]
+        row = dict(measured(["timeout", str(LIMIT), *words], directory))
+        note = (directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1]
+        return Outcome.load(file), {**row, "note": note.split(":")[0]}
+    deck = rough_calculix.Deck(scene)
+    (directory / "deck.inp").write_text("\n".join(deck.lines()) + "\n", encoding="utf-8")
+    row = dict(measured(["timeout", str(LIMIT), COMMAND, "deck"], directory))
+    printed = (directory / "output.txt").read_text(encoding="utf-8")
+    note = f"{printed.count(' iteration ')} iterations"
+    return deck.outcome(directory / "deck.dat"), {**row, "note": note}
+
+
+class Judge:
+    """Errors against the reference of a scene."""
+
+    def __init__(self, name: str, known: Outcome) -> None:
+        self.name, self.known = name, known
+        self.scene: PlainScene = plain(name, ROUGH[name].levels[0], 1)
+
+    def errors(self, found: Outcome) -> dict[str, float]:
+        """Of one outcome, by the columns of the table."""
+        moved = [np.concatenate(self._at_nodes(o)) for o in (self.known, found)]
+        result = {
+            "displacement": relative(*moved),
+            "force": relative(self.known.force, found.force),
+            "along": relative(self.known.force[:1], found.force[:1]),
+        }
+        if self.name != "roller":
+            return result
+        result["slip"] = relative(self._slip(self.known), self._slip(found))
+        if len(found.places):
+            result["traction"] = relative(self._traction(self.known), self._traction(found))
+        return result
+
+    def _at_nodes(self, outcome: Outcome) -> list[Array]:
+        """Displacements at the nodes of the coarsest mesh."""
+        result = []
+        for body, points, moved in zip(
+            self.scene.bodies, outcome.points, outcome.displacement, strict=True
+        ):
+            away, at = cKDTree(points).query(body.points)
+            if away.max() > 1e-6:
+                raise RuntimeError("a mesh without the nodes of the coarsest one")
+            result.append(moved[at].ravel())
+        return result
+
+    @staticmethod
+    def _traction(outcome: Outcome) -> Array:
+        """Friction force per area along the contact of the roller, away from its middle."""
+        order = np.argsort(outcome.places[:, 0])
+        x = outcome.places[order, 0]
+        along = np.abs(outcome.traction[order]).max(axis=1)  # one component, or nearly
+        return np.asarray(np.interp(_grid(), x, along))
+
+    @staticmethod
+    def _slip(outcome: Outcome) -> Array:
+        """Of the nodes of the roller beside the block, along its tangents."""
+        (roller, block), (u, v) = outcome.points, outcome.displacement
+        on = np.abs(np.hypot(roller[:, 0], roller[:, 1] - RADIUS) - RADIUS) < 1e-6 * RADIUS
+        on &= (roller[:, 0] < 2.0 * END) & (roller[:, 1] < RADIUS)
+        x, y = roller[on].T
+        top = np.flatnonzero(np.abs(block[:, 1]) < 1e-9)
+        top = top[np.argsort(block[top, 0])]
+        meets = x * RADIUS / (RADIUS - y)
+        jump = [u[on, i] - np.interp(meets, block[top, 0], v[top, i]) for i in (0, 1)]
+        slip = (jump[0] * (RADIUS - y) + jump[1] * x) / RADIUS
+        order = np.argsort(x)
+        return np.asarray(np.interp(_grid(), x[order], slip[order]))
+
+
+def _grid() -> Array:
+    return np.linspace(0.0, END, 201)
+
+
+def relative(known: Array, found: Array) -> float:
+    """‖found - known‖ over ‖known‖."""
+    return float(np.linalg.norm(found - known) / np.linalg.norm(known))
+
+
+def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
+    """All runs, one row each; the reference first."""
+    for name in names:
+        scene = ROUGH[name]
+        known, row = run(OURS, name, *scene.finest, directory / f"{name}_reference")
+        judge = Judge(name, known)
+        yield _row(name, "reference", scene.finest, known, row, {})
+        for program in (OURS, CALCULIX, GETFEM):
+            reason = missing(program)
+            for degree in (1, 2) if not reason else ():
+                for level in scene.levels if degree == 1 else scene.levels[:-1]:
+                    where = directory / f"{name}_{program}_{degree}_{level:g}"
+                    try:
+                        found, row = run(program, name, level, degree, where)
+                    except (RuntimeError, subprocess.SubprocessError) as error:
+                        told = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
+                        yield {**_bare(name, program, (level, degree)), "note": told}
+                        break
+                    yield _row(name, program, (level, degree), found, row, judge.errors(found))
+            if reason:
+                yield {**_bare(name, program, (0.0, 0)), "note": f"left out: {reason}"}
+
+
+def _bare(name: str, program: str, mesh: tuple[float, int]) -> dict[str, Any]:
+    empty: dict[str, Any] = dict.fromkeys(COLUMNS, "")
+    return {**empty, "scene": name, "program": program, "level": mesh[0], "degree": mesh[1]}
+
+
+def _row(
+    name: str, program: str, mesh: tuple[float, int], found: Outcome, row: dict[str, Any],
+    errors: dict[str, float],
+) -> dict[str, Any]:  # fmt: skip
+    unknowns = sum(points.size for points in found.points)
+    kept = {key: row[key] for key in ("cpu", "clock", "note")}
+    return {**_bare(name, program, mesh), "unknowns": unknowns, **kept, **errors}
+
+
+def table(found: Sequence[dict[str, Any]], name: str) -> Iterator[str]:
+    """The rows of one scene for a page."""
+    last = ["slip", "friction traction"] if name == "roller" else []
+    heads = ["program", "degree", "mesh", "unknowns", "processor s", "clock s", "displacements",
+             "contact force", "along x", *last, ""]  # fmt: skip
+    yield "| " + " | ".join(heads) + " |"
+    yield "|---|---|---|" + "---:|" * (len(heads) - 4) + "---|"
+    keys = ["displacement", "force", "along", *(["slip", "traction"] if name == "roller" else [])]
+    for row in found:
+        if row["scene"] != name:
+            continue
+        numbers = [f"{100 * row[key]:.2f} %" if row[key] != "" else "" for key in keys]
+        seconds = [f"{row[key]:.1f}" if row[key] != "" else "" for key in ("cpu", "clock")]
+        unknowns = f"{row['unknowns']:,}" if row["unknowns"] else ""
+        words = [row["program"], str(row["degree"]), f"{row['level']:g}", unknowns]
+        yield "| " + " | ".join([*words, *seconds, *numbers, row["note"]]) + " |"
+
+
+def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
+    """The error of displacements over processor seconds."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
+    for k, program in enumerate((OURS, CALCULIX, GETFEM)):
+        for degree in (1, 2):
+            mine = [r for r in found if (r["scene"], r["program"], r["degree"])
+                    == (name, program, degree) and r["displacement"] != ""]  # fmt: skip
+            if mine:
+                axes.loglog(
+                    [r["cpu"] for r in mine], [100.0 * r["displacement"] for r in mine],
+                    color=plt.get_cmap("tab10")(k), linestyle="--" if degree == 2 else "-",
+                    marker="o" if program == OURS else ".", linewidth=2.4 if k == 0 else 1.4,
+                    label=f"{program}, degree {degree}",
+                )  # fmt: skip
+    axes.set_xlabel("processor seconds of the whole run")
+    axes.set_ylabel("error of displacements, %")
+    axes.set_title(f"{name}, pressed with friction")
+    axes.grid(visible=True, which="both", alpha=0.25)
+    axes.legend(fontsize=8)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(ROUGH)}; all unless given")
+    parser.add_argument("-o", "--output", type=Path, default=Path("results/friction_beside"))
+    given = parser.parse_args(arguments)
+    unknown = sorted(set(given.names) - set(ROUGH))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(ROUGH)}")
+    names, output = given.names or list(ROUGH), given.output.resolve()
+    found = []
+    for row in rows(names, output):
+        found.append(row)
+        print({k: v for k, v in row.items() if v != ""}, file=sys.stderr, flush=True)
+    with (output / "friction.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(found)
+    for name in names:
+        print(f"\n{name}\n")
+        print("\n".join(table(found, name)))
+        draw(found, name, output / f"friction_{name}.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""What other programs need of a scene with friction, and what comes back: bare arrays in files.
+
+Nothing here imports a solver, so that a process of another program starts as fast as it can.
+"""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Facets = NDArray[np.int64]
+
+
+class Fixed(NamedTuple):
+    """A component of the displacement of a side, times the factor of that name, always without."""
+
+    body: int
+    side: str
+    axis: int
+    value: float
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class PlainBody:
+    """A mesh with its sides and one elastic material.
+
+    Attributes
+    ----------
+    cell, degree
+        ``triangle`` or ``hexahedron``, of first or second order.
+    points : (nodes, d)
+    cells : (cells, nodes a cell)
+        In VTK order.
+    sides
+        Facets (facets, nodes a facet) by name, vertices first.
+    """
+
+    cell: str
+    degree: int
+    points: Array
+    cells: Facets
+    sides: dict[str, Facets]
+    young: float
+    poisson: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlainScene:
+    """Elastic bodies, one frictional contact, and a history of factors.
+
+    Attributes
+    ----------
+    on, against
+        Body and side; without `against` the floor, where the last coordinate is zero.
+    fixed
+        Displacements.
+    pressure
+        Body, side and value, times the factor ``press``.
+    factors
+        Of each increment.
+    """
+
+    bodies: list[PlainBody]
+    coefficient: float
+    on: tuple[int, str]
+    against: tuple[int, str] | None
+    fixed: list[Fixed]
+    pressure: tuple[int, str, float] | None
+    factors: list[dict[str, float]]
+
+    @property
+    def dimension(self) -> int:
+        """Number of axes."""
+        return self.bodies[0].points.shape[1]
+
+    def save(self, file: Path) -> None:
+        """For a process of this study alone."""
+        file.write_bytes(pickle.dumps(self))
+
+    @staticmethod
+    def load(file: Path) -> PlainScene:
+        """What `save` wrote."""
+        found: PlainScene = pickle.loads(file.read_bytes())
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The answer of a program at the end of the history.
+
+    Attributes
+    ----------
+    points, displacement
+        (nodes, d) of each body.
+    places, traction : (n, d)
+        Where friction is known on the body of `on`, and its force per area on that body; nodes, or
+        middles of facets.
+    force : (d,)
+        On that body by the contact.
+    """
+
+    points: list[Array]
+    displacement: list[Array]
+    places: Array
+    traction: Array
+    force: Array
+
+    def save(self, file: Path) -> None:
+        """Write it."""
+        file.write_bytes(pickle.dumps(self))
+
+    @staticmethod
+    def load(file: Path) -> Outcome:
+        """What `save` wrote."""
+        found: Outcome = pickle.loads(file.read_bytes())
+        return found

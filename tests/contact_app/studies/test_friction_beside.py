@@ -1,0 +1,45 @@
+"""Friction beside other programs: what they are given, and what they say where they are there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_app.studies.friction_beside import CALCULIX, GETFEM, OURS, Judge, missing, run
+from contact_app.studies.rough_calculix import Deck
+from contact_app.studies.rough_scenes import plain
+
+
+@pytest.mark.parametrize(("name", "level"), [("roller", 4.0), ("block", 4)])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_solids_have_the_volume_and_the_sides_of_the_scene(
+    name: str, level: float, degree: int
+) -> None:
+    scene = plain(name, level, degree)
+    deck = Deck(scene)
+    for solid, body in zip(deck.solids, scene.bodies, strict=True):
+        assert solid.cells.shape[1] == {("wedge", 1): 6, ("wedge", 2): 15, ("hexahedron", 1): 8,
+                                        ("hexahedron", 2): 20}[solid.kind, degree]  # fmt: skip
+        for side, facets in body.sides.items():
+            assert len(solid.faces(side)) == len(facets)
+    steps = len(scene.factors) + (name == "roller")
+    assert sum(line.endswith("*END STEP") for line in deck.lines()) == steps
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", [CALCULIX, GETFEM])
+@pytest.mark.parametrize(("name", "level"), [("roller", 2.0), ("block", 4)])
+def test_other_programs_find_the_same(
+    program: str, name: str, level: float, tmp_path: Path
+) -> None:
+    """On the same coarse mesh: displacements to two percent, forces to five."""
+    if missing(program):
+        pytest.skip(missing(program))
+    ours, _ = run(OURS, name, level, 1, tmp_path / "ours")
+    theirs, _ = run(program, name, level, 1, tmp_path / "theirs")
+    errors = Judge(name, ours).errors(theirs)
+    assert errors["displacement"] < 0.02, errors
+    assert errors["along"] < 0.05, errors
+    assert np.isfinite(theirs.force).all()
