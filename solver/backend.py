@@ -217,3 +217,6 @@ class Backend(Protocol[S]):
 
     def release(self) -> None:
         """Give back what the last set held, before the next one is made (collective)."""
+
+    def forget(self) -> None:
+        """Drop what earlier sets left for later ones: it may have no digits where sets fail."""

@@ -221,6 +221,7 @@ def active_set_loop(
         return found
     # nothing fails because points were let go ahead of the states
     spent, options = found.counts, replace(options, looks_ahead=False)
+    backend.forget()
     left = replace(inner, max_iterations=inner.max_iterations - spent.inner)
     saver = replace(saver, before=saver.before + spent) if saver else None
     found, _ = _sets(backend, start, test, left, monitor, saver, options, law)

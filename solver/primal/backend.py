@@ -236,6 +236,10 @@ class Multigrid:
         """Free the matrices of the last set: petsc4py leaves them for later."""
         free_matrices(self.comm)
 
+    def forget(self) -> None:
+        """Begin at rest: displacements of sets that hardly hold a body have no digits."""
+        self.begin_at(self.system.at_rest)
+
     def strained(self, u: Array, left: Array) -> float:
         """a(u, u) of a displacement with the residual r = f - K u (collective)."""
         return self._held.strained(u, left)

@@ -27,8 +27,8 @@ class TotalFeti:
 
     def __init__(self, problem: DualProblem, recycling: RecyclingOptions | None = None) -> None:
         self.problem = problem
-        own = problem.known.directions
-        self._directions = own or Directions(problem.B, problem.conditional, recycling)
+        self._recycling = recycling
+        self._directions = problem.known.directions or self._no_directions()
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -69,3 +69,10 @@ class TotalFeti:
     def release(self) -> None:
         """Free the matrices of the last set: petsc4py leaves them for later."""
         PETSc.garbage_cleanup(self.problem.comm)
+
+    def forget(self) -> None:
+        """Begin without search directions: those of sets that hardly hold a body mislead others."""
+        self._directions = self._no_directions()
+
+    def _no_directions(self) -> Directions:
+        return Directions(self.problem.B, self.problem.conditional, self._recycling)

@@ -43,8 +43,8 @@ def test_facets_that_straddle_the_edge_are_told(cell: str) -> None:
     assert straddled_area(scene, partition, scene.tractions[0]) == pytest.approx(0.125, rel=0.15)
     warnings = solve_scene(scene).summary["certificate"]["warnings"]
     (told,) = [text for text in warnings if "straddle" in text]
-    assert "conditions[1]: facets straddle the edge of part" in told
-    assert "it acts on an area of 0.5, the expression holds on about 0.6" in told
+    assert "conditions[1]: facets that straddle the edge of part carry no load" in told
+    assert "acts on an area of 0.5, but the expression holds on about 0.6" in told
 
 
 def test_check_reports_the_area() -> None:
