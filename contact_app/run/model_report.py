@@ -11,7 +11,7 @@ from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.equilibrium import group_numbers
 from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
-from contact_app.model.method import is_undecomposed, may_peel, patience
+from contact_app.model.method import is_undecomposed, may_peel, patience, why_total_feti
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
 from contact_app.run.repeated_sentences import said_once
@@ -229,6 +229,8 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
             f"{patience(scene)} iterations the undecomposed bodies are solved by `primal`, since "
             "contact of thin bodies may peel off row by row"
         )
+    elif scene.solver.method == "auto" and scene.touching:
+        lines.append(f"method: Total FETI; {why_total_feti(scene)}")
     return lines
 
 

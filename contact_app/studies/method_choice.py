@@ -1,20 +1,24 @@
 """What `solver.method: auto` takes beside each of the methods that it chooses from.
 
     python meshes/samples/make_trials.py --to TRIALS
-    python -m contact_app.studies.method_choice TRIALS/*.yaml [--degree 2] [--limit SECONDS]
+    python -m contact_app.studies.method_choice TRIALS/*.yaml [--degree 2] [--friction 0.3]
+        [--limit SECONDS]
 
 Each run is a process of its own on one rank (`contact_app.studies.part_run`), to a tolerance of
 1e-8. The table holds CPU seconds from the mesh file to the solution and applications of the
-operator. "over the better" is what `auto` takes over the lesser of the other two.
+operator. "over the better" is what `auto` takes over the lesser of the other two. ``--friction``
+gives all contacts Coulomb friction of that coefficient.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from contact_app.scene.yaml_reader import read
 from contact_app.studies.parts import overrides_of
 from contact_app.studies.processes import RunError, python
 
@@ -24,9 +28,15 @@ Run = Callable[[Path, str, int, float], Row]
 """Scene, method, degree and seconds it may take; the measured values. Raises `RunError`."""
 
 
-def run_once(path: Path, method: str, degree: int, limit: float) -> Row:
+def run_once(
+    path: Path, method: str, degree: int, limit: float, friction: float | None = None
+) -> Row:
     """One method on one scene, in a process of its own."""
-    more = [part for item in overrides_of(path, degree, None) for part in ("--set", item)]
+    items = [*overrides_of(path, degree, None)]
+    if friction is not None:
+        contacts = range(len(read(path)[0]["contacts"]))
+        items += [f"contacts.{i}.friction={{coulomb: {friction:g}}}" for i in contacts]
+    more = [part for item in items for part in ("--set", item)]
     return python(
         "-m", "contact_app.studies.part_run", method, str(path), *more, "--once",
         limit=limit, threads=1,
@@ -81,8 +91,10 @@ def main() -> None:
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("--degree", type=int, choices=(1, 2), default=1)
     parser.add_argument("--limit", type=float, default=120.0, help="seconds that a run may take")
+    parser.add_argument("--friction", type=float, help="Coulomb's coefficient at all contacts")
     given = parser.parse_args()
-    for line in table(given.scenes, given.degree, given.limit):
+    run = partial(run_once, friction=given.friction)
+    for line in table(given.scenes, given.degree, given.limit, run):
         print(line, flush=True)
 
 

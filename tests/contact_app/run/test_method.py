@@ -17,6 +17,7 @@ from contact_app.model.method import (
     PATIENCE_UNKNOWNS,
     chosen,
     may_peel,
+    why_total_feti,
 )
 from contact_app.run.ways import ways_to
 from contact_app.scene.build import build_scene
@@ -139,6 +140,35 @@ def test_one_body_of_a_mesh_file_takes_multigrid_in_both_degrees(degree: int) ->
     assert chosen(scene).solver.method == "primal"
     pair = chosen(replace(scene, bodies=scene.bodies * 2))
     assert pair.solver.method == ("primal" if degree == 1 else "auto")
+
+
+def test_with_friction_one_thick_body_takes_multigrid() -> None:
+    """Several bodies, thin ones and histories stay with Total FETI."""
+    config = load(CONFIGS / "pillow_block.yaml", ["contacts.0.friction={coulomb: 0.3}"])
+    scene = build_scene(config)
+    body = scene.bodies[0]
+
+    def made(thickness: float | None = None) -> Scene:
+        larger = replace(body, mesh=Larger(body.mesh, thickness))
+        return replace(scene, bodies=(larger,), cases=())
+
+    assert chosen(made()).solver.method == "primal"
+    assert chosen(made(thickness=2.0)).solver.method == "auto"
+    assert chosen(replace(made(), bodies=made().bodies * 2)).solver.method == "auto"
+    history = build_scene(load(CONFIGS / "press_and_push.yaml")).steps
+    assert chosen(replace(made(), steps=history)).solver.method == "auto"
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("cube", "share a factor"),
+        ("hertz_disc", "in the plane"),
+        ("bracket", "so few unknowns"),
+    ],
+)
+def test_check_says_why_total_feti_is_taken(name: str, why: str) -> None:
+    assert why in why_total_feti(build_scene(load(CONFIGS / f"{name}.yaml")))
 
 
 def ways(scene: Scene) -> list[tuple[str, int | None]]:
