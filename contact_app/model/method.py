@@ -72,7 +72,7 @@ def chosen(scene: Scene) -> Scene:
     bodies = scene.bodies
     if scene.solver.method != "auto" or scene.decomposition.subdomains is not None:
         return scene
-    if scene.has_friction and (len(bodies) > 1 or scene.steps or _has_thin_body(scene)):
+    if _friction_is_faster_decomposed(scene):
         return scene
     unknowns = scene.dimension * sum(body.nodes for body in bodies)
     large = unknowns >= (LEAST_ALONE if len(bodies) == 1 else LEAST_OF_SEVERAL)
@@ -126,9 +126,15 @@ def why_total_feti(scene: Scene) -> str:
         return "in the plane subdomains have cheap factors"
     if any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials):
         return f"multigrid converges slowly for Poisson's ratios above {COMPRESSIBLE}"
-    if scene.has_friction and (len(bodies) > 1 or scene.steps or _has_thin_body(scene)):
+    if _friction_is_faster_decomposed(scene):
         return "with friction it is faster on several bodies, thin bodies and load histories"
     return "multigrid does not pay on so few unknowns, nor on several bodies of degree 2"
+
+
+def _friction_is_faster_decomposed(scene: Scene) -> bool:
+    """Whether a scene has friction on several bodies, on a thin one or in a load history."""
+    several = len(scene.bodies) > 1
+    return scene.has_friction and (several or bool(scene.steps) or _has_thin_body(scene))
 
 
 def _has_thin_body(scene: Scene) -> bool:
