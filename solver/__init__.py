@@ -1,7 +1,7 @@
 """The numerical core: quadratic programs with bounds and equalities, and contact problems.
 
-`qp` has the quadratic programs, `contact` the discrete contact problem, `tfeti` and `primal` are
-two ways to solve it, and `driver` chooses between them.
+`qp` holds the quadratic programs and `contact` the discrete contact problem. `tfeti` and `primal`
+are two methods to solve the contact problem, and `driver` chooses between them.
 """
 
 from solver.errors import IndefiniteError, NotFiniteError, QPError, UnboundedError

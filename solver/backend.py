@@ -1,12 +1,12 @@
-"""What the active-set loop asks of a backend, which knows how to solve on a given active set.
+"""The protocol of a backend: the active-set loop asks it to solve on a given active set.
 
 A contact row is one direction at one contact point: its normal, or a direction of its tangential
 frame. On a set the rows that are active hold with equality (closed in the normal, sticking in the
 frame); the multipliers of all others are prescribed: zero where the point is open, the slip
 traction where it slides. In space statuses may turn the frames, so that the first of the two
 directions is that in which a point slides; in the second one it gives way with a compliance C,
-B u - c = C λ. So a backend needs no contact law, and a law (`solver.contact.law`) needs no
-backend.
+B u - c = C λ. So a backend is independent of the contact law (`solver.contact.law`), and a law of
+the backend.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Tangential frames of contact points in space, turned in their planes; this rank's.
+    """Tangential frames of this rank's contact points in space, turned in their planes.
 
     Attributes
     ----------
     first, second : (points,)
         The two tangential rows of each point.
     cosine, sine : (points,)
-        Of the angle from the first direction to the new first one.
+        Cosine and sine of the angle from the old first direction to the new first direction.
     """
 
     first: NDArray[np.int64]
@@ -44,14 +44,14 @@ class Turn:
     sine: Array
 
     def turned(self, x: Array) -> Array:
-        """Values (rows,) in the turned frames."""
+        """Components (rows,) in the turned frames, from components in the original frames."""
         result, one, other = x.copy(), x[self.first], x[self.second]
         result[self.first] = self.cosine * one + self.sine * other
         result[self.second] = self.cosine * other - self.sine * one
         return result
 
     def back(self, x: Array) -> Array:
-        """Values (rows,) in turned frames in the original ones."""
+        """Components (rows,) in the original frames, from components in the turned frames."""
         return replace(self, sine=-self.sine).turned(x)
 
 
@@ -64,13 +64,14 @@ class Statuses:
     active : (rows,)
         Contact rows that hold with equality.
     tractions : (rows,)
-        Multipliers of the contact rows that are not active, and of active ones with a compliance
-        what their multiplier is added to; None where all are zero.
+        Prescribed multipliers of the contact rows that are not active. For an active row with a
+        compliance, the traction at which the row does not give way (see `compliance`). None where
+        all are zero.
     turn
-        Frames in which all of this is said; None on all ranks where none is turned.
+        Frames of the rows in all of these arrays; None on all ranks where no frame is turned.
     compliance : (rows,)
-        C of the active rows, zero for most, B u - c = C (λ - traction); None on all ranks where it
-        is for all.
+        C of the active rows in B u - c = C (λ - traction), zero for most; None on all ranks where C
+        is zero for all rows.
     """
 
     active: Mask
@@ -80,7 +81,7 @@ class Statuses:
 
     @property
     def holding(self) -> Mask:
-        """Rows in the original frames in which nothing moves, (rows,)."""
+        """Rows of the original frames whose jump B u - c is held at zero, (rows,)."""
         if self.compliance is None:
             return self.active
         return self.active & (self.compliance == 0.0)
@@ -104,14 +105,14 @@ class Statuses:
         return result
 
     def fingerprint(self, comm: MPI.Intracomm) -> int:
-        """A number that tells statuses apart (collective)."""
+        """A number that is equal for equal statuses only, but for coincidence (collective)."""
         tractions = b"" if self.tractions is None else self.tractions.tobytes()
         angles = b"" if self.turn is None else self._angles().tobytes()
         return hash(tuple(comm.allgather(hash((self.active.tobytes(), tractions, angles)))))
 
 
 class SetState(Protocol):
-    """The answer of a set as far as it is solved; arrays are (rows,), local parts."""
+    """The approximate answer on a set; arrays are (rows,), local parts."""
 
     @property
     def multiplier(self) -> Array:
@@ -119,7 +120,10 @@ class SetState(Protocol):
 
     @property
     def distance(self) -> Array:
-        """B u - c, in contact rows the penetration, over the displacement of the row's body."""
+        """(B u - c) over the displacement of the row's body.
+
+        In contact rows the relative penetration.
+        """
 
     @property
     def jumps(self) -> Array:
@@ -135,38 +139,38 @@ Out = TypeVar("Out", bound=SetState, covariant=True)
 
 
 class SetSolve(Protocol[Out]):
-    """The problem of one set, solved as far as it is asked to be."""
+    """The problem on one set of statuses, solved to the residual that the caller asks for."""
 
     @property
     def statuses(self) -> Statuses:
-        """Of the set."""
+        """Statuses of the rows on this set."""
 
     @property
     def residual(self) -> float:
-        """Relative to the right-hand side."""
+        """2-norm of the residual over that of the right-hand side."""
 
     @property
     def at_round_off(self) -> bool:
-        """Whether no step can make the residual smaller."""
+        """Whether rounding errors keep the residual from becoming smaller."""
 
     @property
     def counts(self) -> Counts:
-        """Work so far."""
+        """Operator applications and steps so far."""
 
     def solve(
         self, inner: MPRGP, residual: float, monitor: Monitor | None, watch: Watch | None = None
     ) -> Reason:
-        """Go on to a relative residual; `inner` limits the iterations (collective)."""
+        """Iterate down to a relative residual; `inner` limits the iterations (collective)."""
 
     def state(self) -> Out:
-        """Where the solve stands (collective)."""
+        """The approximate answer of the present iterate (collective)."""
 
     def error(self, strained: float) -> float:
         """Estimate of the error in energy norm, relative to that of the strains (collective)."""
 
 
 class Hierarchy(Protocol):
-    """Which open rows may close, level by level."""
+    """Constraint hierarchy: the contact rows that may close, level by level."""
 
     @property
     def allowed(self) -> Mask:
@@ -201,7 +205,10 @@ class Backend(Protocol[S]):
         """
 
     def hierarchy(self, warm: bool) -> Hierarchy:
-        """Levels of the contact rows; one level where the start is near the answer (collective)."""
+        """The constraint hierarchy.
+
+        One level where the start is near the answer (`warm`; collective).
+        """
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
         """Active rows in the mirror image of leaving ones across the contact edge (collective)."""
@@ -212,11 +219,14 @@ class Backend(Protocol[S]):
         Parameters
         ----------
         state
-            Of the full load without contact.
+            Answer to the full load without contact.
         """
 
     def release(self) -> None:
-        """Give back what the last set held, before the next one is made (collective)."""
+        """Free the memory of the last set before the next set is made (collective)."""
 
     def forget(self) -> None:
-        """Drop what earlier sets left for later ones: it may have no digits where sets fail."""
+        """Drop the data that earlier sets left for later ones.
+
+        After a failed set they may be inaccurate.
+        """

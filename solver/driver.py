@@ -40,25 +40,28 @@ from solver.tfeti.methods.by_smalbe import solve_as_in_the_paper, solve_by_smalb
 from solver.tfeti.methods.task import Task
 
 INNER = 0.1
-"""Residual relative to the right-hand side of the dual that a tolerance is worth."""
+"""Residual over the right-hand side of the dual problem, for one unit of the tolerance."""
 
 ROUNDED_AWAY = (
-    "Rounding errors hold the solver up: the bodies give way to some forces so much more than to "
-    "others that no digits of the latter are left."
+    "Rounding errors stop the solver: the bodies are so much more compliant to some forces than to "
+    "others that displacements under the latter have no correct digits."
 )
-"""Where the dual problem seems to be unbounded: equilibrium was checked before, so it is not."""
+"""Reason where the dual problem seems unbounded.
+
+Equilibrium was checked before, so only rounding errors can make it seem so.
+"""
 
 
 def reason_text(solution: Solution) -> str:
-    """Why the solve ended, in a sentence for the user."""
+    """The reason why the solve ended, as a sentence for the user."""
     if solution.converged:
         return "Every number of the certificate is below the tolerance."
     if solution.reason is Reason.STOPPED:
-        return "The run was interrupted; what it had reached is written."
+        return "The run was interrupted; the results reached so far are written."
     if solution.reason is Reason.DIVERGED:
         return ROUNDED_AWAY
     if solution.reason.converged:
-        return "The certificate could not be brought below the tolerance: round-off is in the way."
+        return "Rounding errors keep the certificate from coming below the tolerance."
     return str(solution.reason.value)
 
 
@@ -76,12 +79,12 @@ def solve(
     Parameters
     ----------
     checkpoint
-        Where the state is saved at steps where that is due, and where a stopped solve goes on from.
-        The state that a solve ended with is held for a run that is stopped later.
+        Saves the state at due steps, and gives the state from which an interrupted solve goes on.
+        It also holds the final state of the solve for a run that is stopped later.
     assess
         Estimates the errors of an answer; an automatic tolerance needs it.
     start : (dual,)
-        Multipliers to begin with; the paper's algorithm begins at zero.
+        Initial multipliers; the paper's algorithm begins at zero whatever they are.
     active_sets
         Options of the active-set loop.
     """

@@ -1,10 +1,10 @@
-"""What can be wrong with a quadratic program, said so that its author can act on it."""
+"""Errors of quadratic programs, with messages for the author of the program."""
 
 from __future__ import annotations
 
 
 class QPError(ValueError):
-    """A quadratic program has no solution, or its data make no program."""
+    """A quadratic program has no solution, or its data are inconsistent."""
 
 
 class NotFiniteError(QPError):

@@ -1,12 +1,12 @@
 """Primal-dual active sets.
 
-The contact rows of the active set hold with equality, the multipliers of the others are prescribed;
-a backend solves that (`solver.backend`). The solution of the right active set is the solution of
-the contact problem. `active_set_loop` looks for it: an active set is solved no further than a
-decision needs; rows whose tensile multiplier exceeds the error leave the set, and with them their
-mirror image across the edge of contact; rows that are penetrated by more than the error join it
-(Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as a semismooth Newton method*,
-2002). Only a set that needs no change is solved to the end.
+The contact rows of the active set hold with equality, and the multipliers of the other rows are
+prescribed; a backend (`solver.backend`) solves this problem. The solution of the right active set
+is the solution of the contact problem. `active_set_loop` looks for this set. It solves on an active
+set only as accurately as the next decision needs. Rows whose tensile multiplier exceeds the error
+leave the set together with their mirror image across the edge of contact. Rows that are penetrated
+by more than the error join it (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as
+a semismooth Newton method*, 2002). Only a set that needs no change is solved to the end.
 """
 
 from __future__ import annotations
@@ -38,46 +38,49 @@ class ActiveSetOptions:
     Attributes
     ----------
     most_sets
-        Active sets that are tried: where contact peels off row by row, each set is a handful of
-        operator applications.
+        Largest number of active sets. Where contact peels off row by row, each set costs a handful
+        of operator applications.
     first_reduction, next_reduction
         Reduction of the residual before the first evaluation of the KKT residuals on a set and
         between later ones.
     coarse_reduction
         `first_reduction` on the coarser levels of the constraint hierarchy: the next level has to
-        undo what a coarser one decides wrongly.
+        undo wrong decisions of a coarser one.
     evaluations
         Evaluations on a set before it is solved to the end.
     significant
-        Forces and distances that change a set, relatively, over the estimate of its error.
+        Relative forces and distances from which on a row changes its status, over the estimate of
+        the error.
     largest_error
-        Estimate of the error in energy norm, over that of the strains, above which a set decides
-        nothing.
+        Estimate of the error in energy norm, over the energy norm of the answer, above which the
+        answer on a set does not change the set.
     first_share
-        Share of the load, from where it first closes a contact on, whose contacts join an empty
-        set.
+        The contacts that close within this share of the load after the first contact closes join an
+        empty set.
     margin
-        Share of the largest jump allowed at which an answer is shown to the stopping test.
+        Share of the largest admissible jump below which an answer is given to the stopping test.
     tighten
-        Factor on the residual after an answer that was not accepted.
+        Factor on the residual after a rejected answer.
     deeper
-        Factor on `first_reduction` each time the loop comes back to a set that it had.
+        Factor on `first_reduction` each time the loop returns to an earlier set.
     patience
-        Sets after which `first_reduction` falls by `tighten`, again and again: with friction no two
-        sets are the same, and the loop would not notice that it decides too early. Zero for never.
+        Number of sets after which `first_reduction` is multiplied by `tighten`, repeatedly: with
+        friction no two sets are equal, so the loop cannot detect a decision made too early by a
+        repeated set. Zero for never.
     peeled
-        Share of the active rows that leave, set after set, where contact peels off.
+        Share of the active rows that leave in two sets in a row, from which on the contact is said
+        to peel off.
     release_at_edge
         Whether rows leave together with their mirror image across the edge of contact.
     rejoining
-        Share of the rows released as mirror images that may join later sets again. More of them
-        show that the front is not where the rule expects it, as where a base lifts off for the
-        most part: the sets would nearly cycle, so the rule is switched off.
+        Share of the rows released as mirror images that may join later sets again. A larger share
+        shows that the contact edge is not where the rule expects it, for example where most of a
+        base lifts off. The sets would nearly cycle, so the rule is switched off.
     looks_ahead
-        Whether a law may let points go of which a state alone does not tell it (`solver.contact.
-        slip_front`). Where sets fail so, they are tried once more without.
+        Whether a law may release points before the state of a set shows that they slide
+        (`solver.contact.slip_front`). Where the sets fail, the loop runs once more without.
     returning
-        Share of these points that may stick again before the rule is switched off.
+        Share of the points so released that may stick again before the rule is switched off.
     """
 
     most_sets: int = 60
@@ -101,18 +104,18 @@ class ActiveSetOptions:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where the loop begins.
+    """Initial data of the loop.
 
     Attributes
     ----------
     active : (rows,)
         The normal rows of the initial active set.
     multiplier : (rows,)
-        Where the first set begins; the smallest multiplier in equilibrium if None.
+        Initial multiplier of the first set; the smallest multiplier in equilibrium if None.
     alternative
-        Gives another initial active set (collective). It is asked where contact peels off from the
-        first set on: of bodies that lie flat and lift off for the most part, the loop alone would
-        remove row after row.
+        A function that returns another initial active set (collective). The loop calls it where
+        contact peels off from the first set on: if a body lies flat and most of it lifts off, the
+        loop alone would remove row after row.
     """
 
     active: Mask
@@ -127,12 +130,12 @@ class StoppingTest(Generic[S]):
     Attributes
     ----------
     required_reduction
-        Factor by which the error of a state has to fall before it is worth a certificate; one or
-        less where it is worth one as it stands. Asked again after each answer that fails.
+        Factor by which the error of a state has to fall before a certificate is worth its cost; one
+        or less where the state should be certified now. Called again after each rejected answer.
     accept
-        Certifies the answer of a state; whether it passes.
+        Certifies the answer of a state and returns whether the certificate passes.
     may_end_early
-        Whether an answer will do although its set still changes.
+        Whether an answer may be accepted although its set still changes.
     """
 
     required_reduction: Callable[[S], float]
@@ -147,9 +150,9 @@ class StateSaver(Generic[S]):
     Attributes
     ----------
     due
-        Whether a state is wanted at this step; the same on all ranks.
+        Whether a state has to be saved at this step; the same on all ranks.
     save
-        Told of the state and of the work up to it.
+        Called with the state and the work up to it.
     before
         Work of earlier sets.
     """
@@ -170,20 +173,21 @@ class StateSaver(Generic[S]):
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Generic[S]):
-    """How the solve on a set, or the loop, ended.
+    """Outcome of the solve on a set, or of the whole loop.
 
     Attributes
     ----------
     reason
-        `ACCEPTED`, why the solver ended, or None where another set is asked for.
+        `ACCEPTED`, another reason why the solver ended, or None where the set has to change.
     state
-        The last one evaluated.
+        The last evaluated state.
     following
-        The statuses from there on.
+        The statuses of the next set.
     counts
         Work of the set, or of all of them.
     released : (rows,)
-        Rows that left although the law lets them stay, as mirror images across the contact edge.
+        Rows that left as mirror images across the contact edge, although the law would let them
+        stay.
     """
 
     reason: Reason | None
@@ -203,7 +207,7 @@ def active_set_loop(
     options: ActiveSetOptions | None = None,
     law: ContactLaw | None = None,
 ) -> Outcome[S]:
-    """Solve active sets, each until it asks for another, until an answer is accepted (collective).
+    """Solve on active sets, one after another, until an answer is accepted (collective).
 
     Parameters
     ----------
@@ -212,14 +216,14 @@ def active_set_loop(
 
     Returns
     -------
-    The last outcome, with the work of all sets; its reason is None where the sets do not settle:
-    SMALBE-M, whose convergence is proved, then goes on from there.
+    The last outcome, with the work of all sets; its reason is None where the sets do not settle.
+    The caller may then go on with SMALBE-M, whose convergence is proved.
     """
     options, law = options or ActiveSetOptions(), law or Frictionless()
     found, guessed = _sets(backend, start, test, inner, monitor, saver, options, law)
     if found.reason is not None or not guessed:
         return found
-    # nothing fails because points were let go ahead of the states
+    # the failure does not come from points released ahead of the states
     spent, options = found.counts, replace(options, looks_ahead=False)
     backend.forget()
     left = replace(inner, max_iterations=inner.max_iterations - spent.inner)
@@ -238,7 +242,7 @@ def _sets(
     options: ActiveSetOptions,
     law: ContactLaw,
 ) -> tuple[Outcome[S], bool]:
-    """As `active_set_loop`, once; and whether points were let go ahead of a state."""
+    """Run `active_set_loop` once; also return whether points were released ahead of a state."""
     comm, multiplier, alternative = backend.comm, start.multiplier, start.alternative
     hierarchy = backend.hierarchy(warm=multiplier is not None)
     ahead = options.looks_ahead
@@ -273,14 +277,14 @@ def _sets(
             found = Outcome(None, None, statuses, counts)
             break
         counts = counts + found.counts
-        del on_set, watch  # what they hold is given back before the next set has its own
+        del on_set, watch  # the memory of this set is freed before the next set allocates its own
         backend.release()
         if found.reason is not None or found.state is None:
             break
         following = found.following
         if alternative is not None and not _peels(backend, statuses, following, options.peeled):
             alternative = None
-        if alternative is not None and number == 1:  # the second set in a row peels
+        if alternative is not None and number == 1:  # contact peels off in the second set in a row
             fewer = following.active & (alternative() | ~backend.contact_rows)
             following = law.consistent(replace(following, active=fewer))
             alternative = None
@@ -306,7 +310,7 @@ def solve_on_set(
     Parameters
     ----------
     first_reduction
-        Reduction of the residual before the first evaluation, if not that of the options.
+        Reduction of the residual before the first evaluation; that of the options if None.
     """
     options, comm = update.options, update.backend.comm
     wanted = (first_reduction or options.first_reduction) * on_set.residual
@@ -316,7 +320,7 @@ def solve_on_set(
         state = on_set.state()
         if (
             ended.converged
-            and not on_set.at_round_off  # without strains the error counts as one, and stays so
+            and not on_set.at_round_off  # without strains the relative error is one and stays one
             and on_set.error(state.strained) > options.largest_error
         ):
             wanted *= options.tighten
@@ -349,7 +353,8 @@ class ActiveSetUpdate(Generic[S]):
     Attributes
     ----------
     hierarchy
-        Which open rows may join; where no row changes it goes on to its next level.
+        Constraint hierarchy: the open rows that may join. Where no row changes, it goes to its next
+        level.
     release_at_edge
         Whether rows leave together with their mirror image across the edge of contact.
     """
@@ -392,7 +397,7 @@ class ActiveSetUpdate(Generic[S]):
         return following, released | early
 
     def without_failed(self, again: Mask, released: Mask) -> ActiveSetUpdate[S]:
-        """Without the rules whose released rows were active again too often (collective)."""
+        """The update without rules whose released rows became active too often (collective)."""
         rows, comm, most = self.backend.contact_rows, self.backend.comm, self.options.rejoining
         edge = _share(comm, again & rows, released & rows) <= most
         ahead = _share(comm, again & ~rows, released & ~rows) <= self.options.returning
@@ -403,7 +408,7 @@ class ActiveSetUpdate(Generic[S]):
         )
 
     def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
-        """Penetrated rows that a growing load closes first; others may then stay open."""
+        """Penetrated rows that a growing load closes first; the other rows may then stay open."""
         share = self.backend.closing_share(state, penetrated)
         first = self.backend.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
         return np.asarray(share <= first + self.options.first_share * (1.0 - first))
@@ -420,7 +425,7 @@ def _changes(comm: MPI.Intracomm, statuses: Statuses, following: Statuses) -> in
 
 
 def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
-    """How many rows of a mask are in part of it, over all of them (collective)."""
+    """Number of rows of `part`, over the number of rows of `whole`, on all ranks (collective)."""
     few, all_rows = comm.allreduce(np.array([part.sum(), whole.sum()]))
     return float(few) / max(float(all_rows), 1.0)
 

@@ -1,10 +1,10 @@
-"""Which body each subdomain, interface unknown and row belongs to, and the sizes of each body.
+"""The body of each subdomain, interface unknown and row, and the sizes of each body.
 
-A certificate is worth what it is relative to. A weak body beside a strong one, or a body that
-nothing connects with another, has its own displacements, its own load and its own energy; relative
-to those of the strong one its whole answer may be an error nobody sees. Everything relative is
-therefore measured body by body. Bodies that can touch each other form a group, directly or through
-others: they hold one another up, and the duality gap bounds the error of a group as a whole.
+A certificate is only as good as its reference sizes. A weak body beside a strong body has smaller
+displacements, loads and energy. Relative to those of the strong body, an entirely wrong answer of
+the weak body would be a negligible error. So all relative numbers are measured body by body. Bodies
+that can touch each other form a group, directly or through other bodies. They support one another,
+and the duality gap bounds the error of a group as a whole.
 """
 
 from __future__ import annotations
@@ -19,32 +19,34 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 FAINT = 1e-6
-"""Share of the largest displacement or load in its group below which a body is measured by the
-group's: in contact with a body a million times as soft its own would be below what the solver's
-tolerance leaves of the other's."""
+"""Smallest reference of a body, as a share of the largest displacement or load in its group.
+
+In contact with a body a million times as soft, its own displacement would be below the solver's
+error in that of the other body.
+"""
 
 MOTIONLESS = 1e-9
-"""Displacement over that without any constraint force below which a body does not move and the
-digits of its displacement are rounding errors."""
+"""A body with a smaller displacement, over that without constraint forces, counts as motionless.
+
+Its displacement has no correct digits.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """To which body everything on this rank belongs.
+    """The bodies of this rank's subdomains, unknowns and rows.
 
     Attributes
     ----------
     groups : (bodies,)
-        Number of the group of bodies each one belongs to, from 0.
-    members : one (members,) array a class
-        Body of each subdomain.
-    columns : (interface,)
+        Number of the group of each body, from 0.
+    members : one (members,) array for each class Body of each subdomain. columns : (interface,)
         Body of each interface unknown.
     rows : (dual, 2)
-        The bodies a row of B connects; twice the same where it is of one body.
+        The two bodies that a row of B connects; twice the same body for rows of one body.
     rigid : (bodies,)
-        Bodies without stiffness. However far one moves, the bodies that it touches are measured by
-        their own displacements.
+        Mask of the bodies without stiffness. Their displacements are no reference for the bodies
+        that they touch.
     """
 
     groups: NDArray[np.int64]
@@ -76,7 +78,7 @@ class Bodies:
     def of_rows(self, values: Array) -> Array:
         """The larger of the values (bodies,) of the bodies of each row, (dual,).
 
-        That of the other body where one is rigid.
+        If one body is rigid, the value of the other body.
         """
         if self.count == 1:
             return np.full(len(self.rows), values[0])
@@ -86,14 +88,17 @@ class Bodies:
         return np.where(self.rigid[self.rows].all(axis=1), values[self.rows[:, 0]], elastic)
 
     def sum_members(self, values: Sequence[Array]) -> Array:
-        """Sums by body, (bodies,), of one value a subdomain, an array a class; this rank's."""
+        """This rank's sums by body, (bodies,), of one value per subdomain, in arrays by class."""
         result = np.zeros(self.count)
         for body, each in zip(self.members, values, strict=True):
             result += np.bincount(body, each, self.count)
         return result
 
     def sum_rows(self, values: Array, rows: NDArray[np.bool_]) -> Array:
-        """Sums by body, (bodies,), of values (dual,) of some rows; a pair's count for both."""
+        """Sums by body, (bodies,), of values (dual,) of some rows.
+
+        Rows of a pair count for both bodies.
+        """
         first, second = self.rows[rows].T
         result = np.bincount(first, values[rows], self.count)
         other = first != second
@@ -111,7 +116,7 @@ class Bodies:
 
 
 def run_begins(columns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Where runs of unknowns of one body begin, from the body of each, (interface,)."""
+    """First indices of the runs of unknowns of one body, given the body of each, (interface,)."""
     new = np.ones(len(columns), bool)
     new[1:] = columns[1:] != columns[:-1]
     return np.flatnonzero(new)
@@ -120,9 +125,9 @@ def run_begins(columns: NDArray[np.int64]) -> NDArray[np.int64]:
 def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
     """The reference length of each body, (bodies,); never zero.
 
-    The largest displacement of the body; where it does not move, the displacement it would have
-    without constraint forces; and at least a small share of the largest in its group. Of a rigid
-    body it is the largest in its group.
+    The reference is the largest displacement of the body. If the body does not move, it is the
+    displacement that the body would have without constraint forces. It is at least a small share of
+    the largest displacement in the group. For a rigid body it is the largest in its group.
 
     Parameters
     ----------
@@ -139,7 +144,10 @@ def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
 
 
 def sizes(bodies: Bodies, values: Array) -> Array:
-    """Values (bodies,), at least a small share of the largest in the group; one for zero."""
+    """Values (bodies,), raised to a small share of the largest in the group.
+
+    One in place of zero.
+    """
     values = np.maximum(values, FAINT * bodies.by_group(values)[bodies.groups])
     return np.where(values > 0.0, values, 1.0)
 

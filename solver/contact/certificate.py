@@ -1,7 +1,7 @@
-"""The certificate: how right an answer is, recomputed from the answer.
+"""The certificate: bounds on the errors of an answer, recomputed from the answer.
 
-Nothing here trusts the solver's residuals. From the multiplier λ and the displacements u are
-computed anew: jumps and penetration B u - c, the residual of equilibrium K u - f + Bᵀ λ on every
+The certificate uses no residual of the solver. It computes anew, from the multiplier λ and the
+displacements u: jumps and penetration B u - c, the residual of equilibrium K u - f + Bᵀ λ on every
 unknown, the sign of the contact forces, complementarity, and the duality gap.
 
 The gap. u minimises L(·, λ) = ½ a(u,u) - l(u) + λᵀ(B u - c), because K u = f - Bᵀ λ; so for any
@@ -10,28 +10,28 @@ admissible û (glued, held, not penetrating)
     J(û) - D(λ) = ½ (û - u)ᵀ K (û - u) - λᵀ (B û - c) ≥ 0,
 
 a sum of non-negative terms without cancellation, and the exact solution u* obeys
-½ ‖û - u*‖²_K ≤ J(û) - J(u*) ≤ J(û) - D(λ). It bounds the algebraic error; the error of the mesh
-is another matter. Any û will do. The nearest one to u is open wherever u is, which costs
-λᵀ (c - B u), first order in the error; rows that press are therefore closed in û where that costs
-less, second order.
+½ ‖û - u*‖²_K ≤ J(û) - J(u*) ≤ J(û) - D(λ). The gap bounds the algebraic error, not the error of the
+mesh. Any admissible û gives a bound. The û nearest to u is open wherever u is open; this adds λᵀ (c
+- B u), which is of first order in the error. So û closes the rows with contact forces wherever this
+adds less, a term of second order.
 
-Friction. λ_t is a friction force over its slip limit, s = μ λ_n of the answer or what is given, and
-w the slip. `friction_cone` is what |λ_t| exceeds s by. `slip_alignment` is the sum of
-|s w - |w| λ_t| over all points, zero where every point either rests or slides along a force at its
-limit, or the largest slip of a point that should rest, if that is more. The duality gap is that of
-the problem with the limits s, to which û adds s |ŵ| - λ_t · ŵ ≥ 0 at each point.
+Friction. Let λ_t be the friction force, s its limit (μ λ_n of the answer, or given) and w the slip.
+`friction_cone` is the excess of |λ_t| over s. `slip_alignment` is the sum of |s w - |w| λ_t| over
+all points, or the largest slip of a point whose force is below its limit, whichever is larger. The
+sum is zero if every point either rests or slides along a force at its limit. The duality gap is
+that of the problem with the limits s, to which û adds s |ŵ| - λ_t · ŵ ≥ 0 at each point.
 
-What the numbers are relative to. Each body is measured by its own sizes: lengths by its largest
+References of the relative numbers. Each body is measured by its own sizes: lengths by its largest
 displacement without rigid motions that nothing resists (`solver.tfeti.free_motions`), forces by its
 load (the largest of the sums of the magnitudes of loads, of reactions and of contact forces), the
-gap by its strain energy ½ a(u,u). A weak body beside a strong one, or a stiff one on a soft one, is
-so certified for itself (`solver.contact.bodies`). Bodies that can touch form a group; the gap of a
-group bounds the error of each of its bodies. The worst body decides.
+gap by its strain energy ½ a(u,u). So a weak body beside a strong one, or a stiff body on a soft
+one, is certified by its own sizes (`solver.contact.bodies`). Bodies that can touch form a group;
+the gap of a group bounds the error of each of its bodies. The worst body decides.
 
-Rounding. The numbers stand in for the exact u. What rounding u to its last digit makes of its
-strains, and the energy norm of the residual of equilibrium (by the diagonal of K, as of an error
-without a pattern), are added to the root of the gap: a body that is moved so far that nothing is
-left of the digits of its strains does not pass.
+Rounding errors. The gap assumes exact arithmetic. So two terms are added to its square root: the
+effect on the strains of rounding u to its last digit, and the energy norm of the residual of
+equilibrium (by the diagonal of K, for an error without a pattern). A body that moves so far that
+its strains have no correct digits does not pass.
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ NUMBERS = (
 )
 
 EQUILIBRIUM_FLOOR = 1e-9
-"""Residual of equilibrium that round-off may leave, relative to the load."""
+"""Residual of equilibrium, over the load, that rounding errors may always leave."""
 
 ROUNDED_LIMIT = 1e-6
-"""Residual of equilibrium beyond which rounding is no excuse."""
+"""Largest residual of equilibrium, over the load, that is attributed to rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -80,22 +80,23 @@ class Certificate:
     complementarity
         Σ λ_i |gap_i| over load times largest displacement.
     equilibrium
-        ‖K u - f + Bᵀ λ‖ over the load, in the 2-norm of all unknowns that are solved for.
+        ‖K u - f + Bᵀ λ‖ over the load, in the 2-norm over all unknowns that are solved for.
     duality_gap
-        J(û) - D(λ) over the strain energy, with what rounding may add.
+        J(û) - D(λ) over the strain energy, with the terms of rounding errors.
     friction_cone
-        Largest friction force beyond its limit, over the load.
+        Largest excess of a friction force over its limit, over the load.
     slip_alignment
-        Slips against their friction forces over load times largest displacement, or the largest
-        slip below the limit over the largest displacement.
+        The larger of two numbers: the misalignment of slips and friction forces, over load times
+        largest displacement; and the largest slip of a point below its limit, over the largest
+        displacement.
     frictional
         Whether the scene has friction.
     passed
-        Whether all of them are below the tolerance asked for.
+        Whether all numbers are below the tolerance.
     round_off
-        What rounding u to its last digit leaves of equilibrium, over the load; the residual may
-        come to that (and to no more than 1e-6). A body that is moved far and hardly strained, a
-        stiff one on a soft one, cannot do better: its forces are differences of large numbers.
+        Residual of equilibrium after rounding u to its last digit, over the load. The residual may
+        be as large as this, but not above 1e-6. A stiff body on a soft one moves far with small
+        strains and cannot reach less: its forces are differences of large numbers.
     worst
         The body whose number is reported, one for each of `NUMBERS`; empty where there is one body.
     """
@@ -115,24 +116,24 @@ class Certificate:
     worst: tuple[int, ...] = field(default=())
 
     def judged(self, tolerance: float) -> Certificate:
-        """The same numbers, held against a tolerance."""
+        """The same numbers, compared with a tolerance."""
         return replace(self, passed=max(self._shares(tolerance)) <= 1.0)
 
     def required_reduction(self, tolerance: float) -> float:
         """Factor by which the error has to fall; one or less where the certificate passes.
 
-        The gap is of second order in it. What is not a number passes nothing.
+        The gap is of second order in the error. A NaN does not pass.
         """
         shares = dict(zip(NUMBERS, self._shares(tolerance), strict=True))
         shares["duality_gap"] = float(np.sqrt(shares["duality_gap"]))
         return max(shares.values())
 
     def deciding(self, tolerance: float) -> int | None:
-        """The body that decides whether the certificate passes; None where there is one body."""
+        """The body with the worst number; None where there is one body."""
         return self.worst[int(np.argmax(self._shares(tolerance)))] if self.worst else None
 
     def _shares(self, tolerance: float) -> list[float]:
-        """Each of `NUMBERS` over what it may be; infinite for what is not a number."""
+        """Each of `NUMBERS` over its limit; infinite for a NaN."""
         limits = dict.fromkeys(NUMBERS, tolerance)
         rounded = min(self.round_off, ROUNDED_LIMIT)
         limits["equilibrium"] = max(tolerance, EQUILIBRIUM_FLOOR, rounded)
@@ -140,7 +141,7 @@ class Certificate:
         return [share if np.isfinite(share) else np.inf for share in shares]
 
     def as_dict(self) -> dict[str, Any]:
-        """As `summary.json` holds it."""
+        """The record in `summary.json`."""
         found = {**asdict(self), "warnings": list(self.warnings)}
         del found["worst"]
         if not found.pop("frictional"):
@@ -157,7 +158,7 @@ class Measures:
     displacements : (bodies,)
         Largest |u| over all nodes of each body, in units of length; zero for rigid bodies.
     deformations : (bodies,)
-        The same without the rigid motions that nothing resists: what lengths are relative to.
+        Largest |u| without the rigid motions that nothing resists: the reference of lengths.
     loads : (bodies,)
         Largest of the sums of magnitudes of loads, reactions and contact forces of each body.
     pressed : (bodies,)
@@ -165,7 +166,8 @@ class Measures:
     strains : (bodies,)
         a(u, u) of each body, twice its strain energy.
     roundings : (bodies,)
-        The same of what rounding and the residual of equilibrium may have done to u.
+        a(δu, δu) of the change δu that rounding errors and the residual of equilibrium may have
+        made to u.
     gaps : (groups,)
         The duality gap J(û) - D(λ) of each group, in units of energy.
     energy
@@ -173,7 +175,7 @@ class Measures:
     groups : (bodies,)
         The group of each body.
     scales : (bodies,)
-        What squared errors in energy norm are relative to in each body; zero where nothing is
+        Reference of squared errors in energy norm in each body; zero where the body is not
         strained.
     """
 
@@ -199,7 +201,7 @@ class Measures:
         return float(self.gaps.sum())
 
     def error_squares(self) -> NDArray[np.float64]:
-        """Bound on ‖û - u*‖² of each group, (groups,), with what rounding may add."""
+        """Bound on ‖û - u*‖² of each group, (groups,), with the terms of rounding errors."""
         rounding = np.bincount(self.groups, self.roundings, len(self.gaps))
         return np.asarray((np.sqrt(2.0 * np.maximum(self.gaps, 0.0)) + np.sqrt(rounding)) ** 2)
 
@@ -217,12 +219,13 @@ def certificate_of(
     tolerance
         `solver.tolerance` of the scene.
     relaxations
-        Steps that sharpen the gap: û's inside follows its interface, or where there are Schur
-        complements does so at once, and the interface moves where nothing holds it.
+        Number of steps that sharpen the gap. In each step the interior of û is equilibrated with
+        its interface (exactly where there are Schur complements), and û moves on the interface
+        where no constraint holds it.
     unsolved : (bodies,)
-        What an iterative solver left of K u = f - Bᵀ λ: the squared error in energy norm of the
-        group of each body. The gap takes that equation for granted, so its root is added to the
-        root of the gap.
+        Squared error in energy norm of the group of each body that an iterative solver left in K u
+        = f - Bᵀ λ. The gap assumes this equation, so the root of this number is added to the root
+        of the gap.
     """
     problem, multiplier, residual = answer.problem, answer.multiplier, answer.residual
     comm, bodies, contact = problem.comm, problem.bodies, problem.inequality
@@ -250,7 +253,7 @@ def certificate_of(
         energy=float(state.energy + work + gaps.sum()),
         groups=bodies.groups,
     )
-    # forces on what is merely moved are rounding errors: relative to those that would move it
+    # forces on a body that moves rigidly are rounding errors: relative to forces that would move it
     moving = rounded / np.finfo(np.float64).eps
     load = sizes(bodies, np.where(measures.scales > 0.0, measures.loads, moving))
     away = np.abs(slack) / bodies.of_rows(lengths)
@@ -270,7 +273,7 @@ def certificate_of(
 
 
 def _friction_work(answer: MeasuredAnswer) -> float:
-    """Σ s |w| of this rank: a part of J(û), but not of the energy of the bodies."""
+    """Σ s |w| over this rank's points: a part of J(û), but not of the energy of the bodies."""
     points = answer.problem.friction
     if points is None:
         return 0.0
@@ -292,7 +295,7 @@ def friction_numbers(
     multiplier, residual : (dual,)
         λ and B u - c.
     load, lengths : (bodies,)
-        What forces and lengths are relative to.
+        References of forces and of lengths.
     """
     points, bodies = problem.friction, problem.bodies
     if points is None:
@@ -322,7 +325,7 @@ def friction_numbers(
 def _with_unsolved(
     bodies: Bodies, gaps: NDArray[np.float64], unsolved: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """½ (√(2 gap) + e)² of each group, e the energy norm of what was not solved."""
+    """½ (√(2 gap) + e)² of each group, e the energy norm of the error of the iterative solver."""
     error = np.sqrt(bodies.by_group(unsolved))
     return np.asarray(0.5 * (np.sqrt(2.0 * np.maximum(gaps, 0.0)) + error) ** 2)
 
@@ -330,9 +333,10 @@ def _with_unsolved(
 def _certificate(
     found: dict[str, NDArray[np.float64]], rounded: NDArray[np.float64]
 ) -> Certificate:
-    """The worst body's numbers, from those of all bodies; none of it judged yet.
+    """The numbers of the worst body, not yet compared with a tolerance.
 
-    Bodies whose residual of equilibrium exceeds their rounding errors count as worse than others.
+    A body whose residual of equilibrium exceeds its rounding errors counts as worse than other
+    bodies.
     """
     blame = dict(found)
     excess = found["equilibrium"] > np.minimum(rounded, ROUNDED_LIMIT)
@@ -368,7 +372,7 @@ def _worst_rows(
 def _relative_gaps(problem: MeasuredProblem, measures: Measures) -> NDArray[np.float64]:
     """Half the bound on the squared error of each body over its strain energy, (bodies,).
 
-    The error of a body is at most that of its group, and what rounding makes of its own digits.
+    The error of a body is at most the error of its group plus its own rounding errors.
     """
     gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[problem.bodies.groups]
     square = (gap + np.sqrt(measures.roundings)) ** 2

@@ -1,16 +1,16 @@
 """The checkpoint of a stopped run: the state of the solver at one of its steps.
 
 A checkpoint is written every 30 seconds and when the run is asked to stop, whatever the algorithm
-does at that step. `Attention` decides at each step, on all ranks together, and the algorithm that
-is at work hands over its state. There are two kinds of states, told apart by the penalty ρ:
+does at that step. `Attention` decides at each step, on all ranks together, and the running
+algorithm then gives its state. The penalty ρ distinguishes two kinds of states:
 
 - ρ > 0: SMALBE, within an outer iteration or at its end. x and μ, and all scalars.
 - ρ = 0: conjugate gradients on an active set, or MPRGP alone. x is λ itself, and the second vector
-  is 1 where a contact row is taken to touch and 0 elsewhere.
+is 1 in active contact rows and 0 elsewhere.
 
-Two files: the vectors (`vector_file`) and the scalars in JSON, written last and put in place at
-once, so that a run killed while it writes leaves the checkpoint before it whole. Rows have another
-order on another number of ranks, so a run goes on with as many as wrote its checkpoint.
+Two files: the vectors (`vector_file`) and the scalars in JSON, written last and renamed into place,
+so that a run killed while it writes leaves the previous checkpoint intact. Rows have another order
+on another number of ranks, so a run goes on with as many as wrote its checkpoint.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ CHECKPOINT, VECTORS = "checkpoint.json", "checkpoint-*.vectors"
 """Names of the file of the scalars and of the files of vectors."""
 
 EVERY_SECONDS = 30.0
-"""Time of solving between two checkpoints: what a run that is killed loses at most."""
+"""Seconds of solving between two checkpoints: a killed run loses no more."""
 
 SAME = 1e-6
-"""Relative difference up to which the numbers that describe a problem are those of the same."""
+"""Relative difference up to which the numbers that describe two problems count as equal."""
 
 log = logging.getLogger("contact_app")
 
@@ -83,16 +83,16 @@ class Checkpoint:
     Parameters
     ----------
     directory
-        Where ``checkpoint.json`` and its vectors live.
+        Directory of ``checkpoint.json`` and its vectors.
     resume
-        Whether a checkpoint found there is gone on from.
+        Whether a run goes on from a checkpoint in the directory.
     every
         Seconds between two writes.
 
     Attributes
     ----------
     due
-        Whether the algorithm at work is to `save` its state now; the same on all ranks.
+        Whether the running algorithm has to `save` its state now; the same on all ranks.
     """
 
     def __init__(
@@ -107,16 +107,16 @@ class Checkpoint:
 
     @property
     def found(self) -> bool:
-        """Whether a wanted checkpoint is there, as rank 0 sees it (not collective)."""
+        """Whether a checkpoint to resume from exists, as rank 0 sees it (not collective)."""
         return self.resume and self.path.is_file()
 
     @property
     def overdue(self) -> bool:
-        """Whether the last one is old enough, as this rank sees it (not collective)."""
+        """Whether the next checkpoint is due, by the clock of this rank (not collective)."""
         return time.monotonic() - self._written >= self.every
 
     def load(self, problem: DescribedProblem) -> Restart | None:
-        """The state to go on from; None where there is none or none is wanted.
+        """The state to go on from; None without a checkpoint or if `resume` is false.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class Checkpoint:
         return f"{self.path}: no readable checkpoint: {error}; run without --resume"
 
     def save(self, state: Restart) -> None:
-        """Write a state; a disk that does not take it is no reason to end the run."""
+        """Write a state; a failure to write is logged and does not end the run."""
         self._held, self.due = None, False
         self._written = time.monotonic()
         try:
@@ -179,19 +179,19 @@ class Checkpoint:
                 log.warning("no checkpoint could be written: %s", error)
 
     def hold(self, state: Restart) -> None:
-        """Remember the state that a solve ended with, for `save_held` (not collective).
+        """Remember the final state of a solve, for `save_held` (not collective).
 
         Vectors are not copied: the caller leaves them as they are.
         """
         self._held = state
 
     def save_held(self) -> None:
-        """Write the state that was held, if no other was written since."""
+        """Write the remembered state, if no other state has been written since."""
         if self._held is not None:
             self.save(self._held)
 
     def remove(self) -> None:
-        """Nothing is left to go on from."""
+        """Remove the checkpoint: the run has ended."""
         self._held = None
         if self.comm.rank == 0:
             remove_checkpoint(self.path.parent)
@@ -256,14 +256,14 @@ class Attention:
 
 
 class Saver:
-    """Saves the state of an algorithm when that is due, with the work before it.
+    """Save the state of an algorithm when that is due, with the work done so far.
 
     Parameters
     ----------
     checkpoint
         None where nothing is saved.
     before
-        Work of algorithms before this one.
+        Work done before this algorithm.
     """
 
     def __init__(self, checkpoint: Checkpoint | None, before: Counts | None = None) -> None:
@@ -280,7 +280,7 @@ class Saver:
             self._checkpoint.save(replace(state, counts=self._before + state.counts))
 
     def after(self, counts: Counts) -> Saver:
-        """The same for an algorithm that begins after more work."""
+        """A saver for an algorithm that begins after more work."""
         return Saver(self._checkpoint, self._before + counts)
 
 
@@ -294,7 +294,7 @@ def without_outer_iterations(
     multiplier : (dual,)
         λ.
     touching : (dual,)
-        Contact rows that are taken to touch.
+        Active contact rows.
     """
     rows = touching.astype(np.float64)
     return Restart(0, multiplier, rows, 0.0, 0.0, 0.0, -math.inf, (), counts)
@@ -308,7 +308,7 @@ def remove_checkpoint(directory: Path) -> None:
 
 
 def _part(path: Path) -> Path:
-    """Name of the file of scalars while it is not whole."""
+    """Name of the file of scalars while it is being written."""
     return path.with_name(f".{path.name}.part")
 
 
@@ -319,7 +319,7 @@ def _next_name(previous: list[Path]) -> str:
 
 
 def _description(problem: DescribedProblem) -> dict[str, float]:
-    """Numbers that tell one dual problem from another, the same on any number of ranks."""
+    """Numbers that identify a dual problem, equal on any number of ranks."""
     c, d, e = problem.c, problem.effect_of_loads, problem.e
     squares = problem.comm.allreduce(np.array([problem.size, c @ c, d @ d, e @ e]))
     kinds = {kind.name.lower(): float(problem.count(kind)) for kind in RowKind}

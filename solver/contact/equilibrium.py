@@ -13,8 +13,8 @@ load drives it. The residual of the non-negative least-squares problem is this r
 
 With Coulomb friction the contact forces of a point lie in a cone, that of the rays N + μ t of all
 unit tangents t, and with Tresca friction the friction forces of all points together in a convex
-set. Of these a motion r meets what opposes it most, the ray with t along T r: r is an escape iff
-N r + μ |T r| ≤ 0 at each point and eᵀ r > Σ s |T r|.
+set. Among these forces the one that opposes a motion r most is the ray with t along T r: r is an
+escape iff N r + μ |T r| ≤ 0 at each point and eᵀ r > Σ s |T r|.
 
 The problem has six equations and as many unknowns as contact rows, spread over ranks. It is
 solved by column generation: each round every rank offers the row, or the ray, that the residual
@@ -32,11 +32,16 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 
 ROUNDS = 200
-"""Most steps of a search: each lowers the share, or adds a row or a friction force."""
+"""Largest number of steps of a search.
+
+Each step lowers the share, or adds a row or a friction force.
+"""
 
 SLIDING = 0.03
-"""Sine of the angle between a motion and the surfaces along which it is taken for a slide: normals
-of a ball of 2.6 to 10 facets a radian are off by 0.002 to 0.015."""
+"""Sine of the angle between a motion and the surfaces, below which the motion counts as a slide.
+
+Normals of a ball of 2.6 to 10 facets a radian are off by 0.002 to 0.015.
+"""
 
 HEAVY = 1e3
 """Weight of the equation that the shares of friction forces add up to one: the sum is off by the
@@ -46,10 +51,10 @@ SHARE_TOLERANCE = 1e-6
 """Relative accuracy of the share of a load that is in equilibrium."""
 
 NO_SHARE = 1e-6
-"""Share of a load below which its work counts as zero: motions have errors of rounding."""
+"""Share of a load below which its work counts as zero: motions carry rounding errors."""
 
 LIFT = 1e-6
-"""Lift beside the largest, and length of a normalised motion, that are taken for zero."""
+"""Lift over the largest lift, and length of a normalised motion, below which they count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +64,16 @@ class BodyBalance:
     Attributes
     ----------
     free_motions : (motions, k)
-        Orthonormal rigid motions no row sees: the body can slide along them.
+        Orthonormal rigid motions on which all rows vanish: the body can slide along them.
     escape : (motions,) or None
-        The rigid motion in which they leave, normalised; None in equilibrium.
+        The normalised rigid motion in which the bodies leave; None in equilibrium.
     held : bool
         Whether the held rows alone stop every rigid motion.
     steady : bool
-        Whether those of its group and tied rows together do.
+        Whether the held rows and the tied rows of its group together stop every rigid motion.
     loose : (motions, k)
-        Its part of orthonormal motions of its group that contact rows hardly see, or that no row
-        sees at all.
+        The body's part of orthonormal motions of its group on which the contact rows, or all rows,
+        are nearly zero.
     """
 
     free_motions: NDArray[np.float64]
@@ -80,16 +85,16 @@ class BodyBalance:
 
 @dataclass(frozen=True, eq=False)
 class FrictionCones:
-    """Tangential rows of contact points with friction, this rank's.
+    """Tangential rows of this rank's contact points with friction.
 
     Attributes
     ----------
     slips : (k, motions)
-        Tangential rows applied to the rigid motions; those of one point have one contact row.
+        Tangential rows applied to the rigid motions; the tangential rows of one point belong to one
+        contact row.
     normal : (k,)
-        Contact row of each.
-    coefficients, limits : (k,), (k,)
-        μ, and slip limits that are given; one of them is 0.
+        Contact row of each tangential row. coefficients, limits : (k,), (k,)
+        Coefficient μ and given slip limit (force) of each row; one of the two is 0.
     """
 
     slips: NDArray[np.float64]
@@ -98,11 +103,11 @@ class FrictionCones:
     limits: NDArray[np.float64]
 
     def along(self, motions: NDArray[np.float64]) -> FrictionCones:
-        """On motions that are combinations (motions, k) of the present ones."""
+        """The same cones for motions that are combinations (motions, k) of the present motions."""
         return replace(self, slips=self.slips @ motions)
 
     def directions(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
-        """T r over the length of that of its point, zero where nothing slides, (k,)."""
+        """T r over its length at each point, zero where the point does not slide, (k,)."""
         slip = self.slips @ motion
         size = np.sqrt(np.bincount(self.normal, slip**2, rows))[self.normal]
         return np.divide(slip, size, out=np.zeros(len(slip)), where=size > 0.0)
@@ -110,7 +115,7 @@ class FrictionCones:
     def opposing(
         self, rows: NDArray[np.float64], motion: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Contact rows (rows, motions) with the friction that opposes a motion most."""
+        """Contact rows (rows, motions) plus the friction that opposes a motion most."""
         pull = (self.coefficients * self.directions(motion, len(rows)))[:, None] * self.slips
         result = rows.copy()
         np.add.at(result, self.normal, pull)
@@ -129,12 +134,12 @@ def balance(
     load_scale: float,
     friction: FrictionCones | None = None,
 ) -> BodyBalance:
-    """Examine one body, or several together.
+    """Examine the equilibrium of one body, or of several together (collective).
 
     Parameters
     ----------
     held : (rows, motions)
-        This rank's held rows applied to the rigid motions, those of one body after another's.
+        This rank's held rows applied to the rigid motions, body by body.
     contact : (rows, motions)
         The same for contact rows, with the direction into the obstacle.
     load : (motions,)
@@ -142,7 +147,7 @@ def balance(
     load_scale
         Sum of the magnitudes of the loads; smaller residuals than 1e-9 of it are round-off.
     friction
-        Of some of the contact rows; None on all ranks where no contact has friction.
+        Friction of some contact rows; None on all ranks where no contact has friction.
     """
     gram_held = comm.allreduce(held.T @ held)
     gram_contact = comm.allreduce(contact.T @ contact)
@@ -167,9 +172,9 @@ def carried_share(
 ) -> float | None:
     """The largest t ≤ 1 for which t times a load is in equilibrium (collective).
 
-    Loads in equilibrium are a convex set that contains zero. Without given slip limits it is a
-    cone: a load that is not in it has no such t but zero. With them t is the least
-    Σ s |T r| / eᵀ r over motions r with D r = 0 and N r + μ |T r| ≤ 0 that the load drives. Each
+    The loads that are in equilibrium form a convex set that contains zero. Without given slip
+    limits it is a cone: a load that is not in it has no such t but zero. With them t is the least Σ
+    s |T r| / eᵀ r over motions r with D r = 0 and N r + μ |T r| ≤ 0 that the load drives. Each
     escape at one t is such a motion, and its quotient is the next t, until nothing escapes
     (Dinkelbach 1967).
 
@@ -205,11 +210,12 @@ def slide(
     escape: NDArray[np.float64],
     friction: FrictionCones,
 ) -> NDArray[np.float64]:
-    """The part of an escape along surfaces that stay in touch, normalised (collective).
+    """The normalised part of an escape along surfaces that stay in contact (collective).
 
     An escape is normal to the friction cones: where a point slides by |T r| it also lifts by
-    μ |T r|. Coulomb's law has no such lift. The part of the escape without it is the slide. Where
-    nothing is left, as in a wedge, or other points would be pressed in, the escape remains.
+    μ |T r|. Coulomb's law has no such lift. The part of the escape without lift is the slide. If
+    nothing remains, as in a wedge, or if other points would be pressed in, the escape itself is
+    returned.
 
     Parameters
     ----------
@@ -231,7 +237,7 @@ def slide(
 
 
 def held_motions(comm: MPI.Intracomm, held: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Orthonormal rigid motions (motions, k) that held rows (rows, motions) of all ranks leave."""
+    """Orthonormal rigid motions (motions, k) that no held row (rows, motions) stops."""
     return _null_space(comm.allreduce(held.T @ held))
 
 
@@ -246,7 +252,7 @@ def loose_motions(
     contact: NDArray[np.float64],
     moved: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Orthonormal motions of a group that held rows leave and contact rows hardly see.
+    """Orthonormal motions of a group that held rows leave free and contact rows hardly resist.
 
     Along such a motion v the surfaces slide: Σ (nᵀ v)² ≤ `SLIDING`² Σ |v|² over contact rows, as
     where a ball turns between races and the facets of its mesh alone resist (collective).
@@ -268,18 +274,18 @@ def loose_motions(
 
 
 def spanned(motions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Orthonormal basis of the span of motions (n, k), in which none is nearly another."""
+    """Orthonormal basis of the span of motions (n, k), without nearly dependent ones."""
     basis, size, _ = np.linalg.svd(motions, full_matrices=False)
     return np.asarray(basis[:, size > 1e-6])
 
 
 def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]]:
-    """Distribute free motions of several bodies among them: where the parts are held, all are.
+    """Distribute joint motions among bodies: holding all parts holds all motions.
 
     Parameters
     ----------
     free : (bodies · motions, k)
-        Motions all bodies make together.
+        Joint motions of all bodies.
 
     Returns
     -------
@@ -336,7 +342,7 @@ def _more(
     bounded: NDArray[np.float64],
     residual: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """The sum of friction forces with given limits against a motion, if it is new, (0 or 1, n)."""
+    """The sum of friction forces with given limits that oppose a motion, if new, (0 or 1, n)."""
     pull = comm.allreduce(own)
     known = max((bounded @ residual).max(initial=0.0), 0.0)
     if pull @ residual <= known + 1e-10 * np.linalg.norm(residual) * np.linalg.norm(pull):
@@ -354,7 +360,7 @@ def _nearest(
         sums = np.concatenate([np.zeros(len(chosen)), np.full(len(bounded) + 1, heavy)])
         columns = np.hstack([columns, bounded.T, np.zeros((len(load), 1))])
         columns, target = np.vstack([columns, sums]), np.append(load, heavy)
-    from scipy.optimize import lsq_linear  # slow to import, and few scenes come here
+    from scipy.optimize import lsq_linear  # slow to import, rarely needed
 
     weights = lsq_linear(
         columns, target, bounds=(0.0, np.inf), method="bvls", tol=1e-14, max_iter=1000

@@ -1,26 +1,26 @@
 """Coulomb's and Tresca's law of friction for the active-set loop.
 
-A point sticks, with its tangential rows in the active set, or slides, with its slip traction
-prescribed, s in the direction d of its slip; s = μ λ_n of the last state, or what is given. So
-every set is a symmetric problem. After a set is solved,
+A point sticks, with its tangential rows in the active set, or slides, with a prescribed slip
+traction of size s in the direction d of its slip. For Coulomb's law s = μ λ_n of the last state;
+for Tresca's law s is given. So every set is a symmetric problem. After a set is solved,
 
 * a sticking point whose force exceeds its limit slides in the direction of that force;
 * a sliding point that slips against d sticks;
-* of other sliding points limit and direction follow the state: d is that of  s d + ρ w  with the
-  slip w. In space λ_t = s w / |w| is not linear in w; a set has its derivative, λ_t = s d along d
-  and λ_t = (s / |w|) w across d, a compliance |w| / s of the row across.
+* for other sliding points limit and direction follow the state: the new d is the direction of s d +
+ρ w with the slip w. In space λ_t = s w / |w| is not linear in w; a set uses its derivative: λ_t = s
+d along d, and λ_t = (s / |w|) w across d, which is a compliance |w| / s of the row across.
 
-A node may be in several contacts. What sticks at one of them would have to stay where another one
-closes a gap, and where there is no gap the force would be undetermined. So of a point that sticks
-while its node is closed in another contact, the slip is  w = C (λ_t - λ_t'), λ_t' its force before
-and C a small compliance: the proximal point method (R. T. Rockafellar, Math. Oper. Res. 1, 1976).
-It comes to rest where w = 0, or its force grows until it slides.
+A node may be in several contacts. If it sticks in one contact, it could not move along that surface
+to close the gap of another contact; without a gap the friction force would be undetermined. So a
+point that sticks while its node is closed in another contact has the slip w = C (λ_t - λ_t'), λ_t'
+its force before and C a small compliance: the proximal point method (R. T. Rockafellar, Math. Oper.
+Res. 1, 1976). It comes to rest where w = 0, or its force grows until it slides.
 
-Contact and its release are those of Signorini's law. The rules are the semismooth Newton method for
+Points open and close by Signorini's law. The rules are the semismooth Newton method for
 Tresca friction (G. Stadler, *Path-following and augmented Lagrangian methods for contact problems
 in linear elasticity*, 2007, in the plane), with a fixed point over slip limits. Tractions that
-change by less than what the error of the state leaves open stay as they are. Points behind the
-front that the force beyond its limits would overload slide at once (`solver.contact.slip_front`).
+change by less than the error of the state are left as they are. Points behind the front that the
+force beyond its limits would overload slide at once (`solver.contact.slip_front`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,10 @@ Mask = NDArray[np.bool_]
 
 
 FAINT = float(np.finfo(np.float64).tiny)
-"""Compliance of a sliding point that has no slip yet: it tells its rows from those that hold."""
+"""Compliance of a sliding point that has no slip yet.
+
+It distinguishes its rows from sticking rows.
+"""
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,8 @@ class FrictionOptions:
     Attributes
     ----------
     turn
-        ρ: largest slip limit over largest slip, times this. Larger ones overshoot where slips are
-        no larger than what the tractions themselves cause.
+        ρ is this factor times the largest slip limit over the largest slip. Larger factors
+        overshoot where the slips are no larger than those that the tractions themselves cause.
     round_off
         Changes of tractions that count as zero, over the largest multiplier.
     """
@@ -68,14 +71,14 @@ class Friction(Frictionless):
     Attributes
     ----------
     points
-        Contact points with friction of this rank.
+        This rank's contact points with friction.
     comm
-        Of all ranks.
-    give : (k,)
+        Communicator of all ranks. give : (k,)
         Compliance of each tangential row where its node is closed in another contact; None on all
         ranks where no node is in several.
     front
-        Tells which points let go ahead of the set that would show it; None for none.
+        Finds the points to release ahead of the set that would show that they slide; None for no
+        such points.
     """
 
     name: str = "friction"
@@ -87,7 +90,10 @@ class Friction(Frictionless):
     options: FrictionOptions = FrictionOptions()
 
     def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
-        """Points in contact stick; from multipliers of a similar problem those below the limit."""
+        """Points in contact stick.
+
+        Given multipliers of a similar problem, only points below their limit stick.
+        """
         points = self.points
         touching = active[points.normals[points.first]] | (points.limits > 0.0)
         sticks, forces = touching, np.zeros(len(points.rows))
@@ -100,7 +106,7 @@ class Friction(Frictionless):
         return self._statuses(active, sticks, forces, np.zeros(len(points.first)))
 
     def consistent(self, statuses: Statuses) -> Statuses:
-        """The same without friction at points that are open and have no slip limit of their own."""
+        """The statuses without friction at points that are open and have no given slip limit."""
         points = self.points
         normals = self._without_tangents(statuses.active)
         touching = normals[points.normals[points.first]] | (points.limits > 0.0)
@@ -111,7 +117,7 @@ class Friction(Frictionless):
     def following(
         self, normals: Mask, found: Found, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
-        """Which points stick from now on, and the tractions of those that slide (collective)."""
+        """The points that stick from now on, and the tractions of sliding points (collective)."""
         points, multiplier = self.points, found.multiplier
         stuck = before.active[points.rows[points.first]]
         forces, slips = points.forces(multiplier), points.slips(found.jumps)
@@ -151,13 +157,13 @@ class Friction(Frictionless):
         return np.divide(forces, size, out=np.zeros(len(forces)), where=size > 0.0)
 
     def _cut(self, forces: Array, limit: Array) -> Array:
-        """Forces (k,) with the directions of some and the sizes of their limits (points,)."""
+        """Forces (k,) in the directions of given forces, as large as their limits (points,)."""
         size = self.points.sizes(forces)
         share = np.divide(limit, size, out=np.zeros(len(limit)), where=size > 0.0)
         return share[self.points.point] * forces
 
     def _rho(self, limit: Array, length: Array, stuck: Mask) -> float:
-        """Force for a slip, by which directions turn (collective)."""
+        """ρ, the force per slip that turns slip directions (collective)."""
         sliding = ~stuck & (limit > 0.0)
         own = np.array([limit[sliding].max(initial=0.0), length[sliding].max(initial=0.0)])
         largest = np.max(self.comm.allgather(own), axis=0)
@@ -215,7 +221,10 @@ class Friction(Frictionless):
         return Statuses(active, tractions, Turn(first, second, cosine, sine), compliance)
 
     def _least_give(self, active: Mask) -> Array:
-        """Least compliance of rows that are active: more than zero where nodes are closed twice."""
+        """Compliance that active tangential rows have at least.
+
+        Above zero where nodes are closed twice.
+        """
         points = self.points
         if self.give is None:
             return np.zeros(len(points.rows))
@@ -223,7 +232,7 @@ class Friction(Frictionless):
         return np.where(elsewhere[points.point], self.give, 0.0)
 
     def _keeping(self, after: Statuses, before: Statuses, kept: Mask) -> Statuses:
-        """Statuses after, with the tractions before at some points (points,) that slide."""
+        """The statuses `after`, with the tractions of `before` at some sliding points (points,)."""
         points = self.points
         if before.tractions is None or after.tractions is None or not kept.any():
             return after

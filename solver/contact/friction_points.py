@@ -1,8 +1,8 @@
 """Contact points with friction: forces, slips and slip limits from multipliers and residuals.
 
-With λ_n and λ_t the forces of the normal and the tangential rows of a point Coulomb's law asks for
-|λ_t| ≤ μ λ_n, Tresca's for |λ_t| ≤ s, and both for a slip w = 0 where |λ_t| is below its limit and
-one along λ_t where it is at it. The friction force on the body is -λ_t.
+Let λ_n and λ_t be the forces of the normal and the tangential rows of a point. Coulomb's law
+requires |λ_t| ≤ μ λ_n, Tresca's |λ_t| ≤ s. Both require a slip w = 0 where |λ_t| is below its
+limit, and a slip along λ_t where |λ_t| is at its limit. The friction force on the body is -λ_t.
 """
 
 from __future__ import annotations
@@ -15,30 +15,32 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 AT_LIMIT = 1e-3
-"""Share of the slip limit by which a friction force below it still counts as at the limit: the
-limits of Coulomb's law are met to a share of the largest force, not of each."""
+"""Share of the slip limit by which a friction force below it still counts as at the limit.
+
+The limits of Coulomb's law are met to a share of the largest force, not of each force.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionPoints:
-    """Contact points with friction, by the rows of a problem; this rank's.
+    """This rank's contact points with friction, by the rows of a problem.
 
     Attributes
     ----------
     rows, normals : (k,)
-        Row of B of each tangential row, and that of its point's normal.
+        Row of B of each tangential component, and the row of B of its point's normal.
     point : (k,)
-        Number of the point of each.
+        Number of the point of each tangential component.
     first : (points,)
         One of the tangential rows of each point.
     coefficients, limits : (points,)
-        μ, and the slip limit that is given; one of them is 0.
+        Coefficient μ and given slip limit (force) of each point; one of the two is 0.
     spread, normal_spread : (k,), (k,)
-        Force over multiplier, and slip over residual by its inverse.
+        Force over multiplier; its inverse is slip over residual.
     shared, beside : (pairs,), (pairs,)
-        Points whose node has other contact rows, and the rows of B of these.
+        Points whose node has other contact rows, and those rows of B.
     places, sources : (points, 3), (points,)
-        Where each point is, and the number of its contact.
+        Coordinates of each point, and the number of its contact.
     tangents : (k, dimension)
         Direction of each tangential row.
     """
@@ -59,23 +61,23 @@ class FrictionPoints:
 
     @property
     def planar(self) -> NDArray[np.int64]:
-        """Points that have two tangential rows, in space; those of a point are neighbours."""
+        """Points with two tangential rows (in space); the two rows of a point are neighbours."""
         return np.flatnonzero(np.bincount(self.point, minlength=len(self.first)) == 2)
 
     def sizes(self, values: Array) -> Array:
-        """Lengths of tangential vectors (k,), (points,)."""
+        """Lengths (points,) of tangential vectors (k,)."""
         return np.sqrt(np.bincount(self.point, values**2, len(self.first)))
 
     def dots(self, one: Array, other: Array) -> Array:
-        """Inner products of tangential vectors (k,), (points,)."""
+        """Inner products (points,) of tangential vectors (k,)."""
         return np.bincount(self.point, one * other, len(self.first)).astype(np.float64)
 
     def forces(self, multiplier: Array) -> Array:
-        """λ_t of multipliers (dual,), (k,)."""
+        """Friction forces λ_t (k,) from multipliers (dual,)."""
         return np.asarray(multiplier[self.rows] * self.spread)
 
     def pressing(self, multiplier: Array) -> Array:
-        """λ_n, zero where it is tensile, (points,)."""
+        """Normal forces λ_n (points,), zero where tensile, from multipliers (dual,)."""
         own = multiplier[self.normals[self.first]] * self.normal_spread[self.first]
         return np.maximum(own, 0.0)
 
@@ -84,15 +86,15 @@ class FrictionPoints:
         return self.coefficients * self.pressing(multiplier) + self.limits
 
     def slips(self, residual: Array) -> Array:
-        """w of residuals B u - c (dual,), (k,)."""
+        """Slips w (k,) from residuals B u - c (dual,)."""
         return np.asarray(residual[self.rows] / self.spread)
 
     def normal_residuals(self, residual: Array) -> Array:
-        """Penetrations, of residuals B u - c (dual,): (points,)."""
+        """Penetrations (points,) from residuals B u - c (dual,)."""
         return np.asarray(residual[self.normals[self.first]] / self.normal_spread[self.first])
 
     def sliding(self, multiplier: Array) -> NDArray[np.bool_]:
-        """Tangential rows (dual,) of points whose friction force is at its limit, or nearly so."""
+        """Tangential rows (dual,) of points whose friction force is (nearly) at its limit."""
         size, limit = self.sizes(self.forces(multiplier)), self.slip_limits(multiplier)
         result = np.zeros(len(multiplier), bool)
         result[self.rows] = (size >= (1.0 - AT_LIMIT) * limit)[self.point]

@@ -1,10 +1,10 @@
 """Contact laws: which contact forces are admissible, and when a point opens or closes.
 
-A law is one object. The active-set loop asks it which active normal rows may stay active and which
-others join them, and then for the statuses of all rows; the certificate's numbers are those of its
-conditions. A new law is a new class: Tresca's and Coulomb's laws (`solver.contact.friction_law`)
-keep active the tangential rows whose traction is below the slip limit and prescribe the slip
-traction of the others, a tied contact keeps every row active.
+A law is one object. The active-set loop asks the law which active normal rows may stay active and
+which open rows join them, and then for the statuses of all rows. The certificate measures the
+conditions of the law. A new law is a new class: Tresca's and Coulomb's laws
+(`solver.contact.friction_law`) keep active the tangential rows whose traction is below the slip
+limit and prescribe the slip traction of the others, a tied contact keeps every row active.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The numbers of a state that a law needs.
+    """Data of a state that a law needs.
 
     Attributes
     ----------
     multiplier, jumps, distance : (rows,)
-        λ, B u - c, and that over the displacement of the row's body, as `SetState` has them.
+        λ, B u - c, and B u - c over the displacement of the row's body, as in `SetState`.
     force, away
-        Multipliers and distances up to which they count as zero, by the error of the state.
+        Multipliers and distances below which they count as zero, given the error of the state.
     strongest
         The largest multiplier of an active row.
     """
@@ -46,18 +46,18 @@ class Found:
 class ContactLaw(Protocol):
     """A contact law as the active-set loop uses it; arrays are (rows,), local parts.
 
-    `may_stay_active` and `closes` are asked of normal rows alone.
+    `may_stay_active` and `closes` are called for normal rows alone.
     """
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Name of the law in messages."""
 
     @property
     def settles(self) -> bool:
-        """Whether sets come to one that is the answer's.
+        """Whether the sets reach the set of the answer after finitely many steps.
 
-        Where prescribed forces follow the answer, they only come close to it.
+        Where prescribed forces follow the answer, the sets only approach it.
         """
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
@@ -75,18 +75,18 @@ class ContactLaw(Protocol):
     def following(
         self, normals: Mask, found: Found, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
-        """Statuses with the normal rows that are active from now on (collective).
+        """Statuses of the next set, given its active normal rows (collective).
 
         Parameters
         ----------
         before
-            Of the set that the state solves.
+            Statuses of the set that the state solves.
         ahead
-            Whether points may let go of which the state alone does not tell it.
+            Whether the law may release points before the state alone shows that they slide.
 
         Returns
         -------
-        The statuses, and which tangential rows (rows,) belong to such points.
+        The statuses, and the mask (rows,) of the tangential rows of points so released.
         """
 
 

@@ -1,4 +1,4 @@
-"""Steps as a monitor of a contact problem sees them: with the active set and its contact rows."""
+"""Monitors of a contact problem: steps with the number of the active set and its contact rows."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from solver.qp.result import Monitor, Step
 
 
 def on_active_set(monitor: Monitor | None, number: int, rows: int, before: int) -> Monitor | None:
-    """A monitor that tells another which active set a step belongs to.
+    """A monitor that adds the number of the active set to each step and calls another monitor.
 
     Parameters
     ----------
     number
-        Of the set, from 1.
-    rows
+        Number of the set, from 1. rows
         Contact rows in it, over all ranks.
     before
         Iterations on earlier sets.
@@ -32,9 +31,9 @@ def on_active_set(monitor: Monitor | None, number: int, rows: int, before: int) 
 
 
 def with_bounds(monitor: Monitor | None, rows: int) -> Monitor | None:
-    """A monitor that counts the rows whose multipliers are off their bounds, of so many rows.
+    """A monitor that replaces the number of rows at a bound by the number of the other rows.
 
-    Steps that have their number already keep it.
+    Steps that already hold a number of contact rows keep it.
     """
     if monitor is None:
         return None

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 Method = Literal["auto", "active-set", "smalbe", "primal"]
-"""Which algorithm solves the problem (`solver.driver`)."""
+"""Name of the algorithm that solves the problem (`solver.driver`)."""
 
 
 @dataclass(frozen=True)
 class SolverOptions:
     """Options of the solver, as the configuration documents them.
 
-    `tightest` is the smallest tolerance an automatic one comes to, where the mesh is (nearly)
-    exact.
+    `tightest` is the smallest automatic tolerance; it applies where the mesh is (nearly) exact.
     """
 
     method: Method = "auto"
@@ -27,5 +26,5 @@ class SolverOptions:
 
     @property
     def expected_tolerance(self) -> float:
-        """The tolerance for estimates that are made before an automatic one is known."""
+        """The tolerance for estimates of cost, made before an automatic tolerance is known."""
         return 1e-3 if self.tolerance == "auto" else float(self.tolerance)

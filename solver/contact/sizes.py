@@ -1,4 +1,4 @@
-"""The numbers of an answer for its certificate, and the reference of errors in energy norm."""
+"""Protocols of a measured problem and answer, and the reference of errors in energy norm."""
 
 from __future__ import annotations
 
@@ -15,19 +15,24 @@ from solver.contact.friction_points import FrictionPoints
 Array = NDArray[np.float64]
 
 STRAINLESS = 1e4
-"""a(u, u) over what rounding makes of it, below which strains are rounding errors: a hundredth of
-them, squared."""
+"""a(u, u) over its rounding error, below which strains count as rounding errors."""
 
 UNSTRAINED = 1e-20
-"""a(u, u) over what loads make at their unknowns alone, below which strains are rounding errors of
-forces that cancel: these have ten digits."""
+"""Strains with a smaller a(u, u) are rounding errors of forces that cancel.
+
+Such forces have ten digits. Relative to the a(u, u) that the loads would cause if each unknown gave
+way alone.
+"""
 
 FORCED = 1e3
-"""Forces on a group over rounding errors, beyond which they are forces."""
+"""Forces on a group over their rounding errors, above which they count as forces."""
 
 IDLE = 1e-3
-"""Load of a body over that of its group below which the error of its stresses is measured as if it
-carried so much: what hardly carries anything need not be right to as many digits."""
+"""Load of a body over the load of its group.
+
+The error of a body that carries less is measured as if it carried this share: its stresses need not
+be as accurate.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +44,11 @@ class Equilibrium:
     imbalance : (bodies,)
         2-norm of the residual over the free unknowns of each body.
     reactions : (bodies,)
-        Σ |r_i| over the eliminated unknowns: what holds them.
+        Σ |r_i| over the eliminated unknowns: the reactions.
     disturbances : (bodies,)
         Σ r_i² / K_ii, the squared energy norm of an error that leaves a residual r of no pattern.
     strains : (bodies,)
-        a(u, u), in which rigid motions, however large, leave no rounding errors.
+        a(u, u), computed so that large rigid motions leave no rounding errors.
     energy
         ½ a(u,u) - l(u).
     """
@@ -64,7 +69,7 @@ class MeasuredProblem(Protocol):
 
     @property
     def bodies(self) -> Bodies:
-        """To which body each row belongs."""
+        """Body of each row."""
 
     @property
     def inequality(self) -> NDArray[np.bool_]:
@@ -72,11 +77,11 @@ class MeasuredProblem(Protocol):
 
     @property
     def conditional(self) -> NDArray[np.bool_]:
-        """Rows that need not hold: contact rows and tangential ones, (rows,)."""
+        """Mask (rows,) of rows that may be inactive: contact rows and tangential rows."""
 
     @property
     def spread(self) -> Array:
-        """Force over multiplier, and distance over residual by its inverse, (rows,)."""
+        """Force over multiplier of each row, (rows,); its inverse is distance over residual."""
 
     @property
     def friction(self) -> FrictionPoints | None:
@@ -91,15 +96,15 @@ class MeasuredProblem(Protocol):
         """a(u, u) without constraint forces, (bodies,)."""
 
     def strains_at_unknowns(self) -> Array:
-        """a(u, u) that loads make at their unknowns alone, (bodies,)."""
+        """a(u, u) of the loads if each unknown gave way alone, (bodies,)."""
 
 
 class MeasuredAnswer(Protocol):
-    """An answer of a backend and how large it is in each body; using it is collective."""
+    """An answer of a backend and its sizes in each body; all calls are collective."""
 
     @property
     def problem(self) -> MeasuredProblem:
-        """The problem that it answers."""
+        """The problem of this answer."""
 
     @property
     def multiplier(self) -> Array:
@@ -113,16 +118,16 @@ class MeasuredAnswer(Protocol):
         """The residual of equilibrium K u - f + Bᵀ λ and its parts."""
 
     def round_off(self) -> tuple[Array, Array]:
-        """The effect of rounding errors of u, (bodies,): ‖K δu‖ and δuᵀ K δu."""
+        """Effect of the rounding errors δu of u, (bodies,) each: ‖K δu‖ and δuᵀ K δu."""
 
     def largest_displacements(self) -> Array:
         """Largest |u| over the nodes of each body, (bodies,); zero for rigid bodies."""
 
     def largest_deformations(self) -> Array:
-        """The same without the rigid motions that nothing resists, (bodies,)."""
+        """Largest |u| without the rigid motions that nothing resists, (bodies,)."""
 
     def forces_on_bodies(self, force: Array, reactions: Array) -> Array:
-        """Sums of the magnitudes of loads, of reactions and ties, and of contact forces.
+        """Sums of the magnitudes of loads, of reactions and tied forces, and of contact forces.
 
         (3, bodies).
 
@@ -135,7 +140,7 @@ class MeasuredAnswer(Protocol):
         """
 
     def gaps(self, relaxations: int) -> Array:
-        """The duality gap of each group of bodies, (groups,), after steps that sharpen it."""
+        """Duality gap of each group of bodies, (groups,), after `relaxations` sharpening steps."""
 
 
 def energy_scales(
@@ -147,21 +152,22 @@ def energy_scales(
 ) -> NDArray[np.float64]:
     """The reference of squared errors in energy norm in each body, (bodies,).
 
-    Its strains, a(u, u). A body that carries next to nothing is measured as if it carried `IDLE` of
-    what its group does, and none by more than its group.
+    The reference is a(u, u) of the body. A body that carries nearly no load is measured as if it
+    carried the share `IDLE` of the load of its group. No reference exceeds that of the group.
 
-    Where nothing but rounding errors, of displacements or of forces, strains a group, a(u, u) tells
-    nothing. If forces act on it all the same, far above those rounding makes, as loads on the face
-    that an obstacle holds, it is measured by what the loads would do without constraints. If none
-    act, contact forces that rounding makes apart, it is merely moved and has no error: zero. Else
-    its strains are digits that are not there, and it fails by them.
+    If only rounding errors of displacements or forces strain a group, a(u, u) is meaningless. If
+    the forces on the group are still far above rounding errors (for example loads on a face that an
+    obstacle holds), the reference is the energy that the loads would cause without constraints. If
+    no forces act but rounding errors of contact forces, the group moves rigidly and has no error:
+    the reference is zero. Otherwise the strains have no correct digits, and the certificate of the
+    group fails.
 
     Parameters
     ----------
     forces : (3, bodies)
         Loads, reactions and contact forces.
     rounded : (bodies,)
-        Force that rounding makes.
+        Rounding errors of the forces.
     """
     bodies, groups = problem.bodies, problem.bodies.groups
     load = forces.max(axis=0)

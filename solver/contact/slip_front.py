@@ -1,12 +1,12 @@
-"""How far the front between what sticks and what slides moves when overloaded points let go.
+"""Prediction of the front between sticking and sliding points when overloaded points slide.
 
-A set that holds too many points overloads those at the front alone: once they slide, each carries
-its limit, and the next ones behind the front have to carry the rest. Sets that let go only what is
-overloaded move the front by one ring of points each. Instead the force beyond the limit is handed
-on: what a point has to let go goes to the nearest points that still stick, and those that it
-overloads let go in turn, until all is carried. On a thin rod all of it arrives there. In a body
-that spreads forces farther less does; what slides too early slips against its force and sticks
-again in the next set.
+If too many points stick, only the points at the front are overloaded. Once they slide, each carries
+its limit, and the points behind the front have to carry the rest. So each set would move the front
+by one ring of points only. Instead the force beyond the limit of a point is passed on to the
+nearest points that still stick. Points that this overloads slide in turn, until all force is
+carried. On a thin rod all of the force arrives at the nearest points. In a body that spreads forces
+farther, less arrives. A point that is released too early slips against its force and sticks again
+in the next set.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 APART = 10.0
-"""Distance that is put between contacts, over the extent of all: none is near another."""
+"""Distance added between contacts, over the extent of all points.
+
+No force passes between contacts.
+"""
 
 
 @dataclass(frozen=True)
@@ -34,16 +37,18 @@ class FrontOptions:
     Attributes
     ----------
     rounds
-        Times that forces are handed on.
+        Number of times that forces are passed on.
     takers
-        Nearest sticking points that take what a point lets go, in the plane and in space.
+        Number of nearest sticking points that take the excess force of a point, in the plane and in
+        space.
     shares
-        Of the force beyond the limit that is handed on each time, in the plane and in space. With
-        all of it a sheet took 231 operator applications, with 0.8 of it 206, with 0.7 of it 237; in
-        the plane with less a rod took 13 sets instead of 4.
+        Share of the excess force that is passed on each time, in the plane and in space. A sheet in
+        space took 231 operator applications with a share of 1, 206 with 0.8 and 237 with 0.7. A rod
+        in the plane took 4 sets with a share of 1 and 13 with less.
     carried
-        Share of the limits of a contact that its forces may come to, where friction may be all that
-        holds a body: a plate near the load at which it slides would be let go altogether.
+        Where only friction may hold a body: the rule applies to contacts whose forces are below
+        this share of their limits. Otherwise a plate near its sliding load would be released
+        altogether.
     """
 
     rounds: int = 300
@@ -53,13 +58,12 @@ class FrontOptions:
 
 
 class SlipFront:
-    """Contact points of all ranks, and where they are; made collectively.
+    """Contact points of all ranks with their positions; made collectively.
 
     Parameters
     ----------
     points
-        Those of this rank.
-    held
+        Contact points with friction of this rank. held
         Whether all bodies are held without friction, so that all points may slide.
     """
 
@@ -81,18 +85,17 @@ class SlipFront:
         self._places = np.column_stack([places / (extent or 1.0), APART * self._sources])
 
     def sliding(self, forces: Array, limits: Array, sticks: Mask) -> tuple[Mask, Array]:
-        """Points within their limits that let go because others do (collective).
+        """Points within their limits that slide because other points do (collective).
 
         Parameters
         ----------
         forces : (k,)
-            Of the tangential rows.
-        limits, sticks : (points,)
-            Slip limits, and which points stuck; those beyond their limits let go.
+            Friction forces of the tangential rows. limits, sticks : (points,)
+            Slip limits (forces), and which points stuck. Points beyond their limits slide.
 
         Returns
         -------
-        (points,), and the forces of all once everything is carried, (k,).
+        Mask (points,) of these points, and all friction forces after the redistribution, (k,).
         """
         points, comm = self._points, self._comm
         vectors = np.zeros((len(points.first), points.tangents.shape[1]))
@@ -117,7 +120,7 @@ class SlipFront:
         return np.asarray((np.linalg.norm(total, axis=1) <= most)[self._sources])
 
     def _handed_on(self, forces: Array, limits: Array, sticks: Mask) -> tuple[Array, Mask]:
-        """Forces (points, d) once all is carried, and which points still stick."""
+        """Forces (points, d) after the redistribution, and the points that still stick."""
         forces, sticks, options = forces.copy(), sticks.copy(), self.options
         space = forces.shape[1] - 2
         most, share = options.takers[space], options.shares[space]

@@ -5,8 +5,8 @@ multiplies its error by about -μ over the slope of the load path and can oscill
 accelerated (D. G. Anderson, *Iterative procedures for nonlinear integral equations*, J. ACM 12,
 1965; H. F. Walker, P. Ni, *Anderson acceleration for fixed-point iterations*, SIAM J. Numer. Anal.
 49, 2011): the next limits are the combination of the last ones whose residuals s - μ λ_n(s) are
-least. Where the residual grows, what was known is dropped and the next step is half of the plain
-one.
+least. Where the residual grows, the earlier limits are dropped and the next step is half a plain
+step.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from solver.contact.friction_points import FrictionPoints
 Array = NDArray[np.float64]
 
 MEMORY = 5
-"""Earlier limits that the next ones are a combination of."""
+"""Number of earlier limits in the combination."""
 
 GROWN = 1.5
-"""Residual over the last one above which the step is halved."""
+"""Residual over the last residual, above which the step is halved."""
 
 SMALLEST = 1e-10
-"""Share of the largest squared difference of residuals below which another one tells nothing."""
+"""Share of the largest squared difference of residuals below which a difference is left out."""
 
 
 class SlipLimits:
-    """The limits of the problem that is solved, and how they go on.
+    """Slip limits of the problem with given limits, and their iteration.
 
     Attributes
     ----------
@@ -57,14 +57,14 @@ class SlipLimits:
         return change / size if size > 0.0 else change
 
     def settles(self, multiplier: Array, share: float) -> bool:
-        """Whether μ λ_n moved by a small share of what s lacks since it was last asked for."""
+        """Whether μ λ_n has changed by less than a share of |s - μ λ_n| since the last call."""
         wanted = self._points.slip_limits(multiplier)
         moved = np.inf if self._last is None else self._norm(wanted - self._last)
         self._last = wanted
         return moved <= share * self._norm(wanted - self.values)
 
     def advance(self, multiplier: Array) -> None:
-        """Go on to the next limits, from the contact forces under the present ones (collective)."""
+        """Move to the next limits, given the contact forces under the present ones (collective)."""
         wanted = self._points.slip_limits(multiplier)
         residual = wanted - self.values
         size = self._norm(residual)
@@ -78,7 +78,7 @@ class SlipLimits:
         self.values = np.maximum(mixed, self._points.limits)
 
     def _mixed(self, residual: Array) -> Array:
-        """s + r minus the combination of differences that takes most off the residual r."""
+        """s + r minus the combination of differences that makes the residual r least."""
         before = self._known[:-1]
         differences = np.array([residual - r for _, r in before])
         steps = np.array([self.values - s for s, _ in before])

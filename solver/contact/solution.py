@@ -1,4 +1,4 @@
-"""An answer, how accurate it is, and what it took."""
+"""A solution with its accuracy, its certificate and the work of the solver."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from solver.contact.certificate import Certificate, Measures
 class Accuracy:
     """Errors in energy norm relative to that of the answer, √a(u,u).
 
-    Of several groups of bodies that do not touch each other those of the worst group. NaN, in
-    `summary.json` null, where nothing can be said: what strains there are, are rounding errors.
+    If several groups of bodies do not touch each other, the errors of the worst group. NaN (null in
+    `summary.json`) where all strains are rounding errors.
 
     Attributes
     ----------
     discretisation
         Estimated error of the mesh.
     algebraic
-        Bound on the error of the solver, √(2 gap), and of rounding, as far as `round_off` tells.
+        Bound on the error of the solver, √(2 gap), with the estimate `round_off` of rounding
+        errors.
     total
         Root of the sum of their squares.
     square
         a(u,u) of the answer.
     round_off
-        Estimate of what rounding did to the answer; the part of `algebraic` that is no bound.
+        Estimate of the effect of rounding errors: the part of `algebraic` that is not a bound.
     bodies
-        The first two of each body that is strained, relative to its own strains.
+        `discretisation` and `algebraic` of each strained body, relative to its own strains.
     """
 
     discretisation: float
@@ -43,18 +44,18 @@ class Accuracy:
     bodies: tuple[tuple[float, float], ...] = ()
 
     def as_dict(self) -> dict[str, float | None]:
-        """As `summary.json` holds it."""
+        """The record in `summary.json`."""
         names = ("discretisation", "algebraic", "total", "round_off")
         found = {name: getattr(self, name) for name in names}
         return {name: None if math.isnan(value) else value for name, value in found.items()}
 
     def calibrated(self, share: float) -> Accuracy:
-        """The same with that share of the squared estimate."""
+        """The accuracy with the squared estimate of the mesh error multiplied by `share`."""
         mesh = self.discretisation * math.sqrt(share)
         return replace(self, discretisation=mesh, total=math.hypot(mesh, self.algebraic))
 
     def resolved(self, share: float) -> Accuracy:
-        """The same with that share of the solver's error."""
+        """The accuracy with the solver's error multiplied by `share`."""
         algebraic = share * self.algebraic
         return replace(
             self,
@@ -64,9 +65,9 @@ class Accuracy:
         )
 
     def excess(self, share: float, tightest: float) -> float:
-        """The solver's error over what it may be, in the worst body.
+        """The solver's error over its admissible value, in the worst body.
 
-        It may be a share of the error of the mesh, and needs to be no less than `tightest`.
+        The admissible value is a share of the error of the mesh, and at least `tightest`.
         """
         worst = 0.0
         for mesh, solver in self.bodies:
@@ -78,24 +79,23 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """An answer and what it took; local parts.
+    """An answer with the work of the solver; arrays are local parts.
 
     Attributes
     ----------
     multiplier : (dual,)
         λ.
-    displacements : one (n, members) array a class
-        u.
-    counts, reason
+    displacements : displacement u, one array (n, members) for each class of subdomains. counts,
+    reason
         Work of the solver and why it ended.
     tolerance
-        What the certificate was held against.
+        Tolerance of the certificate.
     accuracy
         Errors of the mesh and of the solver; None until they are estimated.
     method
-        Which algorithm found it; "direct" where there was nothing to iterate.
+        The algorithm that found the answer; "direct" where no iteration was needed.
     warm
-        Whether it grew out of the multipliers that were given to begin with.
+        Whether the solve began with given multipliers.
     """
 
     multiplier: NDArray[np.float64]

@@ -1,11 +1,11 @@
-"""When a solve has gone far enough.
+"""Stopping rules: the accuracy at which a solve ends.
 
 A tolerance that is a number is met when every number of the certificate is below it. With
-`tolerance: auto` the mesh decides: the solve ends when its error is a tenth of the mesh's, both in
-energy norm and relative, the one bounded by the duality gap and the other estimated from the
-stresses of the iterate itself. That tenth is the tolerance chosen, which the certificate's other
-numbers meet as well. Squares of errors add up: the total is then half a percent above what the
-mesh alone would leave.
+`tolerance: auto` the mesh decides: the solve ends when the error of the solver is a tenth of the
+error of the mesh. Both are relative errors in energy norm. The duality gap bounds the first, and
+the second is estimated from the stresses of the iterate. This tenth becomes the tolerance of all
+other numbers of the certificate. Squares of errors add up: the total is then half a percent above
+what the mesh alone would leave.
 
 The estimate is made once jumps and error of an answer are below the loosest tolerance, and again
 only where the error of the solver disturbed it.
@@ -27,22 +27,28 @@ LOOSEST = 3e-2
 """Largest tolerance that is chosen."""
 
 NEARLY = 1.2
-"""Gap over that which a tenth of the mesh's last known error allows, above which no new estimate
-of that error is made."""
+"""The mesh error is estimated anew once the duality gap is below this factor times its limit.
+
+The gap for a solver error of a tenth of the last estimate.
+"""
 
 GAIN = 8.0
-"""Factor by which the error falls at most from one answer to the next: where the error is
-larger than allowed by n such factors, the next n answers are passed over."""
+"""Largest factor by which the error falls from one answer to the next.
+
+If the error exceeds its limit by n such factors, the next n answers are not certified.
+"""
 
 SHARPENS = 20.0
-"""Factor by which a sharper duality gap is smaller at most."""
+"""Largest factor by which relaxations reduce the duality gap."""
 
 AGAIN = 0.7
-"""Factor on the error asked of the next answer of an active set after one that failed."""
+"""Factor on the required error of the next answer on an active set after a rejected answer."""
 
 STEADY = 0.15
-"""Algebraic error over that of the mesh below which the latter's estimate is not made again: it is
-right to a few per cent then, although jumps between subdomains disturb it more than the error."""
+"""Error of the solver over the error of the mesh, below which the mesh error is not estimated anew.
+
+The estimate is then right to a few per cent.
+"""
 
 Assess = Callable[[Solution], Accuracy]
 
@@ -50,18 +56,18 @@ Gap = Callable[[bool], float]
 
 
 class StoppingRule:
-    """Stops at a tolerance that is given.
+    """Stop at a given tolerance.
 
     Attributes
     ----------
     tolerance
-        What the certificate's numbers have to meet.
+        Upper limit of the certificate's numbers.
     patience
-        Operator applications that may pass between a certificate that failed and the next.
+        Operator applications between a failed certificate and the next one.
     relaxations
         Steps that sharpen the duality gap of certificates.
     may_end_early
-        Whether answers are tried before the active set is settled.
+        Whether answers are certified before the active set has settled.
     """
 
     patience = 0
@@ -72,21 +78,21 @@ class StoppingRule:
         self.tolerance = tolerance
 
     def required_reduction(self, worst: float, strained: float, gap: Gap) -> float:
-        """Factor by which the error of an answer has to fall before it is worth a certificate.
+        """Factor by which the error of an answer has to fall before it is certified.
 
         Parameters
         ----------
         worst
             Largest jump or penetration, over the largest displacement.
         strained
-            Twice the energy of its strains.
-        gap
-            Tells the duality gap without contact forces that pull; sharper, for a price, if asked.
+            Twice the strain energy, a(u, u). gap
+            Function that returns the duality gap without tensile contact forces; with True a
+            sharper one, at a higher cost.
         """
         return worst / self.tolerance
 
     def required_of_certified(self, solution: Solution) -> float:
-        """The same of an answer whose certificate failed, as far as that tells."""
+        """The same factor for an answer whose certificate failed."""
         return solution.certificate.required_reduction(self.tolerance)
 
     def judge(self, solution: Solution) -> Solution:
@@ -96,14 +102,14 @@ class StoppingRule:
 
 
 class AutomaticRule(StoppingRule):
-    """Stops at a tolerance that follows the discretisation error.
+    """Stop at a tolerance that follows the discretisation error.
 
     Parameters
     ----------
     assess
         Estimates the errors of an answer (collective).
     tightest
-        Smallest tolerance that is chosen: where the mesh is exact, or nearly so.
+        Smallest tolerance that is chosen, for a mesh that is (nearly) exact.
     """
 
     patience = 6
@@ -120,7 +126,7 @@ class AutomaticRule(StoppingRule):
         self._assessed: tuple[Accuracy, float] | None = None
 
     def required_reduction(self, worst: float, strained: float, gap: Gap) -> float:
-        """As of a tolerance that is given: of jumps, and of the error that the gap bounds."""
+        """The factor of `StoppingRule`, for the jumps and for the error that the gap bounds."""
         lack = worst / self._chosen
         if self._wait:
             self._wait -= 1
@@ -137,18 +143,18 @@ class AutomaticRule(StoppingRule):
         return self._lack
 
     def required_of_certified(self, solution: Solution) -> float:
-        """Nothing that `required_reduction` does not know: `judge` has set the limits of both."""
+        """One: `judge` has already put the new limits into `required_reduction`."""
         return 1.0
 
     def judge(self, solution: Solution) -> Solution:
-        """The answer with the verdict of its certificate, which fails until enough is enough.
+        """The answer with its certificate, which fails until the error is small enough.
 
-        The error of the mesh is estimated where a first certificate passes loosely, and again
-        where the gap that it then asked for is met.
+        The error of the mesh is estimated once a certificate passes at a loose tolerance, and again
+        once the duality gap meets the limit that follows from this estimate.
         """
         limit = self._limit
         judged = self._judge(solution)
-        known = limit == self._limit  # what was asked for is what the mesh asks for
+        known = limit == self._limit  # the limits in force are those that the mesh asks for
         self._demand = AGAIN * self._demand if known and not judged.converged else 1.0
         return judged
 
@@ -183,7 +189,10 @@ class AutomaticRule(StoppingRule):
         return replace(solution, certificate=judged, tolerance=chosen, accuracy=accuracy)
 
     def _accuracy(self, solution: Solution) -> Accuracy:
-        """Errors of an answer; that of the mesh as it was where the last answer told it well."""
+        """Errors of an answer.
+
+        The mesh error is reused where the last estimate is accurate enough.
+        """
         gap = solution.measures.gap
         if self._assessed is None or self._assessed[0].excess(STEADY, 0.0) > 1.0:
             accuracy = self._assess(solution)
@@ -194,17 +203,17 @@ class AutomaticRule(StoppingRule):
         return accuracy
 
     def _tighten(self, excess: float) -> None:
-        """Ask for residuals that are smaller by as much as the error has to fall."""
+        """Reduce the limits of the residuals by the factor by which the error has to fall."""
         self.tolerance /= max(excess, 2.0)
 
 
 def stopping_rule(options: SolverOptions, assess: Assess | None) -> StoppingRule:
-    """The rule that a scene's tolerance means.
+    """The stopping rule for the tolerance of a scene.
 
     Raises
     ------
     ValueError
-        An automatic tolerance without anything to assess an answer with.
+        An automatic tolerance without a function that estimates errors.
     """
     if options.tolerance != "auto":
         return StoppingRule(options.tolerance)

@@ -1,7 +1,7 @@
 """Distributed vectors in one file, in the order of their rows.
 
-Rank 0 writes and reads the parts of all ranks one after another, so that it holds one of them at a
-time and an error of the disk is met in one place. Numbers are little-endian of 8 bytes.
+Rank 0 writes and reads the parts of all ranks one after another, so that it holds one part at a
+time and disk errors occur on one rank only. Numbers are little-endian of 8 bytes.
 """
 
 from __future__ import annotations
@@ -78,12 +78,12 @@ def read_vectors(
     size
         Rows of this rank.
     count
-        How many vectors.
+        Number of vectors.
 
     Raises
     ------
     OSError, ValueError
-        On all ranks; the latter where the file has another size.
+        On all ranks; ValueError where the file has another size.
     """
     sizes = comm.allgather(size)
     found = np.empty((count, size), NUMBER)

@@ -2,5 +2,5 @@
 
 min ½ xᵀ A x - bᵀ x subject to l ≤ x ≤ u is solved by `mprgp` with the expansions of `expansion`
 (paper, section 3), with equalities C x = c by `smalbe` (SMALBE-M) around it. `box_qp` is the
-problem, `operators` what A may be, `result` what a solve returns.
+problem, `operators` adapts the admissible types of A, and `result` is the outcome of a solve.
 """

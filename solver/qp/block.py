@@ -1,4 +1,4 @@
-"""One block of an iterate's vectors: passes over it stay in the cache and allocate nothing."""
+"""One block of an iterate's vectors: operations on it stay in the cache and allocate no memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class Block:
     Parameters
     ----------
     feasible
-        None where no component is constrained: then the free gradient is the gradient itself.
+        The set on these components; None where no component is constrained: then the free gradient
+        is the gradient itself.
     """
 
     x: Vector

@@ -1,8 +1,8 @@
 """The box l ≤ x ≤ u as a separable convex set.
 
 A component is active when its distance to a bound is at most ten rounding errors of the bound's
-scale, which is u - l where both are finite and |bound| otherwise. So the splitting, and with it
-every count, is the same in all units. The chopped gradient is min(g, 0) at a lower bound, max(g, 0)
+scale, which is u - l where both are finite and |bound| otherwise. So the splitting, and every count
+of steps, is independent of the units. The chopped gradient is min(g, 0) at a lower bound, max(g, 0)
 at an upper one, 0 where both bounds coincide.
 """
 
@@ -39,11 +39,11 @@ class Box:
         return False
 
     def blocks(self, size: int) -> Iterator[slice]:
-        """Components that are passed over together."""
+        """Slices of components that are processed together."""
         return blocks(size)
 
     def not_finite(self, offset: int) -> list[str]:
-        """Bounds that are no numbers, or exclude everything."""
+        """Messages on bounds that are NaN, or infinite so that no point is left."""
         checks = []
         if self.lower is not None:
             bad = np.isnan(self.lower) | np.isposinf(self.lower)
@@ -59,7 +59,7 @@ class Box:
         return messages
 
     def empty(self, offset: int) -> list[str]:
-        """Where bounds cross."""
+        """Messages on components whose lower bound exceeds the upper bound."""
         lower, upper = self.lower, self.upper
         if lower is None or upper is None or not (lower > upper).any():
             return []
@@ -82,7 +82,7 @@ class Box:
 
     @cached_property
     def edges(self) -> tuple[Vector | None, Vector | None]:
-        """Values at or beyond which a component is active at its lower, its upper bound."""
+        """Values (n,) at or beyond which components are active at the lower and upper bounds."""
         lower, upper = self.lower, self.upper
         low_scale: Vector | None
         high_scale: Vector | None
@@ -105,7 +105,7 @@ def _edge(bound: Vector | None, scale: Vector | None, sign: float) -> Vector | N
 
 
 class BoxOnBlock:
-    """Bounds of one block, with the kernels that pass over it (protocol `SetOnBlock`).
+    """The bounds of one block, with its kernels (protocol `SetOnBlock`).
 
     Elementwise operations on a block stay in the cache; no kernel allocates.
     """
@@ -158,8 +158,8 @@ class BoxOnBlock:
     def step_to_boundary(self, x: Vector, p: Vector, alpha: float) -> None:
         """P(x - αp), with components that come within rounding of a bound put on it.
 
-        What is left of the distance to the bound is compared with what there was, for a bound
-        at zero has no scale of its own.
+        The distance to the bound after the step is compared with the distance before it, because a
+        bound at zero has no scale.
         """
         if self.lower is not None:
             _towards(self.lower, x, out=self.s)
@@ -193,7 +193,8 @@ class BoxOnBlock:
     def inverse_longest_step(self, x: Vector, p: Vector) -> float:
         """Inverse of the largest length that keeps x - length * p in the box; 0 if it is free.
 
-        At a bound 0/0 is passed over, and a step away from it is -∞: never the longest.
+        At a bound, 0/0 is ignored, and a step away from the bound gives -∞, which never is the
+        largest inverse.
         """
         inverse = 0.0
         if self.lower is not None:

@@ -11,7 +11,7 @@ from solver.vectors import Vector
 
 
 class BoxQP(SeparableQP):
-    """A convex quadratic program with bounds, checked.
+    """A convex quadratic program with bounds; the data are checked.
 
     Parameters
     ----------

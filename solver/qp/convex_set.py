@@ -1,11 +1,11 @@
-"""Separable convex sets: products of small closed convex sets, each of few components.
+"""Separable convex sets: products of small closed convex sets of few components each.
 
-A solver moves in such a set by the kernels below, block by block, and knows nothing else of it. A
-set is a box (`solver.qp.box`), or a box with discs of friction (`solver.qp.discs`). What all
-methods need is the splitting of the gradient g at a feasible point x (paper, section 2; Z. Dostál,
-T. Kozubek, *An optimal algorithm and superrelaxation for minimization of a quadratic function
-subject to separable convex constraints with applications*, Math. Program. 135, 2012). With the
-factors at whose boundary x lies (active) and the others (free),
+A solver uses such a set only through the kernels below, block by block. A set is a box
+(`solver.qp.box`), or a box with discs of friction (`solver.qp.discs`). All methods need the
+splitting of the gradient g at a feasible point x (paper, section 2; Z. Dostál, T. Kozubek, *An
+optimal algorithm and superrelaxation for minimization of a quadratic function subject to separable
+convex constraints with applications*, Math. Program. 135, 2012). A factor of the product is active
+if x lies on its boundary, and free otherwise. With this,
 
 * free gradient g^f: g on free components, 0 on active ones;
 * chopped gradient g^c: on active components the part of g along which the cost falls inside the
@@ -25,7 +25,7 @@ from solver.vectors import Mask, Vector
 
 
 class Scratch:
-    """Work space that the blocks of an iterate share."""
+    """Work arrays that the blocks of an iterate share."""
 
     FLOATS = ("t", "s", "u", "trial")
     MASKS = ("at_lower", "at_upper", "mask", "side", "sign")
@@ -35,16 +35,16 @@ class Scratch:
         self._masks = {name: np.empty(size, dtype=bool) for name in self.MASKS}
 
     def floats(self, name: str, size: int) -> Vector:
-        """A vector of that length; its name tells it from the others."""
+        """The work vector (size,) of that name."""
         return self._floats[name][:size]
 
     def masks(self, name: str, size: int) -> Mask:
-        """A mask of that length."""
+        """The work mask (size,) of that name."""
         return self._masks[name][:size]
 
 
 class SetOnBlock(Protocol):
-    """The factors of one block of components; x, g, p, … are of the block."""
+    """The set on one block of components; x, g, p, … are the parts of the vectors in the block."""
 
     def split(self, x: Vector, g: Vector, is_free: Mask, free: Vector, chopped: Vector) -> None:
         """Put the mask of free components, g^f and g^c at x into the last three."""
@@ -53,7 +53,7 @@ class SetOnBlock(Protocol):
         """Move x to the nearest point of the set."""
 
     def step_to_boundary(self, x: Vector, p: Vector, alpha: float) -> None:
-        """Move x to P(x - αp); what comes within rounding of the boundary is put on it."""
+        """Move x to P(x - αp); components within rounding errors of the boundary are put on it."""
 
     def reduce(self, x: Vector, free: Vector, alpha: float, out: Vector) -> None:
         """Put g^r for the step length α into out."""
@@ -73,20 +73,23 @@ class SeparableSet(Protocol):
 
     @property
     def is_everything(self) -> bool:
-        """Whether no component has a boundary: nothing is ever split or projected."""
+        """Whether no component is constrained."""
 
     @property
     def curved(self) -> bool:
         """Whether a straight step along the boundary may leave the set."""
 
     def blocks(self, size: int) -> Iterator[slice]:
-        """Slices of components that are passed over together; no slice cuts a factor."""
+        """Slices of components that are processed together; no slice cuts a factor."""
 
     def not_finite(self, offset: int) -> list[str]:
-        """Messages on data that are no numbers, by component; this rank's first is at `offset`."""
+        """Messages on data that are not finite, by component.
+
+        This rank's first component is `offset`.
+        """
 
     def empty(self, offset: int) -> list[str]:
-        """Which factors have no point, naming components."""
+        """Messages on empty factors, by component."""
 
     def project(self, x: Vector) -> None:
         """Move x to the nearest point of the set."""

@@ -2,16 +2,16 @@
 
     l_i ≤ x_i ≤ u_i,      |(x_j, x_k) - c| ≤ r.
 
-The boundary of a disc is curved. At a point on it with the outer normal n the chopped gradient is
-the part of the gradient whose negative does not leave the disc,
+The boundary of a disc is curved. At a boundary point with the outer normal n, the chopped gradient
+is the part of the gradient whose negative stays in the disc,
 
     g^c = g - min(g · n, 0) n,
 
 which may be tangent to the boundary: no straight step along it stays in the disc. A solver then
-moves along the way to the projection of a gradient step (Z. Dostál, T. Kozubek, *An optimal
-algorithm and superrelaxation for minimization of a quadratic function subject to separable convex
-constraints with applications*, Math. Program. 135, 2012). A disc of radius zero is a point: what
-lies in it is never free and has no chopped gradient.
+moves towards the projection of a gradient step (Z. Dostál, T. Kozubek, *An optimal algorithm and
+superrelaxation for minimization of a quadratic function subject to separable convex constraints
+with applications*, Math. Program. 135, 2012). A disc of radius zero is a point: its components are
+never free and have no chopped gradient.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from solver.qp.convex_set import Scratch
 from solver.vectors import Mask, Vector
 
 ACTIVITY = 1e-13
-"""Distance from the boundary, over the radius, up to which a point counts as on it."""
+"""Distance from the boundary, over the radius, up to which a point counts as a boundary point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class BoxAndDiscs:
     Attributes
     ----------
     box
-        Of all components; those of discs have none.
+        Bounds of all components; components of discs have none.
     first, second : (discs,)
         The two components of each disc.
     center : (2, discs)
@@ -65,7 +65,7 @@ class BoxAndDiscs:
         yield slice(0, size)
 
     def not_finite(self, offset: int) -> list[str]:
-        """Bounds, centres and radii that are no numbers."""
+        """Messages on bounds, centres and radii that are not finite."""
         messages = self.box.not_finite(offset)
         bad = ~np.isfinite(self.radius + self.center.sum(axis=0))
         if bad.any():
@@ -74,7 +74,7 @@ class BoxAndDiscs:
         return messages
 
     def empty(self, offset: int) -> list[str]:
-        """Where bounds cross or a radius is negative."""
+        """Messages on crossed bounds and negative radii."""
         messages = self.box.empty(offset)
         if (self.radius < 0.0).any():
             worst = int(np.argmin(self.radius))
@@ -138,7 +138,7 @@ class BoxAndDiscsOnBlock:
         self._set.project_discs(x)
 
     def step_to_boundary(self, x: Vector, p: Vector, alpha: float) -> None:
-        """P(x - αp), with what comes within rounding of the boundary put on it."""
+        """P(x - αp), with components within rounding errors of the boundary put on it."""
         self._box.step_to_boundary(x, p, alpha)
         self._set.project_discs(x, ACTIVITY)
 
@@ -155,7 +155,7 @@ class BoxAndDiscsOnBlock:
     def inverse_longest_step(self, x: Vector, p: Vector) -> float:
         """Inverse of the largest length that keeps x - length * p in the set; 0 if it is free.
 
-        Of pairs within a disc: |d - t p|² = r² has one positive root t.
+        For pairs inside a disc, |d - t p|² = r² has one positive root t.
         """
         inverse = self._box.inverse_longest_step(x, p)
         discs = self._set

@@ -120,7 +120,7 @@ def as_equalities(C: Any, comm: MPI.Comm) -> Equalities:
 
 
 def equalities_norm(equalities: Equalities, size: int) -> float:
-    """‖C‖: known, or by the power method on CᵀC."""
+    """‖C‖: the known value, or an estimate by the power method on CᵀC."""
     known = getattr(equalities, "norm", None)
     if known:
         return float(known)

@@ -1,4 +1,4 @@
-"""Small problems on which expansion strategies fail; tests and a figure are built on them."""
+"""Small problems on which expansion strategies fail, for tests and a figure."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ def cycling_problem() -> BoxQP:
 
 
 def permon_string(n: int = 100) -> BoxQP:
-    """PERMON's example, a string over a wavy obstacle, its ends held at zero; start it at zero."""
+    """PERMON's example.
+
+    A string over a wavy obstacle with its ends held at zero; begin at x = 0.
+    """
     h = 1.0 / (n - 1)
     hessian = sparse.lil_array(sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n)))
     load, place = np.full(n, -30.0 * h**2), np.arange(n) * h

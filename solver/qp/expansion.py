@@ -1,4 +1,4 @@
-"""How MPRGP enlarges the active set when the CG step would leave the box (paper, section 3).
+"""Expansions of the active set when the CG step of MPRGP would leave the box (paper, section 3).
 
 An expansion is one small frozen object that moves an iterate to a feasible point with its gradient:
 
@@ -10,11 +10,11 @@ An expansion is one small frozen object that moves an iterate to a feasible poin
 * :class:`ProjectedCG`: the full CG step, projected.
 * :class:`SafeguardedCG`: the same, with a guaranteed descent. From the half step x½, the last
   feasible point of the CG step, the straight way to the projected CG step is feasible, and all its
-  points keep the bound that x½ met. The multiplication that plain ``projcg`` spends on the
-  new gradient is spent on Ad, d the way: it gives cost and gradient everywhere on it. Where the
-  projected CG step raises the cost, the way ends at its minimum, or the way of the standard
-  expansion, d = α g^r, is taken, whichever is lower; the multiplication that would tell which is
-  spent only where what is known leaves it open.
+  points keep the bound that x½ met. Plain ``projcg`` spends one multiplication on the new gradient.
+  Here it is spent on Ad, with d the direction of the straight way: it gives cost and gradient
+  everywhere on the way. If the projected CG step raises the cost, the step ends at the minimum on
+  this way, or follows the way of the standard expansion, d = α g^r, whichever is lower. A
+  multiplication to compare the two is spent only where the bounds below do not decide.
 
 Descent. Let δ = f(x) - f(x½) and D = ½ g^rᵀg^f/‖A‖ at x½ (g^r for the length 1/‖A‖): Dostál's
 theory guarantees that the standard expansion decreases the cost by δ + D, and the proof of MPRGP's
@@ -25,10 +25,10 @@ inside the way (gᵀd)²/(2 dᵀAd) ≥ gᵀd/(2α‖A‖), the end ½ gᵀd bel
 is at least g^r for 1/‖A‖ over 1.9. (‖A‖ is replaced by the largest ‖Ap‖/‖p‖ seen where it is not
 known; it is a lower bound, which makes D larger.)
 
-Losing to the standard expansion. It ends at most m(gᵀd', c) below x½, d' its way, c any lower bound
-of d'ᵀAd' and m(s, c) the largest of ts - ½t²c for 0 ≤ t ≤ 1. By Cauchy and Schwarz
-c = (dᵀAd')²/dᵀAd will do, and Ad is known. So a minimum on the way to the projected CG step that
-is m(gᵀd', c) below x½ cannot lose, and no multiplication is spent to see it.
+Comparison with the standard expansion. It ends at most m(gᵀd', c) below x½, with d' its way, c any
+lower bound of d'ᵀAd' and m(s, c) the maximum of ts - ½t²c for 0 ≤ t ≤ 1. By Cauchy and Schwarz, c =
+(dᵀAd')²/dᵀAd is such a bound, and Ad is known. So a minimum on the way to the projected CG step
+that is m(gᵀd', c) below x½ is at least as low, and no multiplication is needed to see it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Expansion(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in the paper's terms."""
+        """Name of the strategy in the paper's terms."""
 
     def expand(self, it: Iterate, alpha_cg: float, alpha_f: float) -> None:
         """Move to the next feasible point, with its gradient split and p restarted.
@@ -134,7 +134,7 @@ class ProjectedCG:
     name: str = "projcg"
 
     def prepare(self, it: Iterate) -> None:
-        """Nothing: no reduced gradient."""
+        """Do nothing: this strategy uses no reduced gradient."""
 
     def expand(self, it: Iterate, alpha_cg: float, alpha_f: float) -> None:
         """Full step and projection; to the first bound where the CG step has no end."""
@@ -144,7 +144,7 @@ class ProjectedCG:
 
 @dataclass(frozen=True)
 class SafeguardedCG:
-    """Projection of the CG step, cut or replaced where the cost would rise (see the module).
+    """Projection of the CG step, shortened or replaced where the cost would rise (see the module).
 
     Attributes
     ----------
@@ -159,11 +159,11 @@ class SafeguardedCG:
     standard: float = 1.9
 
     def prepare(self, it: Iterate) -> None:
-        """Nothing: ‖A‖ is learnt on the way."""
+        """Do nothing: ‖A‖ is estimated during the solve."""
 
     def expand(self, it: Iterate, alpha_cg: float, alpha_f: float) -> None:
-        """Half step, then the way that descends."""
-        if it.largest == 0.0:  # no curvature seen at all: to the bound, and look again
+        """Half step, then a step that lowers the cost."""
+        if it.largest == 0.0:  # no curvature known yet: go to the bound
             it.advance(alpha_f, restart=True, snap=True)
             return
         if math.isinf(alpha_cg):
@@ -187,7 +187,7 @@ class SafeguardedCG:
         it.advance(min(length, 1.0), restart=True, snap=True)
 
     def _lowest(self, it: Iterate) -> float:
-        """Aim at the lower of the minima on the way p and on that of the standard expansion.
+        """Aim at the lower of two minima: on the way p, or on the way of the standard expansion.
 
         Returns the length at which it lies.
         """
@@ -205,7 +205,7 @@ class SafeguardedCG:
 
 
 def minimum(slope: float, curvature: float) -> tuple[float, float]:
-    """Where t slope - ½ t² curvature is largest for 0 ≤ t ≤ 1, and how large.
+    """Maximiser and maximum of t slope - ½ t² curvature for 0 ≤ t ≤ 1.
 
     >>> minimum(1.0, 2.0)
     (0.5, 0.25)

@@ -1,6 +1,6 @@
-"""The point at which an active-set iteration stands, and the passes that move it.
+"""The iterate of an active-set iteration, and the operations that move it.
 
-Every method makes one pass over the vectors and at most one collective. A CG step of MPRGP is
+Every method makes one pass over the vectors and at most one collective sum. A CG step of MPRGP is
 :meth:`Iterate.probe`, :meth:`Iterate.advance`, :meth:`Iterate.conjugate`: one Hessian
 multiplication, three passes, two collectives. All vectors are allocated when the iterate is made.
 """
@@ -29,7 +29,7 @@ ZERO_CURVATURE = 1e-14
 NEGATIVE_CURVATURE = -1e-12
 
 
-#: Called with the iterate after each step; copies what it wants to keep.
+#: Called with the iterate after each step; has to copy the arrays that it stores.
 Watch = Callable[["Iterate"], None]
 
 
@@ -47,12 +47,11 @@ class Iterate:
     drift : float
         Rounding errors that recurrences may have added to g since it was last evaluated.
     image : ndarray or None
-        What an operator that has an ``image`` makes of x beside the product, carried along by
-        recurrence as g is.
+        For an operator with an ``image``: the image of x, updated by the same recurrence as g.
     curved : bool
-        Whether a straight step along the boundary of the feasible set may leave it.
+        Whether a straight step along the boundary of the feasible set may leave the set.
     watch : callable of Iterate or None
-        Sees the iterate after each step.
+        Called with the iterate after each step.
     """
 
     def __init__(
@@ -72,7 +71,7 @@ class Iterate:
         self.g, self.p, self.Ap = np.zeros(n), np.zeros(n), np.zeros(n)
         feasible = None if qp.feasible.is_everything else qp.feasible
         self._bounded = feasible is not None
-        # without constraints the free gradient is the gradient, and nothing is ever chopped
+        # without constraints the free gradient is the gradient, and the chopped gradient is zero
         self.free = np.zeros(n) if self._bounded else self.g
         self.chopped = np.zeros(n)
         self.is_free: Mask = np.ones(n, dtype=bool)
@@ -117,7 +116,10 @@ class Iterate:
 
     @property
     def norm(self) -> float:
-        """‖A‖: given, or by the power method when first asked for; raised where a step saw more."""
+        """‖A‖.
+
+        Given, or by the power method at the first call; raised where a step showed a larger value.
+        """
         if self._norm is None:
             self._norm, multiplications = estimate_norm(self.operator)
             self.counts.norm_estimation += multiplications
@@ -138,7 +140,10 @@ class Iterate:
         self._norm = norm
 
     def evaluate(self) -> None:
-        """g = Ax - b by a multiplication, split; the directions restart at the free gradient."""
+        """Compute g = Ax - b by a multiplication and split it.
+
+        The directions restart at the free gradient.
+        """
         self.operator.apply(self.x, self.g)
         image = self._image_of_last()
         self.image = None if image is None else image.copy()
@@ -147,7 +152,7 @@ class Iterate:
         self.restart(subtract_b=True)
 
     def begin(self) -> None:
-        """The gradient -b of x = 0, which takes no multiplication, and the first directions."""
+        """Set the gradient -b of x = 0, which takes no multiplication, and the first directions."""
         self.g.fill(0.0)
         image = self._image_of_last()
         self.image = None if image is None else np.zeros_like(image)
@@ -206,7 +211,7 @@ class Iterate:
         return slope / curvature, longest
 
     def advance(self, alpha: float, *, restart: bool = False, snap: bool = False) -> None:
-        """x - αp with its gradient g - αAp by recurrence, split; optionally restart p there.
+        """Move to x - αp, with g - αAp by recurrence and split; optionally restart p.
 
         With ``snap``, components that the step brought to within rounding of a bound are put
         on it, as the half step to the bound needs.
@@ -243,7 +248,10 @@ class Iterate:
         np.copyto(self.p, self.chopped)
 
     def aim_projected(self, alpha: float) -> None:
-        """p = x - P(x - αg): the way to the projection of a gradient step, feasible to its end."""
+        """p = x - P(x - αg).
+
+        The way to the projection of a gradient step; all of it is feasible.
+        """
         for block in self.blocks:
             np.copyto(block.p, block.g)
             block.project_into(alpha, out=block.trial)
@@ -292,9 +300,9 @@ class Iterate:
             np.multiply(block.p, alpha, out=block.p)
 
     def aim_reduced_beside(self, alpha: float) -> tuple[float, float]:
-        """p = α g^r, with what p and Ap were kept for :meth:`take_back`; gᵀp and pᵀAp_before.
+        """p = α g^r; the old p and Ap are stored for :meth:`take_back`. Return gᵀp and pᵀAp_before.
 
-        They are kept where g^c and g^f stood, which the next step splits anew.
+        They are stored in the arrays of g^c and g^f, which the next step computes anew.
         """
         self._beside = self.slope, self.curvature, self.product_norm
         self._image_beside = None if self._image_p is None else self._image_p.copy()
@@ -310,7 +318,7 @@ class Iterate:
         return slope, mixed
 
     def take_back(self) -> None:
-        """P and Ap as they were before :meth:`aim_reduced_beside`."""
+        """Restore p and Ap from before :meth:`aim_reduced_beside`."""
         self.slope, self.curvature, self.product_norm = self._beside
         self._image_p = self._image_beside
         np.copyto(self.p, self.chopped)
@@ -319,9 +327,9 @@ class Iterate:
     # ------------------------------------------------------------------ bookkeeping
 
     def record(self, step: str, monitor: Monitor | None) -> bool:
-        """Append to the history, tell the monitor; whether it asks to stop (on any rank).
+        """Append to the history and call the monitor; return whether it asks to stop on any rank.
 
-        The watch, which may save the iterate, sees it after the monitor.
+        The watch, which may save the iterate, is called after the monitor.
         """
         event = Step(
             self.outer,
@@ -352,7 +360,10 @@ class Iterate:
         self.drift += float(np.finfo(np.float64).eps) * size
 
     def _image_of_last(self) -> np.ndarray | None:
-        """The image of the last vector that the operator was applied to; the next overwrites it."""
+        """The image of the last vector that the operator was applied to.
+
+        The next application overwrites it.
+        """
         image = getattr(self.operator, "image", None)
         assert image is None or isinstance(image, np.ndarray)
         return image
@@ -369,19 +380,19 @@ class Iterate:
             block.settle()
 
     def at_round_off(self) -> bool:
-        """Whether the projected gradient is no more than rounding errors."""
+        """Whether the projected gradient is at the level of rounding errors."""
         return self.projected_gradient_norm <= self.round_off
 
     def measure_b(self) -> None:
-        """Take ‖b‖ anew."""
+        """Compute ‖b‖ anew."""
         self.b_norm = self.reduction.norm(self.qp.b)
 
     def mark(self) -> None:
-        """Remember where the iterate stands, for :meth:`diverges`."""
+        """Remember the present iterate, for :meth:`diverges`."""
         self._marked = (self.x.copy(), self.g.copy())
 
     def diverges(self) -> bool:
-        """Whether x ran off since it was marked, downhill, without meeting curvature."""
+        """Whether x has moved far since `mark`, with falling cost and almost no curvature."""
         if self._marked is None:
             return False
         x, g = self._marked
@@ -395,7 +406,7 @@ class Iterate:
         return slope < 0.0 and square > 0.1 * x_square and curvature < 1e-6 * self.largest * square
 
     def raise_unbounded(self) -> None:
-        """Say which component runs away along -p."""
+        """Raise the error that names the largest component of -p."""
         component = self.reduction.argmax(np.abs(self.p))
         raise UnboundedError(
             "the cost is unbounded below: it falls without limit along a direction without "

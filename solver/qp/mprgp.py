@@ -19,7 +19,7 @@ from solver.qp.result import Monitor, Reason, Result
 from solver.qp.separable_qp import SeparableQP
 from solver.vectors import Vector
 
-#: Says why to stop, or None to go on.
+#: Returns the reason to stop, or None to go on.
 Stop = Callable[[Iterate], "Reason | None"]
 
 #: The caller's own test of an iterate (local part); must answer the same on all ranks.
@@ -81,10 +81,10 @@ class MPRGP:
         Parameters
         ----------
         accept : callable of the iterate (local part)
-            The caller's own test where the tolerance is met. Where it fails the solve goes on,
-            its directions kept, to a tolerance of `TIGHTEN` times that.
+            The caller's own test, called where the tolerance is met. If it fails, the solve goes on
+            with the same search directions to `TIGHTEN` times the tolerance.
         watch : callable of Iterate
-            Sees the iterate after each step, after the monitor.
+            Called with the iterate after each step, after the monitor.
         from_zero : bool
             Whether x0 is zero and feasible. Its gradient is -b, so that no multiplication is spent;
             the paper's counts include one.
@@ -108,7 +108,7 @@ class MPRGP:
         def stop(it: Iterate) -> Reason | None:
             nonlocal tolerance
             while it.projected_gradient_norm <= tolerance:
-                if it.drift > 0.5 * tolerance:  # recurrences lost what the tolerance asks for
+                if it.drift > 0.5 * tolerance:  # the recurrences lost too many digits
                     it.evaluate()
                 elif accept is None or tolerance <= self.atol or accept(it.x):
                     return Reason.CONVERGED
@@ -139,7 +139,7 @@ class MPRGP:
     def minimise(self, it: Iterate, stop: Stop, monitor: Monitor | None = None) -> Reason:
         """Algorithm 1 from an iterate whose gradient is known and split."""
         expansion = self.strategy
-        last = self.max_iterations  # of all outer iterations together
+        last = self.max_iterations  # limit over all outer iterations together
         if it.record("start", monitor):
             return Reason.STOPPED
         while (reason := stop(it)) is None:
@@ -184,9 +184,9 @@ def proportioning_step(it: Iterate) -> str:
     """Algorithm 4: the minimum along the chopped gradient, which releases active components.
 
     The paper leaves the step uncut; a component with two bounds could cross the box, so it ends
-    at the first bound it meets. The cost falls all the same. Where the boundary is curved, the
-    chopped gradient may be tangent to it: the step is then along the way to the projected gradient
-    step, at most to its end (Dostál and Kozubek 2012, with the minimum along the way).
+    at the first bound it meets. The cost still falls. Where the boundary is curved, the
+    chopped gradient may be tangent to it: the step then goes towards the projected gradient step,
+    to the minimum along this way (Dostál and Kozubek 2012).
     """
     if it.curved:
         it.aim_projected(GRADIENT_STEP / it.norm)

@@ -1,4 +1,4 @@
-"""Linear operators: one small protocol, and adapters for what numpy, scipy and PETSc offer.
+"""Linear operators: one small protocol, and adapters for matrices of numpy, scipy and PETSc.
 
 A symmetric operator is applied to this rank's part of a distributed vector and fills this
 rank's part of the product. Dense and sparse arrays and scipy's operators live on one rank;
@@ -30,9 +30,9 @@ class Operator(Protocol):
     size : int
         Components of this rank.
 
-    An operator may have more: ``image``, an array of what it found on the way that is linear in
-    the last x, which an iterate carries along, and ``image_norm(image)``, which SMALBE reads as
-    ‖Cx‖ (`PenalisedOperator` of the coarse problem has them).
+    An operator may have two more attributes: ``image``, an array that is linear in the last x,
+    which an iterate updates by recurrence; and ``image_norm(image)``, which SMALBE uses as ‖Cx‖
+    (`PenalisedOperator` of the coarse problem has both).
     """
 
     comm: MPI.Comm
@@ -137,8 +137,8 @@ def estimate_norm(operator: Operator, rtol: float = 1e-5, most: int = 50) -> tup
     """Largest eigenvalue of a symmetric semidefinite operator, from below, by the power method.
 
     Starts from the vector of ones, as the paper's implementation does, and ends when the
-    Rayleigh quotient changes by less than ``rtol``, relatively. Where ones give nothing (they
-    span the kernel of many stiffness matrices) it starts again from an uneven vector.
+    Rayleigh quotient changes by less than ``rtol``, relatively. If the vector of ones lies in the
+    kernel, as for many stiffness matrices, it starts again from an uneven vector.
 
     Returns
     -------

@@ -1,4 +1,7 @@
-"""Outer iterations of SMALBE-M: what one ends with, what the next goes on from, who is told."""
+"""Outer iterations of SMALBE-M.
+
+The state at the end, the state to restart from, and the callbacks.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from solver.vectors import Vector
 
 @dataclass(frozen=True)
 class OuterState:
-    """An outer iteration at its end, for the caller's own test of convergence.
+    """The end of an outer iteration, for the caller's own test of convergence.
 
     Attributes
     ----------
@@ -28,7 +31,7 @@ class OuterState:
         Cᵀ next_multiplier.
     projected_gradient_norm, residual_norm : float
     rho, M, target : float
-        Penalty, balance and inner tolerance that led here.
+        Penalty, balance and inner tolerance of this outer iteration.
     counts : Counts
     """
 
@@ -47,13 +50,13 @@ class OuterState:
     counts: Counts
 
 
-#: The caller's own test; must answer the same on all ranks.
+#: The caller's own test; must return the same on all ranks.
 Accept = Callable[[OuterState], bool]
 
 
 @dataclass(frozen=True)
 class Restart:
-    """All that an outer iteration starts or goes on from, beside the problem itself.
+    """The state from which an outer iteration starts or goes on, besides the problem itself.
 
     Attributes
     ----------
@@ -63,11 +66,11 @@ class Restart:
     rho, M, target : float
         Penalty, balance and inner tolerance in force.
     lagrangian : float
-        L(x, μ, ρ) at the end of the last outer iteration; -inf where none can be compared with.
+        L(x, μ, ρ) at the end of the last outer iteration; -inf where there is no last one.
     sizes : tuple of float
         ‖Cx - c‖ by outer iteration since ρ was set.
     counts : Counts
-        Work so far, of an outer iteration that is not over, too.
+        Work so far, including an unfinished outer iteration.
     """
 
     outer: int
@@ -81,26 +84,25 @@ class Restart:
     counts: Counts
 
 
-#: Told of a state; copies what it wants to keep.
+#: Called with a state; has to copy the arrays that it stores.
 Save = Callable[[Restart], None]
 
-#: Whether the state is wanted at this step; must answer the same on all ranks.
+#: Whether to save the state at this step; must return the same on all ranks.
 Due = Callable[[], bool]
 
 
 @dataclass(frozen=True)
 class Hooks:
-    """Who is told of a solve while it runs.
+    """Callbacks of a solve.
 
     Attributes
     ----------
     monitor
-        Told of each inner step; a true answer stops the solve.
+        Called with each inner step; a true result stops the solve.
     save : callable of Restart
-        Told of the state at the end of each outer iteration.
+        Called with the state at the end of each outer iteration.
     due : callable
-        Asked after each inner step, after the monitor, whether `save` is told of the state there,
-        too.
+        Called after each inner step, after the monitor; returns whether to call `save` there, too.
     """
 
     monitor: Monitor | None = None

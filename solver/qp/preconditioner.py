@@ -13,5 +13,5 @@ class Preconditioner(Protocol):
     def apply(self, r: Vector, free_mask: Mask, out: Vector, /) -> None:
         """Put the preconditioned free gradient r into out.
 
-        What it puts on components that are not free is cut away.
+        The values on components that are not free are set to zero afterwards.
         """

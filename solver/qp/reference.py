@@ -1,4 +1,4 @@
-"""MPRGP to be read beside the book: plain NumPy, no care for speed.
+"""MPRGP for the reader of the book: plain NumPy, not optimised for speed.
 
 Minimises f(x) = ½ xᵀAx - bᵀx over l ≤ x ≤ u (Dostál, *Optimal Quadratic Programming Algorithms*,
 2009, chapter 5; expansions of Kružík et al. 2020, section 3). With g = Ax - b and the active set of
@@ -8,9 +8,9 @@ components at a bound, the gradient splits into
     β  chopped gradient  g where a bound is met and g points back into the box, 0 elsewhere,
     φ̃  reduced gradient  (x - P(x - ᾱ φ)) / ᾱ, a step ᾱ along it stays in the box,
 
-P the projection onto the box. x is the solution where φ + β = 0. Γ weighs the two against each
-other: x is proportional where ‖β‖² ≤ Γ² φ̃ᵀφ. `solver.qp.mprgp` is the same for distributed vectors,
-with fewer Hessian multiplications and fewer passes; tests hold the two together step for step.
+with P the projection onto the box. x is the solution if φ + β = 0. Γ weighs the two against each
+other: x is called proportional if ‖β‖² ≤ Γ² φ̃ᵀφ. `solver.qp.mprgp` is the same algorithm for
+distributed vectors, with fewer Hessian multiplications. Tests compare the two step by step.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Box:
         return np.minimum(np.maximum(x, self.l), self.u)
 
     def met(self, x: Vector) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Components at the lower, at the upper bound."""
+        """Masks (n,) of the components at the lower and at the upper bound."""
         width = self.u - self.l
         scale_l, scale_u = (
             np.where(np.isfinite(width), width, np.where(np.isfinite(bound), np.abs(bound), 0.0))
@@ -103,7 +103,10 @@ def mprgp(
 def expand(
     A: Any, b: Vector, box: Box, x: Vector, ᾱ: float, norm: float, name: str, α_u: float
 ) -> tuple[Vector, float]:
-    """The projected step along φ or φ̃ from the end x of the half step; the point, the new ᾱ."""
+    """Projected step along φ or φ̃ from the end x of the half step.
+
+    Return the point and the new ᾱ.
+    """
     g = A @ x - b
     φ, _ = box.split(x, g)
     gradients = {"gf": φ, "gr": (x - box.P(x - ᾱ * φ)) / ᾱ if ᾱ else φ}

@@ -1,4 +1,4 @@
-"""The result of a solver: solution, reason of its end, cost and history."""
+"""The result of a solver: solution, reason why it ended, counts and history."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class Counts:
     expansion: int = 0
     proportioning: int = 0
     outer: int = 0
-    #: multiplications of the power method, which the paper leaves out of ``hessian``
+    #: multiplications of the power method; as in the paper, not part of ``hessian``
     norm_estimation: int = 0
-    #: sums over all ranks, which every rank waits for
+    #: sums over all ranks, at which every rank waits
     collectives: int = 0
 
     @property
@@ -81,12 +81,12 @@ class Step(NamedTuple):
     projected_gradient_norm: float
     equality_residual: float  #: ||Cx - c|| when last evaluated, 0 without equalities
     active: int  #: components at a bound, over all ranks
-    seconds: float  #: since the solve began
+    seconds: float  #: seconds since the solve began
     active_set: int = 0  #: number of the active set, from 1; 0 in methods without
     active_rows: int | None = None  #: contact rows that are closed, over all ranks
 
 
-#: Called for every step; a true answer stops the solve.
+#: Called for every step; a true result stops the solve.
 Monitor = Callable[[Step], Any]
 
 
@@ -99,13 +99,13 @@ class Result:
     x : ndarray (local part) or PETSc.Vec, the kind of the problem's b
         Last iterate; always within the bounds.
     reason : Reason
-        An enum whose value is a sentence; ``converged`` is its verdict.
+        An enum whose value is a sentence; ``reason.converged`` says whether the solve succeeded.
     counts : Counts
     gradient : ndarray (local part)
-        Of the cost; in SMALBE of the augmented Lagrangian, which at the end is
+        Gradient of the cost; in SMALBE of the augmented Lagrangian, which at the end is
         ``A x - b + C^T multiplier``.
     multiplier : ndarray (local rows of C) or None
-        Of the equalities C x = c.
+        Multiplier of the equalities C x = c.
     projected_gradient_norm, equality_residual : float
         ||g^P|| and ||C x - c||, over all ranks.
     history : list of Step

@@ -15,7 +15,7 @@ from solver.vectors import Reduction, Vector
 
 
 class SeparableQP:
-    """A convex quadratic program, checked.
+    """A convex quadratic program; the data are checked.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class SeparableQP:
     feasible
         The set that x lies in.
     messages
-        What is wrong with the data of the set on this rank.
+        Messages on wrong data of the set on this rank.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class SeparableQP:
         return self.operator.size
 
     def start(self, x0: Any) -> Vector:
-        """Copy of the initial guess, projected into the set; of zeros when it is None."""
+        """Copy of the initial guess (zeros if None), projected into the set."""
         messages: list[str] = []
         x = np.zeros(self.size) if x0 is None else local_part(x0, self.size, "x0", messages).copy()
         self._raise_first(messages, QPError)
@@ -66,7 +66,7 @@ class SeparableQP:
         return x
 
     def wrap(self, x: Vector) -> Any:
-        """The vector x as the kind that b was given as."""
+        """The vector x in the type of b."""
         if self._template is None:
             return x
         vector = self._template.duplicate()
@@ -74,7 +74,7 @@ class SeparableQP:
         return vector
 
     def _raise_first(self, messages: list[str], error: type[QPError]) -> None:
-        """Raise on all ranks when any has something to say, so that no rank waits for another."""
+        """Raise on all ranks if any rank has a message, so that no rank waits for another."""
         found = [message for part in self.comm.allgather(messages) for message in part]
         if found:
             raise error(found[0])

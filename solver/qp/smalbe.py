@@ -12,7 +12,7 @@ over the box by MPRGP until ‖g^P‖ ≤ min(M_k ‖Cx - c‖, η), and then se
 
 while ρ stays. A new multiplier changes the gradient by Cᵀ(μ_{k+1} - μ_k), so the next outer
 iteration starts from a known gradient, without a Hessian multiplication; the paper's
-implementation spends one, which ``recompute_gradient`` repeats.
+implementation spends one, as does ``recompute_gradient`` here.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class SMALBE:
     Attributes
     ----------
     inner : MPRGP
-        Inner solver; its ``rtol`` and ``atol`` are the tolerance of the whole: the solve ends
+        Inner solver; its ``rtol`` and ``atol`` are the tolerances of the whole solve, which ends
         when ‖g^P‖ and the scaled ‖Cx - c‖ are below max(rtol ‖b‖, atol).
     rho : float
         Penalty ρ in units of ‖A‖/‖C‖². With 1, CᵀC adds no eigenvalue outside A's; larger ones
@@ -90,7 +90,7 @@ class SMALBE:
 
     @classmethod
     def permon(cls, inner: MPRGP | None = None) -> SMALBE:
-        """PERMON's defaults: as the paper, with M divided by 2."""
+        """PERMON's defaults: the paper's rule, but M is divided by 2."""
         return cls(inner or MPRGP(), 1.1, 100.0, 2.0, growth=1.0, recompute_gradient=True)
 
     def begin(
@@ -112,8 +112,8 @@ class SMALBE:
         multiplier0 : array (m,) or PETSc.Vec
             First multiplier; zeros if None.
         restart : Restart
-            Go on from there, instead of from x0 and multiplier0, for one multiplication more than
-            the solve that was not interrupted.
+            State to go on from, instead of x0 and multiplier0. It costs one multiplication more
+            than an uninterrupted solve.
         """
         if restart is not None:
             x0, multiplier0 = restart.x, restart.multiplier
@@ -154,7 +154,10 @@ class SMALBE:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is minimised: cost and box, equalities Cx = c, ‖A‖, the multiplications it took, ‖C‖."""
+    """The problem.
+
+    Cost and box, equalities Cx = c, ‖A‖ with the multiplications spent on it, ‖C‖.
+    """
 
     qp: SeparableQP
     equalities: Equalities
@@ -165,11 +168,11 @@ class _Problem:
 
 
 class OuterIterations:
-    """A solve between two outer iterations.
+    """The outer iterations of one solve, step by step.
 
-    `step` is one inner solve, `ended` says whether its answer will do, `update` moves multiplier, M
-    and ρ to the next. `run` goes on to the end; a caller who wants to do something else in between,
-    such as to certify the answer, writes that loop anew.
+    `step` is one inner solve, `ended` tells whether the solve ends with it, and `update` moves
+    multiplier, M and ρ to the next outer iteration. `run` calls them to the end. A caller who wants
+    to act in between, for example to certify the answer, writes this loop anew.
 
     Attributes
     ----------
@@ -259,7 +262,7 @@ class OuterIterations:
         Parameters
         ----------
         own_test
-            Whether the caller tests the answer: the inner solve is tightened until that passes.
+            Whether the caller tests the answer: the inner solve is tightened until the test passes.
         """
         rules, it, equalities = self._rules, self._it, self._problem.equalities
         self.outer += 1
@@ -285,12 +288,18 @@ class OuterIterations:
 
     @property
     def interrupted(self) -> Reason | None:
-        """Why the inner solve ended before its tolerance; None where it did not."""
+        """The reason why the inner solve ended before its tolerance.
+
+        None where it met the tolerance.
+        """
         stopped = (Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.DIVERGED)
         return self._inner_reason if self._inner_reason in stopped else None
 
     def ended(self, own_test: bool = False) -> Reason | None:
-        """Why the solve ends with the last step: round-off, or the tolerance without own test."""
+        """The reason why the solve ends with the last step.
+
+        Round-off, or the tolerance without own test.
+        """
         it, size = self._it, self._size * self._to_gradient
         small = it.projected_gradient_norm <= self._tolerance and size <= self._tolerance
         if not own_test and small and it.drift <= 0.5 * self._tolerance:
@@ -304,7 +313,7 @@ class OuterIterations:
         rules, it, size = self._rules, self._it, self._size
         lagrangian = self._lagrangian()
         gain = 0.5 * self._rho * size**2
-        # below round-off of L the test would be a coin toss, and counts depend on the units
+        # below round-off of L the test would be random, and counts would depend on the units
         if gain > LAGRANGIAN_DIGITS * abs(lagrangian) and lagrangian < self._previous + gain:
             self._M /= rules.shrink
         self._previous = lagrangian
@@ -327,13 +336,13 @@ class OuterIterations:
             it.restart()
 
     def with_another_set(self) -> Restart:
-        """Where a solve with another feasible set goes on from, after `update`."""
+        """The state after `update` from which a solve with another feasible set goes on."""
         return replace(self._restart(self.outer), lagrangian=-math.inf, sizes=())
 
     def result(self, reason: Reason) -> Result:
-        """The last step's answer."""
+        """The result with the iterate of the last step."""
         it, qp = self._it, self._problem.qp
-        it.watch = None  # it knows this object, which would hold itself alive
+        it.watch = None  # it refers to this object: the circle would keep the memory allocated
         it.settle()
         it.counts.collectives += it.reduction.collectives - self._before
         return Result(
@@ -350,13 +359,16 @@ class OuterIterations:
     # ------------------------------------------------------------------ parts of a step
 
     def _inner_stop(self, it: Iterate, own_test: bool) -> Reason | None:
-        """Whether the inner solve has done enough: ‖g^P‖ ≤ min(M ‖Cx - c‖, η), or all is small."""
+        """Whether to end the inner solve.
+
+        ‖g^P‖ ≤ min(M ‖Cx - c‖, η), or all residuals are small.
+        """
         gradient = it.projected_gradient_norm
         if gradient > self._eta:
             return None
         limit = self._target if own_test else self._tolerance
         known = self._carried(it)
-        if known is not None:  # a look at Cx itself only where it can decide
+        if known is not None:  # Cx itself is computed only where it can decide
             size, error = known
             small = gradient <= limit and (size - error) * self._to_gradient <= limit
             if gradient > self._M * (size + error) and not small:
@@ -378,7 +390,10 @@ class OuterIterations:
         return self._size
 
     def _carried(self, it: Iterate) -> tuple[float, float] | None:
-        """‖Cx‖ by recurrence and what rounding may have done to it; None if it takes C."""
+        """‖Cx‖ by recurrence with a bound on its rounding error.
+
+        None if it takes a multiplication with C.
+        """
         if it.image is None or self._right_square > 0.0:
             return None
         it.equality_residual = size = it.operator.image_norm(it.image)  # type: ignore[attr-defined]
@@ -387,7 +402,7 @@ class OuterIterations:
         return size, 1e-3 * size + steps * float(np.finfo(np.float64).eps) * self._peak
 
     def _raise_penalty(self) -> None:
-        """A + ρ CᵀC gets a larger ρ: the gradient follows without a multiplication."""
+        """Enlarge ρ in A + ρ CᵀC: the gradient is updated without a multiplication."""
         it, problem = self._it, self._problem
         added = (self._rules.growth - 1.0) * self._rho
         problem.equalities.apply_transpose(added * self._residual, self._change)
@@ -411,7 +426,7 @@ class OuterIterations:
         return 0.5 * (xg - xb) - mc + 0.5 * self._rho * self._right_square
 
     def _restart(self, outer: int) -> Restart:
-        """The state, after so many outer iterations."""
+        """The state after `outer` outer iterations."""
         it = self._it
         return Restart(
             outer, it.x, self._multiplier, self._rho, self._M, self._target, self._previous,

@@ -1,7 +1,7 @@
-"""The dual problem with an active set: its contact rows are equalities, the others are left out.
+"""The dual problem on an active set: active contact rows are equalities, the others are left out.
 
-Nothing is left to bounds or augmented Lagrangians then. Active rows join the coarse problem, the
-others leave it, and projected conjugate gradients solve
+This problem has no bounds and needs no augmented Lagrangian. The coarse problem contains the active
+contact rows and not the others, and projected conjugate gradients solve
 
     min ½ λᵀ F λ - λᵀ d  over  G λ = e  in the rows that hold with equality.
 
@@ -47,7 +47,7 @@ SHORT = 4
 """Steps on an active set up to which that part is not worth the projection that finds it."""
 
 IDEMPOTENT = 1e-8
-"""Relative difference of QQ and Q above which a coarse problem counts as singular."""
+"""Relative difference of Q Q and Q above which a coarse problem counts as singular."""
 
 
 ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
@@ -56,21 +56,22 @@ ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A multiplier in equilibrium, and the displacements that go with it.
+    """A multiplier in equilibrium with the loads, and its displacements.
 
     Attributes
     ----------
     multiplier : (dual,)
         λ.
     motions : (kernels,)
-        α, with which the jumps of the rows that hold with equality are smallest.
+        α that makes the jumps of the rows that hold with equality smallest.
     active : (dual,)
         Contact and tangential rows that hold with equality.
     jumps : (dual,)
         B u - c.
     sizes : (dual,)
-        What each row's jump is relative to: the displacement of its body on the interface; in
-        contact rows over the row's length, so that the quotient is a distance.
+        Reference of each row's jump: the displacement of the row's body on the interface. In
+        contact rows it is divided by the row's length, so that jumps over references are relative
+        distances.
     displacements : (interface,)
         u.
     strained
@@ -109,16 +110,17 @@ class State:
 
 
 class ActiveSetProblem:
-    """Conjugate gradients with the contact rows of an active set as equalities, without the others.
+    """Conjugate gradients with active contact rows as equalities, without the others.
 
     Parameters
     ----------
     statuses
         The active set, and the multipliers of the other contact rows.
     multiplier : (dual,)
-        Where to begin: the nearest multiplier in equilibrium; at the smallest one unless given.
+        The iteration begins at the multiplier in equilibrium nearest to this one; at the smallest
+        multiplier in equilibrium if None.
     directions
-        Search directions of earlier active sets, which serve again; those of this one join them.
+        Search directions of earlier active sets, which are used again; those of this set are added.
 
     Raises
     ------
@@ -136,7 +138,7 @@ class ActiveSetProblem:
         self.statuses = statuses
         turn, self._compliance = statuses.turn, statuses.compliance
         if turn is not None or self._compliance is not None:
-            directions = None  # what is recycled knows the original frames and F alone
+            directions = None  # recycled directions belong to F in the original frames
         if turn is not None:
             problem = turned(problem, turn)
             multiplier = None if multiplier is None else turn.turned(multiplier)
@@ -144,7 +146,7 @@ class ActiveSetProblem:
         if self._tractions is not None and multiplier is not None:
             multiplier = multiplier - self._tractions
         if self._compliance is not None and multiplier is not None:
-            # in the answer there is nothing left in these rows, and C times it may be large
+            # in the answer these components are zero, and C times them may be large
             multiplier = np.where(self._compliance > 0.0, 0.0, multiplier)
         self.problem, active = problem, self.active
         directions = directions or Directions(problem.B, problem.conditional)
@@ -158,7 +160,7 @@ class ActiveSetProblem:
             self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         if not problem.held_without_contact:
             self._check_coarse_problem()
-        # no penalty here: a step out of the range of P would meet no curvature, and no step is one
+        # no penalty: steps out of the range of P would have no curvature, and none occur
         base = DualPreconditioner(self.reduced, math.inf)
         own: Preconditioner = base
         rhs, scaled = self.reduced.rhs, None
@@ -171,7 +173,7 @@ class ActiveSetProblem:
         operator = RecordedOperator(self.reduced, directions, scaled)
         preconditioner = DeflatedPreconditioner(own, recycled, operator)
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
-        it.largest = directions.largest  # rounding errors are those of F, not of what is left of it
+        it.largest = directions.largest  # rounding errors come from F, not from its projection
         it.measure_b()
         it.begin()
         it.counts.hessian += 1  # of the right-hand side
@@ -185,7 +187,10 @@ class ActiveSetProblem:
         return self.statuses.active
 
     def _check_coarse_problem(self) -> None:
-        """Q is a projection unless G Gᵀ of the set is singular, which a factor need not see."""
+        """Check that Q is a projection.
+
+        It is none if G Gᵀ of the set is singular, which a factor may not show.
+        """
         problem, coarse = self.problem, self.reduced.coarse
         assert coarse is not None
         once, twice = np.empty(problem.size), np.empty(problem.size)
@@ -197,7 +202,7 @@ class ActiveSetProblem:
 
     @property
     def residual(self) -> float:
-        """Of conjugate gradients, relative to the right-hand side."""
+        """Norm of the residual of conjugate gradients over that of the right-hand side."""
         it = self._iterate
         return it.projected_gradient_norm / (it.b_norm or 1.0)
 
@@ -212,13 +217,16 @@ class ActiveSetProblem:
 
     @property
     def at_round_off(self) -> bool:
-        """Whether no step can make the residual smaller."""
+        """Whether rounding errors keep the residual from becoming smaller."""
         it = self._iterate
         return it.at_round_off() or it.projected_gradient_norm <= self._smallest or self._stalls
 
     @property
     def _smallest(self) -> float:
-        """Residual that round-off leaves: of the right-hand side, and of what it was made of."""
+        """Residual that rounding errors leave.
+
+        Of the right-hand side and of the terms of its sum.
+        """
         it = self._iterate
         floor = max(self.reduced.round_off, ROUNDED * it.largest * self._weight)
         return floor if it.counts.cg <= SHORT else max(floor, OUTSIDE * self._outside)
@@ -242,14 +250,14 @@ class ActiveSetProblem:
     ) -> Reason:
         """Go on to a relative residual; `inner` limits all iterations on this set.
 
-        `watch` sees each iterate.
+        `watch` is called with each iterate.
         """
         self._iterate.watch = watch
 
         def stop(it: Iterate) -> Reason | None:
             tolerance = max(residual * it.b_norm, self._smallest)
             if it.projected_gradient_norm <= tolerance and it.drift > 0.5 * tolerance:
-                it.evaluate()  # recurrences lost what the tolerance asks for
+                it.evaluate()  # the recurrences have lost the digits that the tolerance asks for
             if it.projected_gradient_norm <= tolerance:
                 return Reason.CONVERGED
             self._stalls = it.counts.cg >= self._most
@@ -258,7 +266,7 @@ class ActiveSetProblem:
         try:
             return inner.minimise(self._iterate, stop, monitor)
         finally:
-            self._iterate.watch = None  # it knows this object, which would hold itself alive
+            self._iterate.watch = None  # break the circle of references
 
     def state(self) -> State:
         """The state of the whole problem at the iterate (collective).
@@ -293,11 +301,11 @@ def _scalings(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Factors on the rows of the problem, and of the preconditioner, (dual,) (collective).
 
-    Where a row has a compliance C beside the stiffness k that K holds against it, both in series
-    are k / (1 + C k). Scaled by the root of that share, the row counts for less in the coarse
-    problem, and the scaled F + C is as stiff as F was: the preconditioner takes the scaling out
-    again. Where rows of several nodes, which `CoupledRows` weighs, are in the problem, the share
-    is in the preconditioner alone: scaled rows took no fewer operator applications there.
+    A row has a compliance C, and K has a stiffness k against the row; in series they have the
+    stiffness k / (1 + C k). Scaled by the root of this reduction, the row counts for less in the
+    coarse problem, and the scaled F + C is as stiff as F was. The preconditioner removes the
+    scaling again. Where rows of several nodes, which `CoupledRows` weighs, are in the problem, the
+    reduction is in the preconditioner alone: scaled rows took no fewer operator applications there.
     """
     rows, result = compliance > 0.0, np.ones(problem.size)
     some_wide = problem.comm.allreduce(int(problem.wide.any()))
@@ -307,7 +315,7 @@ def _scalings(
 
 
 def _outside(statuses: Statuses, problem: DualProblem) -> NDArray[np.float64] | None:
-    """The prescribed multipliers, zero on the rows that hold with equality."""
+    """The prescribed multipliers (dual,), zero on the rows that hold with equality."""
     if statuses.tractions is None:
         return None
     return np.where(problem.conditional & ~statuses.holding, statuses.tractions, 0.0)

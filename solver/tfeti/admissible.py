@@ -1,7 +1,7 @@
 """The admissible multipliers of a dual problem as a separable convex set of x = λ - λ̃.
 
-λ_n ≥ 0 on contact rows. With friction and given slip limits s also |λ_t| ≤ s: bounds on a point
-with one tangential row, a disc about -λ̃_t of one with two.
+λ_n ≥ 0 on contact rows. With friction and given slip limits s also |λ_t| ≤ s: bounds at points with
+one tangential row, a disc about -λ̃_t at points with two.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from solver.tfeti.dual import DualProblem
 
 
 def admissible_set(problem: DualProblem, limits: NDArray[np.float64] | None) -> SeparableSet:
-    """The set for some slip limits (points,), forces; None without friction."""
+    """The admissible set for slip limits (points,), which are forces; None without friction."""
     lower = problem.lower
     points = problem.friction
     if points is None or limits is None:

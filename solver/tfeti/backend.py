@@ -19,10 +19,10 @@ Mask = NDArray[np.bool_]
 
 
 class TotalFeti:
-    """Solves active sets of one dual problem; made for one run of the loop.
+    """Backend of one dual problem for one run of the active-set loop.
 
-    The search directions of the sets solved so far serve later ones; so do those of earlier
-    problems, if it shares them.
+    The search directions of earlier sets, and those of earlier problems that share them, are used
+    again on later sets.
     """
 
     def __init__(self, problem: DualProblem, recycling: RecyclingOptions | None = None) -> None:
@@ -37,7 +37,7 @@ class TotalFeti:
 
     @property
     def contact_rows(self) -> Mask:
-        """Which rows of B are contact rows, (dual,)."""
+        """Mask (dual,) of the contact rows of B."""
         return self.problem.inequality
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> ActiveSetProblem:
@@ -67,11 +67,14 @@ class TotalFeti:
         return np.where(penetrated, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
 
     def release(self) -> None:
-        """Free the matrices of the last set: petsc4py leaves them for later."""
+        """Free the matrices of the last set now: petsc4py would free them later."""
         PETSc.garbage_cleanup(self.problem.comm)
 
     def forget(self) -> None:
-        """Begin without search directions: those of sets that hardly hold a body mislead others."""
+        """Drop all search directions.
+
+        Directions of sets that hardly hold a body harm other sets.
+        """
         self._directions = self._no_directions()
 
     def _no_directions(self) -> Directions:

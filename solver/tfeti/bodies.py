@@ -1,4 +1,4 @@
-"""Which body each interface unknown and each row of B belongs to."""
+"""The body of each interface unknown and of each row of B."""
 
 from __future__ import annotations
 
@@ -25,9 +25,7 @@ def bodies_of(
     Parameters
     ----------
     groups : (bodies,)
-    members : one (members,) array a class
-        Body of each subdomain.
-    widths
+    members : one (members,) array for each class Body of each subdomain. widths
         Interface unknowns of a subdomain of each class.
     rigid
         Whether the subdomains of each class are rigid bodies.

@@ -27,7 +27,7 @@ from solver.tfeti.subdomain.classes import SubdomainClass, subdomain_class, unfa
 from solver.tfeti.system import Constraints, ContactSystem, NodePlaces, loads_on
 
 Measure = Callable[[], AbstractContextManager[None]]
-"""Measures the time that factors take."""
+"""Context manager that measures the time of a stage, such as the factorisation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,17 +43,17 @@ class CongruentSubdomains:
     nodes : (k,)
         Nodes that constraints may touch, ascending.
     copies : (members, k)
-        Their numbers among the copies of nodes of this rank.
+        Numbers of these nodes among the copies of nodes on this rank.
     forces, lifting : (n, members)
         Loads, and displacements of eliminated unknowns.
     eliminated : (m,) or None
-        Held unknowns that are eliminated; None where the members float.
+        Held unknowns that are eliminated from K; None where the members float.
     bodies : (members,)
         The body of each member.
     kernel : (n, k) or None
         Basis of the kernel of K; the rigid motions of the points unless given.
     places
-        The nodes of the members, for methods that solve for the displacements.
+        Global nodes of the members, for methods that solve for the displacements.
     """
 
     stiffness: sparse.csr_matrix
@@ -75,13 +75,13 @@ class ConstraintRows:
     Attributes
     ----------
     exchange
-        Where the copies of nodes meet.
+        Exchange between the copies of nodes.
     rows
         Gluing, held and contact rows.
     shared
         Geometry of the rows over nodes of several ranks, in row order.
     supports
-        Rows that hold what nothing else holds.
+        Rows for rigid motions that nothing else holds.
     held_without_contact
         Whether all other rows alone stop every rigid motion.
     friction
@@ -111,7 +111,7 @@ def build_system(
     Parameters
     ----------
     groups : (bodies,)
-        The group of each body: bodies that may touch, directly or through others.
+        Group of each body: bodies of a group may touch, directly or through others.
     loose
         Rigid motions that nothing resists, the same on all ranks.
 
@@ -182,7 +182,10 @@ def _free_motions(
     groups: NDArray[np.int64],
     loose: LooseBodies | None,
 ) -> FreeMotions | None:
-    """Loose bodies with the nodes of their subdomains; None where there are none."""
+    """Motions that nothing resists, with the nodes of their subdomains.
+
+    None where there are none.
+    """
     if loose is None or not loose.any:
         return None
     moved = [np.zeros((len(s.bodies), 3)) if s.places is None else s.places.translations
@@ -234,7 +237,7 @@ def _unfactored(
     touched: NDArray[np.bool_],
     measure: Measure,
 ) -> list[SubdomainClass]:
-    """The same without factors (collective); parameters of `_factored`."""
+    """The classes without factors (collective); parameters as in `_factored`."""
     classes, failed = [], ""
     for own in subdomains:
         node, component = np.nonzero(touched[own.copies].any(axis=0))
@@ -275,7 +278,7 @@ def _number_columns(
 
 
 def _meshed_by_all(comm: MPI.Intracomm, subdomains: Sequence[CongruentSubdomains]) -> list[bool]:
-    """Which of this rank's meshes all ranks hold in the same place of their lists."""
+    """Mask of this rank's meshes that all ranks have at the same place of their lists."""
     if comm.size == 1:
         return [False] * len(subdomains)
     mine = [sha1(s.points.tobytes(), usedforsecurity=False).digest() for s in subdomains]
@@ -286,7 +289,7 @@ def _meshed_by_all(comm: MPI.Intracomm, subdomains: Sequence[CongruentSubdomains
 
 
 def _made_by_all(comm: MPI.Intracomm, own: CongruentSubdomains) -> bool:
-    """Whether all ranks hold this stiffness, to the last bit, as the class they make now."""
+    """Whether the stiffness of the next class is equal on all ranks, to the last bit."""
     digest = sha1(usedforsecurity=False)
     for array in (own.stiffness.indptr, own.stiffness.indices, own.stiffness.data):
         digest.update(np.ascontiguousarray(array).data)

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class DualAnswer:
-    """The numbers of an answer that the certificate needs (`solver.contact.sizes.MeasuredAnswer`).
+    """Data of an answer for the certificate (protocol `solver.contact.sizes.MeasuredAnswer`).
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class DualAnswer:
         return sizes.equilibrium_of(self.problem, self.multiplier, self.displacements)
 
     def round_off(self) -> tuple[Array, Array]:
-        """The effect of rounding errors of u, (bodies,): ‖K δu‖ and δuᵀ K δu."""
+        """Effect of the rounding errors δu of u, (bodies,) each: ‖K δu‖ and δuᵀ K δu."""
         return sizes.round_off(self.problem, self.displacements)
 
     def largest_displacements(self) -> Array:
@@ -57,7 +57,7 @@ class DualAnswer:
         return sizes.largest_displacements(self.problem, self.displacements)
 
     def largest_deformations(self) -> Array:
-        """The same without the rigid motions that nothing resists, (bodies,)."""
+        """Largest |u| without the rigid motions that nothing resists, (bodies,)."""
         return sizes.largest_deformations(self.problem, self.displacements)
 
     def forces_on_bodies(self, force: Array, reactions: Array) -> Array:
@@ -93,16 +93,17 @@ def certify(
 def friction_residual(
     problem: DualProblem, multiplier: Array, jumps: Array, lengths: Array
 ) -> float:
-    """The larger of the certificate's numbers of friction, of a state (collective).
+    """The larger of the two friction numbers of the certificate, for a state (collective).
 
-    The load of each body lacks reactions at eliminated unknowns, which makes it no smaller.
+    The load of each body is taken without reactions at eliminated unknowns; so the number is not
+    too small.
 
     Parameters
     ----------
     multiplier, jumps : (dual,)
         λ and B u - c.
     lengths : (bodies,)
-        What lengths are relative to.
+        References of lengths.
     """
     bodies = problem.bodies
     if problem.friction is None:

@@ -1,8 +1,8 @@
-"""Contact rows of slender bodies solved whole: active sets on columns of F, made as rows close.
+"""Active sets for undecomposed slender bodies, on columns of F that are computed as rows close.
 
-In bending F is so ill-conditioned that hundreds of steps of active-set methods undo each other.
-Here each row that closes costs one operator application, F e, once. A dense factor solves each
-active set exactly, and the levels of `ConstraintHierarchy` keep the sets small until they are
+In bending F is so ill-conditioned that hundreds of steps of iterative active-set methods undo each
+other. Here each row that closes costs one operator application, F e, once. A dense factor solves
+each active set exactly, and the levels of `ConstraintHierarchy` keep the sets small until they are
 nearly right. The method is that of primal-dual active sets (Hintermüller, Ito, Kunisch, 2002).
 """
 
@@ -18,22 +18,23 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import largest_magnitude
 
 SETS = 60
-"""Active sets tried."""
+"""Largest number of active sets."""
 
 COLUMNS = 2000
-"""Columns kept."""
+"""Largest number of stored columns."""
 
 SIGNIFICANT = 1e-9
-"""Forces and distances that change a set, over the largest."""
+"""Forces and distances, over the largest, above which a row changes its status."""
 
 FIRST = 0.5
-"""Rows that close first are crossed by so much of what the deepest is."""
+"""Rows whose penetration is above this share of the deepest penetration close first."""
 
 
 def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
-    """Multipliers (dual,) that leave little or nothing to do, and the operator applications spent.
+    """Nearly exact multipliers (dual,), and the operator applications spent.
 
-    Where no subdomain floats. Zeros at no cost where no body is slender.
+    For problems without floating subdomains. If no body is slender, the multipliers are zero and
+    nothing is computed.
     """
     comm = problem.comm
     levels = ConstraintHierarchy(problem, coarsened=True)

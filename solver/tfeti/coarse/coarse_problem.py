@@ -12,8 +12,8 @@ linear and geometrically non-linear structural analysis problems*, 2000).
 W = I makes Q symmetric. As an equality constraint of the dual problem it then serves as the matrix
 C: with C = Cᵀ = C² the rows are orthonormal, the penalty product Cᵀ C x is one projection, and
 ‖C x‖ measures ‖G x‖ in a norm that does not depend on the scaling of R. Conjugate gradients on an
-active set need no symmetric projector: there W is what `cross_points` chose, and G W Gᵀ has blocks
-between subdomains with a common face alone, a third of those of G Gᵀ.
+active set need no symmetric projector: there `cross_points` chooses W so that G W Gᵀ has blocks
+between subdomains with a common face alone, a third of the blocks of G Gᵀ.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import on_arrays
 
 VANISHING = 1e-13
-"""Size of blocks of G W Gᵀ, over the largest entry, up to which they are rounding errors."""
+"""Largest entry of a block of G W Gᵀ, over that of the matrix, up to which the block is zero."""
 
 
 class Restriction(Protocol):
     """G, or with the metric G W.
 
-    Coarse vectors are as the layout of the coarse problem has them: whole, or this rank's part.
+    Coarse vectors are whole or this rank's part, as the layout of the coarse problem says.
     """
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
@@ -59,25 +59,23 @@ class Restriction(Protocol):
         """Subtract that from x (collective)."""
 
     def weighted(self, weights: NDArray[np.float64]) -> Restriction:
-        """The same of the rows of B times weights, which differ from one on contact rows alone."""
+        """The restriction for the rows of B times weights; these are one except on contact rows."""
 
 
 class CoarseProblem:
     """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
 
-    G is applied pattern by pattern where rows of B repeat, else by way of the interface; its
-    entries, twelve a row, would take several times longer. The factor is made when it is first
-    asked for.
+    G is applied pattern by pattern where rows of B repeat, and otherwise as Rᵀ times Bᵀ. A sparse
+    matrix G, with twelve entries a row, would take several times longer. The factor is computed at
+    its first use.
 
     Parameters
     ----------
     B : (dual, interface)
         Constraint matrix on interface unknowns.
-    kernels : one (members, (m, k) array) pair a class
-        Kernel on the class's m interface unknowns, in the order of B's columns: a run of m for
-        each member.
-    inequality : (dual,)
-        Contact and tangential rows, which `weighted` may weigh down.
+    kernels : one (members, (m, k) array) pair for each class Kernel on the m interface unknowns of
+    the class, in the order of B's columns: a run of m for each member. inequality : (dual,)
+        Contact and tangential rows, whose weights `weighted` may change.
     metric : (dual,)
         W of the problems that `weighted` makes, one on contact rows; in this one W = I.
     patterns
@@ -125,7 +123,7 @@ class CoarseProblem:
         self._solution = np.empty(self._layout.rows)
 
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
-        """G W Gᵀ without its contact rows, which are summed from `_contact` (collective)."""
+        """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
         repeated, inside = blocks_of(self.patterns, rows.motions, metric)
         single = np.flatnonzero(~inside & ~self._inequality)
         singles = Blocks.of(rows.alike(single), rows.motions, metric)
@@ -137,7 +135,7 @@ class CoarseProblem:
 
     @property
     def factor(self) -> CoarseFactor:
-        """Of G W Gᵀ, made when it is first asked for."""
+        """The factor of G W Gᵀ, computed at the first call."""
         if self._own_factor is not None:
             return self._own_factor
         return self._symmetric
@@ -157,24 +155,24 @@ class CoarseProblem:
     def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
         """The coarse problem of the rows of B times weights, with W the metric.
 
-        Its factor takes the place of that of an earlier one that is no longer in use.
+        Its factor is stored in that of an earlier coarse problem that is no longer in use.
 
         Parameters
         ----------
         weights : (dual,)
-            They differ from one on contact rows alone.
+            Weights; one except on contact rows.
 
         Raises
         ------
         ArithmeticError
-            Its G W Gᵀ is singular: some rigid motion is seen by no row with a weight.
+            Its G W Gᵀ is singular: all rows with a weight vanish on some rigid motion.
         """
         result = copy(self)
         result._oblique, result._product = True, self._product.weighted(weights)
         factor = self._spare.pop() if self._spare else None
         factor = self._factored(self._weighed, weights**2, factor)
         result._own_factor = factor
-        if self._layout.of_factor.size == 1:  # ranks may let go of it at different times
+        if self._layout.of_factor.size == 1:  # ranks may drop their references at different times
             finalize(result, self._spare.append, factor)
         return result
 
@@ -215,7 +213,7 @@ class CoarseProblem:
         self._product.extend(self._layout.spread(coarse), out, metric=False)
 
     def carry(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector: the least multipliers whose G is that."""
+        """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector e: the smallest multipliers with G λ = e."""
         self.factor.solve(self._layout.spread(coarse), self._solution)
         self._product.extend(self._solution, out, self._oblique)
 
@@ -246,7 +244,7 @@ class CoarseProblem:
         self._product.remove(motions, out, metric=False)
 
     def _solved(self, dual: NDArray[np.float64], metric: bool) -> NDArray[np.float64]:
-        """(G W Gᵀ)⁻¹ G, or with the metric G W, times a dual vector; overwritten by the next."""
+        """(G W Gᵀ)⁻¹ times G (or G W) times a dual vector; the next call overwrites the result."""
         self._product.restrict(dual, self._coarse, metric)
         self.factor.solve(self._coarse, self._solution)
         return self._solution
@@ -261,7 +259,7 @@ class _Gram:
 
 
 class _Layout:
-    """Where G Gᵀ lives: whole on every rank up to `gathered` unknowns, else each rank its rows.
+    """Distribution of G Gᵀ: whole on every rank up to `gathered` unknowns, otherwise by rows.
 
     Parameters
     ----------
@@ -281,7 +279,7 @@ class _Layout:
         self.own = slice(first, last) if self.gathered else slice(0, kernels)
 
     def spread(self, own: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The vector as it is had here, from this rank's part (collective)."""
+        """The vector in this layout, from this rank's part (collective)."""
         if not self.gathered:
             return own
         result = np.empty(self.total)
@@ -289,7 +287,7 @@ class _Layout:
         return result
 
     def brought(self, blocks: Blocks) -> Blocks:
-        """The sum of what all ranks have, of the rows that are wanted here (collective)."""
+        """The sum over all ranks of the rows that this rank needs (collective)."""
         blocks = blocks.summed()
         if self.comm.size == 1:
             return blocks
@@ -304,7 +302,7 @@ class _Layout:
         return float(self.comm.allreduce(own, op=MPI.MAX))
 
     def places(self, blocks: Blocks) -> sparse.csr_matrix:
-        """Where entries of the matrix of what was brought are among its values."""
+        """Places of the entries of the matrix among the values of the brought blocks."""
         return blocks.places(self._first, self.rows, self.total)
 
 
@@ -314,8 +312,8 @@ class CoarseFactor:
     Parameters
     ----------
     places
-        Its rows, where `layout` wants them: entry k of the sparse matrix is ``values[places[k]]``
-        of the values it takes.
+        Rows of the matrix on this rank, as `layout` distributes them: entry k of the sparse matrix
+        is ``values[places[k]]`` of the given values.
     """
 
     def __init__(self, layout: _Layout, places: sparse.csr_matrix) -> None:
@@ -325,7 +323,7 @@ class CoarseFactor:
             (np.empty(places.nnz), places.indices, places.indptr), shape=places.shape
         )
         self._matrix = PETSc.Mat()
-        # a singular G Gᵀ is for the caller to tell; CHOLMOD would write to the terminal, too
+        # the caller reports a singular G Gᵀ; CHOLMOD would write to the terminal, too
         PETSc.Options().setValue("mat_cholmod_print", 0)
         self._pc = PETSc.PC().create(layout.of_factor)
         self._pc.setType("cholesky")
@@ -341,9 +339,9 @@ class CoarseFactor:
         return int(self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
 
     def take(self, values: NDArray[np.float64]) -> None:
-        """Factor values; what depends on the pattern alone is done the first time.
+        """Factorise with these values; the symbolic factorisation is computed the first time only.
 
-        Only where the factor is this rank's alone can it be asked again.
+        A distributed factor can be computed only once.
 
         Raises
         ------
@@ -355,25 +353,25 @@ class CoarseFactor:
             self._matrix = petsc_rows(self._layout.of_factor, self._local, self._layout.rows)
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
             self._pc.setOperators(self._matrix)
-        else:  # it lives on these arrays
+        else:  # the PETSc matrix uses the memory of these arrays
             self._matrix.assemble()
         try:
             with one_openmp_thread():
                 self._pc.setUp()
         except PETSc.Error as error:
             raise ArithmeticError(
-                "the coarse problem G Gᵀ is singular: a rigid motion is seen by no constraint"
+                "the coarse problem G Gᵀ is singular: no constraint resists some rigid motion"
             ) from error
 
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """(G Gᵀ)⁻¹ times a coarse vector, both as the layout has them."""
+        """(G Gᵀ)⁻¹ times a coarse vector, both distributed as in the layout."""
         on_arrays(self._pc.apply, self._source, rhs, self._target, out)
 
 
 class _ThroughInterface:
-    """G = Rᵀ Bᵀ as it is written (protocol `Restriction`).
+    """G = Rᵀ Bᵀ as a product of two factors (protocol `Restriction`).
 
-    B once, then one product with the small dense kernel of each class.
+    One product with Bᵀ, then one product with the small dense kernel of each class.
     """
 
     def __init__(
@@ -391,7 +389,7 @@ class _ThroughInterface:
         self._dual = np.empty(B.rows)
 
     def weighted(self, weights: NDArray[np.float64]) -> _ThroughInterface:
-        """The same of the rows of B times weights."""
+        """The restriction for the rows of B times weights."""
         result = copy(self)
         result._weights = RowWeights(weights), RowWeights(weights * self._metric)
         return result

@@ -1,9 +1,10 @@
-"""G W Gᵀ, block by block: what rows of B see of the rigid motions of the subdomains they touch.
+"""Assembly of G W Gᵀ by blocks, from the rows of B applied to the rigid motions of subdomains.
 
-A row of Gᵀ = B R has a run of entries for each subdomain the row of B touches. Rows that touch the
-same subdomains, those of a face, an edge or a corner, are a small dense matrix V, and Vᵀ W V is
-their share of G W Gᵀ. Each rank takes its own rows, all faces with as many rows at once; Gᵀ itself,
-twelve entries a row and more than B has, is made a chunk of rows at a time and not kept.
+A row of Gᵀ = B R has a run of entries for each subdomain on which the row of B has entries. The
+rows on the same subdomains (the rows of a face, an edge or a corner) form a small dense matrix V,
+and Vᵀ W V is their contribution to G W Gᵀ. Each rank sums its own rows, all faces with equally many
+rows at once. Gᵀ has twelve entries a row, more than B, so it is computed in chunks of rows and not
+stored.
 """
 
 from __future__ import annotations
@@ -27,16 +28,17 @@ Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 
 @dataclass(frozen=True, eq=False)
 class AlikeRows:
-    """Sets of n local rows of Gᵀ; the rows of one set touch the same m subdomains.
+    """Sets of n local rows of Gᵀ; the rows of one set have entries on the same m subdomains.
 
     Attributes
     ----------
     rows : (sets, n)
         Local numbers.
     starts, widths : (sets, m)
-        First coarse unknown of each subdomain, over all ranks, and how many it has.
+        First coarse unknown of each subdomain, numbered over all ranks, and its number of coarse
+        unknowns.
     values : (sets, n, m · motions)
-        Entries, for each subdomain as many as there are motions, zero from its width on.
+        Entries, for each subdomain as many as rigid motions, zero beyond its width.
     """
 
     rows: NDArray[np.int64]
@@ -52,7 +54,7 @@ class Blocks:
     Attributes
     ----------
     starts, widths : (n, 2)
-        First coarse unknown of the block's rows and columns, and how many are used.
+        First coarse unknown of the block's rows and columns, and the number of used ones.
     values : (n, motions, motions)
     """
 
@@ -98,7 +100,7 @@ class Blocks:
         return self.starts[:, 0] << 32 | self.starts[:, 1]
 
     def summed(self) -> Blocks:
-        """The same with each block once, in order."""
+        """The sum with each block once, sorted."""
         keys = self._keys
         order = np.argsort(keys, kind="stable")
         first = np.flatnonzero(np.diff(keys[order], prepend=-1))
@@ -114,12 +116,12 @@ class Blocks:
         return Blocks(self.starts[chosen], self.widths[chosen], values)
 
     def without(self, vanishing: float) -> Blocks:
-        """The same without blocks that have no entry above a magnitude."""
+        """The sum without blocks whose entries are all below a magnitude."""
         some = np.abs(self.values).max(axis=(1, 2), initial=0.0) > vanishing
         return Blocks(self.starts[some], self.widths[some], self.values[some])
 
     def plus(self, part: Blocks) -> Blocks:
-        """The sum with blocks that are among these; both are `summed`."""
+        """The sum with a part whose blocks are among these; both are `summed`."""
         values = self.values.copy()
         values[np.searchsorted(self._keys, part._keys)] += part.values
         return Blocks(self.starts, self.widths, values)
@@ -129,10 +131,12 @@ class Blocks:
         return Blocks(*map(exchange.to_owners, (self.starts, self.widths, self.values)))
 
     def places(self, first: int, rows: int, columns: int) -> sparse.csr_matrix:
-        """Rows from `first` on of the sparse matrix of `summed` blocks, which stay the same.
+        """Sparse matrix of the rows from `first` on of `summed` blocks.
 
-        Its entries are not those of the matrix but where they are in ``values.ravel()``. Blocks
-        are whole though entries vanish: a factor is faster with them.
+        The pattern of the blocks must not change.
+
+        Its entries are the places of the matrix entries in ``values.ravel()``. Blocks are stored
+        whole even if entries vanish: the factorisation is faster so.
         """
         motions = np.arange(self.motions)
         used = (motions[:, None] < self.widths[:, 0, None, None]) & (
@@ -159,14 +163,14 @@ class KernelRows:
     kernels : one (members, (m, k) array) pair a class
         Kernel on the class's m interface unknowns, in the order of B's columns.
     chunk
-        Entries of B that are taken at a time.
+        Entries of B in one chunk.
 
     Attributes
     ----------
     motions
-        Most rigid motions a subdomain has.
+        Largest number of rigid motions of a subdomain.
     entries : (dual,)
-        Of each local row of B: at least as many as it touches subdomains.
+        Number of entries of each local row of B, at least the number of its subdomains.
     """
 
     def __init__(
@@ -194,9 +198,9 @@ class KernelRows:
             self._distant = self._ask(B.local.shape[1])
 
     def _ask(self, total: int) -> tuple[NDArray[np.int64], Seen]:
-        """Columns of other ranks that rows of this one touch, and what their owners say of them.
+        """Columns of other ranks in rows of this rank, with the data of their owners.
 
-        Their kernels follow those of this rank in the table.
+        The kernels of these columns follow those of this rank in the table.
         """
         away = self._columns[(self._columns < self._first) | (self._columns >= self._last)]
         columns = np.unique(away).astype(np.int64)
@@ -217,7 +221,7 @@ class KernelRows:
         return start, self._widths[cls], self._offsets[cls] + at
 
     def _seen(self, columns: NDArray[np.int32]) -> Seen:
-        """The same of any columns of local rows."""
+        """First coarse unknown, width and place in the table of any columns of local rows."""
         here = (columns >= self._first) & (columns < self._last)
         if here.all():
             return self._own(columns.astype(np.int64) - self._first)
@@ -230,19 +234,22 @@ class KernelRows:
         return result[0], result[1], result[2]
 
     def alike(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
-        """Some local rows, by the subdomains they touch; those that touch none are left out."""
+        """Some local rows, grouped by their subdomains.
+
+        Rows without floating subdomains are left out.
+        """
         ends, step = np.cumsum(self.entries[rows]), self._at_once
         cuts = np.searchsorted(ends, np.arange(step, ends[-1] if len(ends) else 0, step))
         for chunk in np.split(rows, cuts):
             yield from self._chunk(chunk)
 
     def entries_of(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
-        """Entries of some rows of B, and what they see.
+        """Entries of some rows of B, with their subdomains and kernels.
 
         Returns
         -------
-        Where those of each row begin (rows + 1,), and of each the first coarse unknown of the
-        subdomain, how many it has, where its kernel is in a table, and its value in B.
+        First entries of the rows (rows + 1,); and for each entry the first coarse unknown of its
+        subdomain, the number of these, the place of its kernel in a table, and its value in B.
         """
         counts = self.entries[rows]
         begins = np.concatenate([[0], np.cumsum(counts)])
@@ -250,9 +257,9 @@ class KernelRows:
         return (begins, *self._seen(self._columns[entry]), self._values[entry])
 
     def signatures(self, components: int) -> NDArray[np.uint64]:
-        """A number for each place in the table that the kernel of the node there decides.
+        """A hash of the kernel at the node of each place of the table.
 
-        It means something where the first component of a node is.
+        It is valid at the places of first components of nodes.
         """
         known = np.random.default_rng(0).standard_normal((components, self.motions))
         sums = [(self._table * each).sum(axis=1) for each in known]
@@ -268,7 +275,7 @@ class KernelRows:
         Parameters
         ----------
         place, value : (n, m)
-            Of the first components: a kernel in the table and an entry of B.
+            For the first components: place of the kernel in the table, and entry of B.
         """
         n, m = place.shape
         kernel = self._table[place[:, None] + np.arange(components)[:, None]]
@@ -293,7 +300,7 @@ class KernelRows:
             place, value = place[floating], value[floating]
         if len(row) == 0:
             return
-        # columns are in order, and with them subdomains
+        # columns are sorted, so subdomains are sorted, too
         other = np.r_[True, (row[1:] != row[:-1]) | (start[1:] != start[:-1])]
         several = None
         if not other.all():

@@ -1,10 +1,10 @@
 """Row patterns: groups of rows of B that repeat, and G applied to all of a pattern at once.
 
-The rows that touch the same subdomains, those of a face, an edge or a corner, are a group. Their
-rows of Gᵀ = B R are a dense matrix V on the rigid motions of these subdomains. Between congruent
-subdomains V repeats: such groups have one pattern. With the rows of each pattern one after another
-Gᵀ is a dense product for each pattern: it reads and writes dual vectors once and never makes one on
-the interface.
+The rows that have entries on the same subdomains (the rows of a face, an edge or a corner) form a
+group. Their rows of Gᵀ = B R are a dense matrix V on the rigid motions of these subdomains. Between
+congruent subdomains V repeats: such groups have one pattern. If the rows of each pattern follow one
+another, the product with Gᵀ is one dense product for each pattern. It reads and writes dual vectors
+once and needs no interface vector.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import blocks, runs
 
 ROWS_AT_ONCE = 2**16
-"""Rows whose motions are subtracted from a vector at once: half a megabyte, which caches hold."""
+"""Number of rows that are processed at once: half a megabyte, which fits into the cache."""
 
 Hashes = NDArray[np.uint64]
 _Factors = tuple[Any, Any]
@@ -32,7 +32,7 @@ _Factors = tuple[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class RowPattern:
-    """Groups of n rows that are alike, on m subdomains each, one group after another.
+    """Groups of n equal rows on m subdomains each, one group after another.
 
     Attributes
     ----------
@@ -50,18 +50,18 @@ class RowPattern:
 
     @property
     def rows(self) -> slice:
-        """Where they are."""
+        """Slice of the rows of all groups."""
         return slice(self.first, self.first + len(self.starts) * len(self.V))
 
 
 @dataclass(frozen=True, eq=False)
 class _Entries:
-    """Entries of the first components of nodal rows, one for each subdomain they touch.
+    """Entries of the first components of nodal rows, one for each subdomain of a row.
 
     Attributes
     ----------
     begins : (rows + 1,)
-        Where the entries of each row begin.
+        First entry of each row.
     start, place : (entries,)
         First coarse unknown of the subdomain, and the kernel of the node's first component.
     value : (entries,)
@@ -73,7 +73,7 @@ class _Entries:
     value: NDArray[np.float64]
 
     def of(self, rows: NDArray[np.int64]) -> _Entries:
-        """Those of some rows."""
+        """The entries of some rows."""
         counts = np.diff(self.begins)[rows]
         begins = np.concatenate([[0], np.cumsum(counts)])
         entry = runs(self.begins[rows], counts)
@@ -81,31 +81,32 @@ class _Entries:
 
     @property
     def nth(self) -> NDArray[np.int64]:
-        """Which entry of its row each is."""
+        """Number of each entry within its row."""
         return np.arange(self.begins[-1]) - np.repeat(self.begins[:-1], np.diff(self.begins))
 
     def summed(self, hashes: Hashes) -> Hashes:
-        """One hash for each row, whose order of entries counts."""
+        """One hash for each row, which depends on the order of the entries."""
         return np.asarray(np.add.reduceat(_mixed(hashes, self.nth), self.begins[:-1]))
 
 
 def patterns_of(
     kernels: KernelRows, rows: NDArray[np.int64], components: int, first: int = 0
 ) -> tuple[NDArray[np.int64], list[RowPattern]]:
-    """The order in which rows of a pattern follow one another, and the patterns.
+    """An order of rows in which the rows of a pattern follow one another, and the patterns.
 
-    Where nothing repeats that is the order of the subdomains.
+    If nothing repeats, this is the order of the subdomains.
 
     Parameters
     ----------
     rows
-        First rows of runs of `components` rows that do the same to each component of some nodes.
+        First rows of runs of `components` rows with the same coefficients for each component of
+        some nodes.
     first
-        Where the first of them will be among all rows.
+        Place of the first of these rows among all rows.
 
     Returns
     -------
-    The order of the runs, those without a pattern last, and the patterns.
+    The order of the runs (runs without a pattern come last), and the patterns.
     """
     fits, entries = _entries(kernels, rows)
     none = np.flatnonzero(~fits)
@@ -116,7 +117,7 @@ def patterns_of(
     order = np.lexsort((entries.place[begin], touched, entries.start[end], entries.start[begin]))
     entries = entries.of(order)
 
-    # groups of rows that touch the same subdomains, and what makes one like another
+    # groups of rows on the same subdomains, with a hash that is equal for equal groups
     touched = touched[order]
     groups = np.flatnonzero(np.concatenate([[True], touched[1:] != touched[:-1]]))
     sizes = np.diff(groups, append=len(touched))
@@ -143,7 +144,7 @@ def patterns_of(
 
 
 def _entries(kernels: KernelRows, rows: NDArray[np.int64]) -> tuple[NDArray[np.bool_], _Entries]:
-    """Which rows touch floating subdomains alone, each once; and the entries of these."""
+    """Rows with entries on floating subdomains alone, on each one once; and their entries."""
     begins, start, width, place, value = kernels.entries_of(rows)
     row = np.repeat(np.arange(len(rows)), np.diff(begins))
     bad = width < kernels.motions
@@ -155,7 +156,7 @@ def _entries(kernels: KernelRows, rows: NDArray[np.int64]) -> tuple[NDArray[np.b
 
 
 def _mixed(hashes: Hashes, nth: NDArray[np.int64]) -> Hashes:
-    """Hashes whose sum depends on the order of what they were made of."""
+    """Hashes whose sum depends on the order of the entries."""
     mixed = (hashes ^ hashes >> np.uint64(32)) * np.uint64(0x9E3779B97F4A7C15)
     mixed += nth.astype(np.uint64) * np.uint64(0xC2B2AE3D27D4EB4F)
     mixed = (mixed ^ mixed >> np.uint64(29)) * np.uint64(0x165667B19E3779F9)
@@ -165,7 +166,7 @@ def _mixed(hashes: Hashes, nth: NDArray[np.int64]) -> Hashes:
 def pays(
     comm: MPI.Intracomm, patterns: Sequence[RowPattern], rows: int, options: TotalFetiOptions
 ) -> bool:
-    """Whether to apply G pattern by pattern rather than by way of the interface (collective).
+    """Whether to apply G pattern by pattern rather than as Rᵀ times Bᵀ (collective).
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ def blocks_of(
 
     Returns
     -------
-    The blocks, and which rows they have in them.
+    The blocks, and the mask of the rows that they contain.
     """
     inside = np.zeros(len(weights), bool)
     parts = [Blocks.of([], motions)]
@@ -218,8 +219,8 @@ class _Part:
     Attributes
     ----------
     factors
-        V as it restricts and Vᵀ as it extends, and both with W: products with a narrow matrix as it
-        lies in memory are twice as fast as with its transpose.
+        V for the restriction and Vᵀ for the extension, both also with W, each stored in the order
+        of memory in which the product with a narrow matrix is twice as fast.
     """
 
     rows: slice
@@ -227,7 +228,10 @@ class _Part:
     factors: tuple[_Factors, _Factors]
 
     def few(self, room: NDArray[np.float64]) -> Iterator[tuple[slice, slice, NDArray[np.float64]]]:
-        """A few groups at a time, their rows, and room for their values."""
+        """Iterate over a few groups at a time.
+
+        The groups, their rows, and work space for their values.
+        """
         n = len(self.factors[0][0])
         for groups in blocks(len(self.motions), max(len(room) // n, 1)):
             begin, end = n * groups.start, n * groups.stop
@@ -243,11 +247,12 @@ class PatternProduct:
     Parameters
     ----------
     kernels
-        The rows of Gᵀ, of the rows of B in the order of the patterns.
+        The rows of Gᵀ; the rows of B are in the order of the patterns.
     total
         Coarse unknowns of all ranks.
     metric : (dual,)
-        W. A pattern whose groups differ in it is applied row by row, as rows without a pattern are.
+        W. A pattern whose groups have different weights is applied row by row, as are rows without
+        a pattern.
     """
 
     def __init__(
@@ -326,10 +331,10 @@ class PatternProduct:
 
 
 def _even(weights: NDArray[np.float64]) -> bool:
-    """Whether all groups have the same weights, (groups, n)."""
+    """Whether the weights (groups, n) are equal in all groups."""
     return bool((weights == weights[0]).all())
 
 
 def _factors(V: Any) -> tuple[Any, Any]:
-    """A matrix, and its transpose as it lies in memory."""
+    """A matrix and its transpose, each contiguous in memory."""
     return (V, V.T.tocsr()) if sparse.issparse(V) else (V, V.T.copy())
