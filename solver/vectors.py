@@ -1,7 +1,8 @@
-"""Inner products over all ranks, and the blocks in which vectors are passed over.
+"""Inner products over all ranks, and blocks of vectors for cache-sized operations.
 
 A distributed vector is the array of this rank's components. Everything global in the solvers
-goes through :class:`Reduction`: one collective brings all sums and the minimum of a pass.
+goes through :class:`Reduction`: one collective operation reduces all sums and the minimum of a
+pass.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ BLOCK = 8192
 
 
 def on_arrays(action: Action, source: PETSc.Vec, x: Vector, target: PETSc.Vec, out: Vector) -> None:
-    """Let PETSc read x and write out where they are, as the arrays of two vectors of their size.
+    """Apply a PETSc action to the arrays x and out, lent to two PETSc vectors without copies.
 
     Parameters
     ----------
     action
-        Takes the vectors: what multiplies, or solves.
+        Called with the two vectors, for example a product or a solve.
     """
     source.placeArray(x)
     target.placeArray(out)
@@ -62,12 +63,12 @@ class Reduction:
     def __init__(self, comm: MPI.Comm) -> None:
         self.comm = comm
         self._serial = comm.size == 1
-        self.collectives = 0  # so far; one for each call that would need the other ranks
+        self.collectives = 0  # collective operations so far
         self._send = np.zeros(self.WIDTH)
         self._receive = np.zeros((comm.size, self.WIDTH))
 
     def sums(self, *values: float) -> list[float]:
-        """Sums over the ranks of each value."""
+        """Sum of each value over the ranks."""
         return self.sums_and_minimum(values, math.inf)[0]
 
     def sums_and_minimum(
@@ -93,7 +94,7 @@ class Reduction:
         return sum(self.comm.allgather(size)[: self.comm.rank])
 
     def argmax(self, values: Vector) -> int:
-        """Global number of the largest component; the least such number."""
+        """Global number of the largest component; the smallest number of several."""
         offset = self.offset(values.size)
         local = int(np.argmax(values)) if values.size else 0
         best = (float(values[local]), -(offset + local)) if values.size else (-math.inf, 0)
@@ -108,7 +109,7 @@ class Reduction:
 
 
 def runs(begins: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The numbers from each of some begins on, as many as its count, one run after another."""
+    """Runs of consecutive numbers: for each begin, `counts` numbers from it on."""
     ends = np.cumsum(counts)
     nth = np.arange(ends[-1] if len(ends) else 0)
     return np.asarray(np.repeat(begins - (ends - counts), counts) + nth)

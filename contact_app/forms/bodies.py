@@ -176,7 +176,7 @@ class Holding:
 
     Attributes
     ----------
-    free_motions : one (motions, k) array a body
+    free_motions : one (motions, k) array per body
         What nothing holds and no load works on.
     held : (bodies,)
         Whether conditions and springs stop every rigid motion of a body by itself.

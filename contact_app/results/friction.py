@@ -77,7 +77,7 @@ def closing_points(
 
     Parameters
     ----------
-    start : one (n, members) array a class
+    start : one (n, members) array per class
         Displacements that slip is measured from; None for those of the unloaded bodies.
 
     Returns

@@ -29,7 +29,7 @@ from solver.tfeti.derived import beside_moved
 from solver.tfeti.directions import Directions
 
 Displacements = list[NDArray[np.float64]]
-"""One (n, members) array a class."""
+"""One (n, members) array per class."""
 
 
 class IncrementModels:

@@ -6,9 +6,9 @@ for Tresca's law s is given. So every set is a symmetric problem. After a set is
 
 * a sticking point whose force exceeds its limit slides in the direction of that force;
 * a sliding point that slips against d sticks;
-* for other sliding points limit and direction follow the state: the new d is the direction of s d +
-ρ w with the slip w. In space λ_t = s w / |w| is not linear in w; a set uses its derivative: λ_t = s
-d along d, and λ_t = (s / |w|) w across d, which is a compliance |w| / s of the row across.
+* for other sliding points limit and direction follow the state: the new d is the direction of
+  s d + ρ w with the slip w. In space λ_t = s w / |w| is not linear in w; a set uses its derivative:
+  λ_t = s d along d, and λ_t = (s / |w|) w across d, a compliance |w| / s of the row across.
 
 A node may be in several contacts. If it sticks in one contact, it could not move along that surface
 to close the gap of another contact; without a gap the friction force would be undetermined. So a

@@ -14,7 +14,7 @@ class MergedNodes:
 
     Attributes
     ----------
-    copies : one (members, nodes) array a class
+    copies : one (members, nodes) array per class
         Place of each copy among the distinct nodes of this rank.
     numbers : (distinct,)
         Merged number of each distinct node; a rank owns consecutive ones.

@@ -80,7 +80,7 @@ class NewtonAnswer:
     ----------
     multiplier : (dual,)
         λ, zero or more on contact rows.
-    displacements : one (n, members) array a class
+    displacements : one (n, members) array per class
         u, held unknowns included.
     """
 

@@ -32,19 +32,24 @@ from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, RecordedOperator, Recycled
 
 STALLED = 2
-"""Steps on an active set, over its unknowns, after which rounding errors hold conjugate gradients
-up. In exact arithmetic they end within one: its rows hardly hold some body, or hardly differ."""
+"""Steps on an active set, over its unknowns, after which the residual counts as rounding errors.
+
+In exact arithmetic conjugate gradients end within a factor of one. More steps mean that the rows
+hardly hold some body, or are nearly dependent.
+"""
 
 OUTSIDE = 10.0
-"""Residual that conjugate gradients leave, over the part of the right-hand side that rounding
-puts outside the range of P, which no step can remove."""
+"""Smallest attainable residual, over the part of the right-hand side outside the range of P.
+
+Rounding errors make this part, and no step of conjugate gradients can remove it.
+"""
 
 SOFTENED = 0.3
 """Stiffness against a row of several nodes whose surroundings give way, over that by the diagonal
 of K: 1 took 8 % more operator applications on blocks of tetrahedra, 0.1 as many."""
 
 SHORT = 4
-"""Steps on an active set up to which that part is not worth the projection that finds it."""
+"""Steps on an active set up to which that part is not computed: it costs a projection."""
 
 IDEMPOTENT = 1e-8
 """Relative difference of Q Q and Q above which a coarse problem counts as singular."""
@@ -88,7 +93,7 @@ class State:
 
     @property
     def distance(self) -> NDArray[np.float64]:
-        """Jumps, and the penetration of contact rows; over the body's displacement."""
+        """Jumps, and penetrations of contact rows, over the displacement of the row's body."""
         return self.jumps / self.sizes
 
     def worst(self, problem: DualProblem) -> float:

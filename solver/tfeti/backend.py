@@ -51,7 +51,10 @@ class TotalFeti:
         return ActiveSetProblem(self.problem, statuses, multiplier, self._directions)
 
     def hierarchy(self, warm: bool) -> ConstraintHierarchy:
-        """Levels where bodies are thin and nothing is known of the answer (collective)."""
+        """The constraint hierarchy.
+
+        Several levels for thin bodies without an initial guess (collective).
+        """
         return ConstraintHierarchy(
             self.problem, coarsened=self.problem.held_without_contact and not warm
         )

@@ -51,7 +51,7 @@ def bodies_of(
 def _runs(
     comm: MPI.Intracomm, columns: NDArray[np.int64], first: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where runs of columns of one body begin over all ranks, and the body of each."""
+    """First columns (over all ranks) of the runs of columns of one body, and the body of each."""
     begins = run_begins(columns)
     gathered = comm.allgather((begins + first, columns[begins]))
     starts, bodies = (np.concatenate(parts) for parts in zip(*gathered, strict=True))

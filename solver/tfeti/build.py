@@ -223,7 +223,7 @@ def _factored(
                         len(own.bodies), own.eliminated, sharing, own.kernel,
                     )
                 )  # fmt: skip
-            except (ArithmeticError, ValueError) as error:  # of this rank: the others go on
+            except (ArithmeticError, ValueError) as error:  # the other ranks go on
                 failed = failed or f"{error}"
     for text in filter(None, comm.allgather(failed)):
         raise ArithmeticError(text)
@@ -248,7 +248,7 @@ def _unfactored(
                     len(own.bodies), own.eliminated, own.kernel,
                 )
             )  # fmt: skip
-        except ValueError as error:  # of this rank: the others go on
+        except ValueError as error:  # the other ranks go on
             failed = failed or f"{error}"
     for text in filter(None, comm.allgather(failed)):
         raise ArithmeticError(text)

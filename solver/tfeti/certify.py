@@ -26,8 +26,7 @@ class DualAnswer:
     ----------
     multiplier : (dual,)
         λ, local part.
-    displacements : one (n, members) array a class
-        u.
+    displacements : one (n, members) array per class Displacements u.
     """
 
     problem: DualProblem
@@ -83,8 +82,7 @@ def certify(
     ----------
     multiplier : (dual,)
         λ, local part.
-    displacements : one (n, members) array a class
-        u.
+    displacements : one (n, members) array per class Displacements u.
     """
     answer = DualAnswer(problem, multiplier, displacements)
     return certificate_of(answer, tolerance, relaxations, unsolved)

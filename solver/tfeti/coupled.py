@@ -1,19 +1,18 @@
-"""Rows that share nodes: how a preconditioner weighs them.
+"""Preconditioner weights for rows that share nodes.
 
-Rows over several nodes, between bodies that may be of unlike stiffness, are neither orthonormal
-nor equally stiff on both sides, and B S Bᵀ is no approximate inverse of B K⁺ Bᵀ: it adds the
-stiffness of both sides where F adds their compliance. With D the size of each subdomain's
-stiffness and M = B D⁻¹ Bᵀ, the compliance of these rows if every unknown were a spring of its
-own,
+Rows over several nodes connect bodies that may differ in stiffness. They are not orthonormal, and B
+S Bᵀ is no approximate inverse of B K⁺ Bᵀ: it adds the stiffnesses of both sides, but F adds their
+compliances. Let D be a diagonal measure of each subdomain's stiffness, and M = B D⁻¹ Bᵀ the
+compliance of these rows if every unknown were a separate spring. Then
 
     M⁻¹ B D⁻¹ S D⁻¹ Bᵀ M⁻¹
 
-is one (A. Klawonn, O. Widlund, FETI and Neumann-Neumann iterative substructuring methods, Comm.
-Pure Appl. Math. 54 (2001)); for orthonormal rows within one stiffness it is B S Bᵀ again. Rows
-of one node that are not perpendicular to these count in M as well, as where an obstacle reaches a
-tied boundary: without them a floor up to the tie took 36 operator applications instead of 16.
-Only rows free to move count, as open contact joins nothing. M is as large as a contact surface;
-every rank holds and factors it.
+is an approximate inverse (A. Klawonn, O. Widlund, FETI and Neumann-Neumann iterative substructuring
+methods, Comm. Pure Appl. Math. 54 (2001)); For orthonormal rows between equal stiffnesses it equals
+B S Bᵀ. M also contains rows of one node that are not perpendicular to these rows, for example where
+an obstacle reaches a tied boundary: without them a floor up to the tie took 36 operator
+applications instead of 16. M contains free rows only, because open contact connects nothing. M is
+as large as a contact surface; every rank holds and factors it.
 """
 
 from __future__ import annotations
@@ -29,15 +28,18 @@ from solver.tfeti.constraints.matrix import ConstraintMatrix, lent, local_rows, 
 from solver.tfeti.dual import DualProblem
 
 REDUNDANT = 1e-12
-"""Added to the diagonal of M, relatively. Where contact along the edge of a tie closes more rows
-than the other side has nodes there, rows depend on one another, and M alone is singular."""
+"""Relative addition to the diagonal of M.
+
+If contact along the edge of a tie closes more rows than the other side has nodes there, the rows
+are linearly dependent and M alone is singular.
+"""
 
 NEGLIGIBLE = 1e-12
 """Cosine of the angle between rows up to which they count as perpendicular."""
 
 
 def _compliance(problem: DualProblem) -> NDArray[np.float64]:
-    """D⁻¹, (interface,); a rigid body gives way to no force by a spring of its own."""
+    """D⁻¹, (interface,); zero for rigid bodies, which have no springs."""
     parts = [np.zeros(0)]
     for cls in problem.classes:
         own = 0.0 if cls.rigid else 1.0 / float(cls.stiffness.diagonal().mean())
@@ -46,7 +48,7 @@ def _compliance(problem: DualProblem) -> NDArray[np.float64]:
 
 
 def _coupled(M: PETSc.Mat, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows of M of several nodes, and those that meet one of these (collective)."""
+    """Mask of the rows of several nodes, and of the rows not perpendicular to one (collective)."""
     local = local_rows(M)
     every = np.concatenate(M.comm.tompi4py().allgather(wide))
     met = np.asarray(abs(local[:, every]).sum(axis=1)).ravel()
@@ -57,7 +59,7 @@ def _coupled(M: PETSc.Mat, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _with_rows(
     B: ConstraintMatrix, rows: sparse.csr_matrix, places: NDArray[np.int64]
 ) -> ConstraintMatrix:
-    """B with some rows in the place of its own, whose entries are in the same columns."""
+    """B with some rows replaced by rows with the same columns."""
     local = B.local.copy()
     first, last = local.indptr[places], local.indptr[places + 1]
     filled = np.repeat(first - rows.indptr[:-1], last - first) + np.arange(len(rows.data))
@@ -67,14 +69,14 @@ def _with_rows(
 
 
 class CoupledRows:
-    """M⁻¹ on the coupled rows that are free, and B with these rows divided by D.
+    """M⁻¹ on the free coupled rows, and B with the coupled rows divided by D.
 
-    Coupled are the rows of several nodes, and those that are not perpendicular to them.
+    Coupled rows are the rows of several nodes, and rows that are not perpendicular to one of them.
 
     Attributes
     ----------
     B : (dual, interface)
-        Coupled rows times D⁻¹, the others as they were.
+        Coupled rows times D⁻¹; the other rows unchanged.
     """
 
     def __init__(self, problem: DualProblem) -> None:
@@ -106,7 +108,7 @@ class CoupledRows:
         return (matrix + sparse.diags(REDUNDANT * matrix.diagonal())).tocsc()
 
     def divide(self, x: NDArray[np.float64], free: NDArray[np.bool_] | None) -> None:
-        """Replace the coupled rows by M⁻¹ of those that are free, zero elsewhere.
+        """Replace x on the coupled rows by M⁻¹ x on the free ones, and by zero on the others.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
-"""Problems derived from a dual problem while it is solved: of an active set, of turned frames.
+"""Problems derived from a dual problem during its solution: for an active set, for turned frames.
 
-They share its factors and what its loads do without constraints.
+They share its factors and the displacements under its loads without constraints.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ def with_active(
     tractions: NDArray[np.float64] | None = None,
     weights: NDArray[np.float64] | None = None,
 ) -> DualProblem:
-    """The problem in which these rows hold with equality and the other contact rows are empty.
+    """The problem with these rows as equalities and without the other contact rows.
 
-    Without active rows that is the problem without contact. Only where the bodies are
-    `held_without_contact`; else the coarse problem can be singular.
+    Without active rows this is the problem without contact. It is admissible only if the bodies are
+    `held_without_contact`; otherwise the coarse problem can be singular.
 
     Parameters
     ----------
     active : (dual,)
         Contact and tangential rows that hold with equality.
     near : (dual,)
-        λ̃ is the multiplier in equilibrium next to this one, instead of the smallest.
+        λ̃ is the multiplier in equilibrium nearest to this one, instead of the smallest one.
     tractions : (dual,)
-        Multipliers that act as a load beside it. What they do is in
-        `displacements_of_offset` and `rhs`; `d` does not know of them.
+        Multipliers that act as additional loads. Their effect is in `displacements_of_offset` and
+        `rhs`, but not in `d`.
     weights : (dual,)
-        Factors on the rows; λ is a factor times the multiplier of the scaled row.
+        Factors on the rows; λ is the factor times the multiplier of the scaled row.
     """
     keep = np.where(problem.conditional & ~active, 0.0, 1.0 if weights is None else weights)
     own, loads = problem.system.constraints, problem.system.loads
@@ -77,13 +77,13 @@ def with_active(
 
 
 def beside_moved(problem: DualProblem, moved: NDArray[np.float64]) -> DualProblem:
-    """The same problem with other right-hand sides of constraints: c + moved, (dual,)."""
+    """The problem with other right-hand sides of the constraints: c + moved, (dual,)."""
     loads = replace(problem.system.loads, c=problem.c + moved)
     return DualProblem(replace(problem.system, loads=loads), replace(problem.known, d=None))
 
 
 def turned(problem: DualProblem, turn: Turn) -> DualProblem:
-    """The same problem in turned tangential frames."""
+    """The problem in turned tangential frames."""
     own, loads = problem.system.constraints, problem.system.loads
     B = TurnedConstraintMatrix(problem.B, turn)
     coarse = None if own.coarse is None else own.coarse.turned(B)
@@ -98,13 +98,13 @@ def turned(problem: DualProblem, turn: Turn) -> DualProblem:
 def beginning_at(
     problem: DualProblem, change: NDArray[np.float64], displacements: NDArray[np.float64]
 ) -> DualProblem:
-    """The same problem with another λ̃: what keeps G λ̃ = e is added to it.
+    """The problem with another λ̃: a change that keeps G λ̃ = e is added.
 
     Parameters
     ----------
     change : (dual,)
     displacements : (interface,)
-        K⁺ Bᵀ times it.
+        K⁺ Bᵀ times the change.
     """
     known = Known(
         problem.F, problem.free, problem.d, problem.offset + change,

@@ -1,8 +1,8 @@
 """Search directions of earlier active sets that need no second operator application.
 
-Active sets differ in which contact rows are left out, the operator F is one. The directions p of
-earlier sets, all with G p = 0, span a space V. Vectors of V that vanish on the rows that are open
-now are admissible on the present set, and F is known on them. On a set
+Active sets differ in the contact rows that they leave out, but they share the operator F. The
+directions p of earlier sets, all with G p = 0, span a space V. Vectors of V that vanish on the rows
+that are open now are admissible on the present set, and F is known on them. On a set
 
     C = Z (Zᵀ VᵀFV Z)⁻¹ Zᵀ,  Z a basis of the y with V y = 0 on open rows,
 
@@ -10,10 +10,10 @@ gives the best multiplier V C Vᵀ r in V for a residual r, and makes a precondi
 F-orthogonal to V by z - V C (F V)ᵀ z (Y. Saad, M. Yeung, J. Erhel, F. Guyomarc'h, *A deflated
 version of the conjugate gradient algorithm*, 2000; P. Gosselet, C. Rey, J. Pebrel, *Total and
 selective reuse of Krylov subspaces for the resolution of sequences of nonlinear structural
-problems*, 2013). A row that opens costs one dimension, one that closes none.
+problems*, 2013). A row that opens costs one dimension of V, a row that closes costs none.
 
-On one set each new direction is made F-orthogonal to all earlier ones, not to the last alone:
-rounding undoes the orthogonality, and where cells are slivers most steps would repeat others
+On one set each new direction is made F-orthogonal to all earlier ones, not to the last one alone.
+Rounding errors destroy the orthogonality, and with sliver cells most steps would repeat others
 (F.-X. Roux, *Acceleration of the outer conjugate gradient by reorthogonalization for a domain
 decomposition method for structural analysis problems*, 1990).
 """
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 
 DEPENDENT = 1e-6
-"""Eigenvalues of the scaled VᵀFV, relative to the largest, below which directions repeat others."""
+"""Eigenvalues of the scaled VᵀFV, over the largest, below which directions are dependent."""
 
 ABSENT = 1e-10
 """Singular values of V on open rows, relative to the largest, that count as zero."""
@@ -37,22 +37,23 @@ ABSENT = 1e-10
 
 @dataclass(frozen=True)
 class RecyclingOptions:
-    """How many search directions are stored.
+    """Limits on stored search directions.
 
     Attributes
     ----------
     most
-        Directions stored at once.
+        Largest number of stored directions.
     fewest
-        Stored directions from which on later sets use them: fewer save little.
+        Number of stored directions from which on later sets use them: fewer save little.
     light
-        Bytes of a direction, over all ranks, up to which storing it costs nothing beside its
+        Bytes of a direction, over all ranks, up to which storing it takes no time beside an
         operator application.
     easy
-        Steps within which a set ends that needs no stored directions, where directions are not
-        light: the first set that takes more stores the following ones, and each later set all.
+        For directions above `light`: number of first steps whose directions are not stored. Once a
+        set takes more steps, it stores the following directions, and later sets store all of
+        theirs.
     memory
-        Bytes a rank spends on them; large problems store no directions.
+        Largest memory for directions on a rank, in bytes; large problems store no directions.
     """
 
     most: int = 100
@@ -65,8 +66,8 @@ class RecyclingOptions:
 class Directions:
     """Vectors p of earlier operator applications, F p on all rows, and K⁺ Bᵀ p on the interface.
 
-    They are of one operator F, whatever the loads: problems that differ in these alone may share
-    them (`DualProblem.recycling`).
+    They belong to one operator F and are independent of the loads. Problems that differ in their
+    loads alone may share them (`DualProblem.recycling`).
 
     Parameters
     ----------
@@ -78,9 +79,10 @@ class Directions:
     Attributes
     ----------
     count
-        Directions that later sets use; those of the present set are stored beside them.
+        Number of directions that later sets use; directions of the present set are stored in
+        addition.
     largest
-        Largest ‖F p‖/‖p‖ of them: a lower bound of ‖F‖.
+        Largest ‖F p‖/‖p‖: a lower bound of ‖F‖.
     """
 
     def __init__(
@@ -130,9 +132,9 @@ class Directions:
         motion: NDArray[np.float64],
         image: NDArray[np.float64],
     ) -> None:
-        """Store an operator application, x, K⁺ Bᵀ x and P F x, as long as there is room.
+        """Store an operator application (x, K⁺ Bᵀ x and P F x) while there is memory.
 
-        The set that it comes from uses it at once, later sets from the next one on.
+        The present set uses it at once, later sets from the next one on.
         """
         if self._next < self.capacity:
             self._vectors[self._next], self._motions[self._next] = vector, motion
@@ -141,14 +143,14 @@ class Directions:
 
     @property
     def stored(self) -> int:
-        """How many there are, those of the present set included."""
+        """Number of stored directions, including those of the present set."""
         return self._next
 
     def orthogonalise(self, z: NDArray[np.float64], first: int) -> None:
-        """Make z F-orthogonal to the directions of this set, stored from `first` on (collective).
+        """Make z F-orthogonal to the directions of this set, which begin at `first` (collective).
 
-        In exact arithmetic conjugate gradients are; rounding takes that from them where what F
-        does to a direction is small beside what it does to others, and costs steps.
+        In exact arithmetic conjugate gradients make it so. Rounding errors destroy this where ‖F p‖
+        is small beside that of other directions, and so cost steps.
         """
         if first == self._next:
             return
@@ -160,11 +162,14 @@ class Directions:
 
     @property
     def suffice(self) -> bool:
-        """Whether there are enough for later sets."""
+        """Whether the number of directions is enough for later sets."""
         return self._next >= self.options.fewest
 
     def settle(self) -> None:
-        """Offer all stored directions to later sets; where memory is full, drop the older half."""
+        """Make all stored directions available to later sets.
+
+        If memory is full, drop the older half.
+        """
         rows, self.count = slice(self.count, self._next), self._next
         for motion, applied in zip(self._motions[rows], self._applied[rows], strict=True):
             self.B.apply(motion, applied)
@@ -204,7 +209,7 @@ class Directions:
 
 
 def _inverse_on(basis: NDArray[np.float64], gram: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Z (Zᵀ A Z)⁻¹ Zᵀ on directions that are independent to working precision."""
+    """Z (Zᵀ A Z)⁻¹ Zᵀ on the directions that are independent to working precision."""
     small = basis.T @ gram @ basis
     scale = 1.0 / np.sqrt(np.maximum(np.diag(small), np.finfo(np.float64).tiny))
     sizes, modes = np.linalg.eigh(0.5 * (small + small.T) * scale * scale[:, None])

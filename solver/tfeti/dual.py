@@ -7,9 +7,8 @@ F is projected, which leaves
 
     min ½ xᵀ P F P x - xᵀ P (d - F λ̃)  subject to  x_I ≥ -λ̃_I and Q x = 0.
 
-Vectors are plain arrays, the local parts of distributed ones: dual vectors by owned row of B,
-interface vectors by subdomain of this rank, class after class, a row of the class's interface
-for each member.
+Vectors are arrays, the local parts of distributed ones: dual vectors by owned row of B; interface
+vectors by subdomain of this rank, class after class, member after member.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ from solver.tfeti.system import ContactSystem
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Results of another problem of the same system; None where they are computed anew.
+    """Known results of another problem of the same system; None where they have to be computed.
 
     Attributes
     ----------
@@ -56,9 +55,9 @@ class Known:
     d : (dual,)
         B K⁺ f - c.
     offset, displacements : (dual,), (interface,)
-        λ̃ where it is not the smallest, and K⁺ (f - Bᵀ λ̃).
+        λ̃ if it is not the smallest one, and K⁺ (f - Bᵀ λ̃).
     directions
-        Search directions that problems under other loads share; they grow with each solve.
+        Search directions that problems under other loads share; each solve adds to them.
     """
 
     operator: DualOperator | None = None
@@ -71,14 +70,14 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class DualProblem:
-    """Everything the solve, the recovery and the certificate need; local parts throughout.
+    """The dual problem with all data of the solve, the recovery and the certificate; local parts.
 
     Attributes
     ----------
     system
         Stiffness, constraints, contact points and loads.
     known
-        What other problems of the same system have computed already.
+        Results that other problems of the same system have computed already.
     """
 
     system: ContactSystem
@@ -90,7 +89,7 @@ class DualProblem:
         lifting: Sequence[NDArray[np.float64]] | None = None,
         c: NDArray[np.float64] | None = None,
     ) -> DualProblem:
-        """The problem of another load case: no new constraint, no new factor.
+        """The problem of another load case; constraints and factors are shared.
 
         Parameters are those of `ContactSystem.with_loads`.
         """
@@ -99,17 +98,17 @@ class DualProblem:
         return DualProblem(self.system.with_loads(forces, lifting, c), known)
 
     def without_factors(self) -> DualProblem:
-        """The problem with all that tells of an answer, but nothing left to solve with."""
+        """The problem without factors, for the evaluation of its answer alone."""
         classes = tuple(replace(cls, inverse=None, block=None) for cls in self.classes)
         return DualProblem(replace(self.system, classes=classes))
 
     def recycling(self, directions: Directions | None) -> DualProblem:
-        """The same problem, whose search directions serve solves under other loads, too.
+        """The problem with search directions that solves under other loads share.
 
         Parameters
         ----------
         directions
-            Those to begin with, used if they are of the same constraints; none if None.
+            Initial directions, used if they belong to the same constraints; none if None.
         """
         if directions is None or directions.B is not self.B:
             directions = Directions(self.B, self.conditional)
@@ -117,14 +116,14 @@ class DualProblem:
         return DualProblem(self.system, known)
 
     def with_slip_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
-        """The same problem with slip measured from displacements, not from the unstrained state.
+        """The problem with slip measured from given displacements, not from the unstrained state.
 
-        Their slip is the right-hand side of the tangential rows.
+        The slip of these displacements is the right-hand side of the tangential rows.
 
         Parameters
         ----------
-        displacements : one (n, members) array a class
-            Of a problem with the same subdomains.
+        displacements : one (n, members) array per class
+            Displacements of a problem with the same subdomains.
         """
         moved = np.empty(self.size)
         self.B.apply(self.on_interface(displacements), moved)
@@ -158,12 +157,15 @@ class DualProblem:
 
     @property
     def wide(self) -> NDArray[np.bool_]:
-        """Contact, tangential and tied rows over several nodes, (dual,): they overlap others."""
+        """Mask (dual,) of contact, tangential and tied rows over several nodes.
+
+        They overlap others.
+        """
         return self.system.constraints.wide
 
     @property
     def coarse(self) -> CoarseProblem | None:
-        """None where no subdomain floats."""
+        """The coarse problem; None where no subdomain floats."""
         return self.system.constraints.coarse
 
     @property
@@ -183,12 +185,12 @@ class DualProblem:
 
     @property
     def forces(self) -> tuple[NDArray[np.float64], ...]:
-        """Loads f, one (n, members) array a class."""
+        """Loads f, one (n, members) array per class."""
         return self.system.loads.forces
 
     @property
     def lifting(self) -> tuple[NDArray[np.float64], ...]:
-        """Displacements of eliminated held unknowns, one (n, members) array a class."""
+        """Displacements of eliminated held unknowns, one (n, members) array per class."""
         return self.system.loads.lifting
 
     @property
@@ -203,7 +205,7 @@ class DualProblem:
 
     @property
     def factored(self) -> bool:
-        """Whether there is a dual operator; without one only methods for displacements apply."""
+        """Whether subdomains are factored; otherwise only methods for displacements apply."""
         return not self.system.places
 
     @cached_property
@@ -228,17 +230,17 @@ class DualProblem:
 
     @cached_property
     def inequality(self) -> NDArray[np.bool_]:
-        """Which local rows are contact rows."""
+        """Mask (dual,) of the local contact rows."""
         return self.kinds == RowKind.CONTACT
 
     @cached_property
     def tangential(self) -> NDArray[np.bool_]:
-        """Which local rows are tangential rows."""
+        """Mask (dual,) of the local tangential rows."""
         return self.kinds == RowKind.TANGENT
 
     @cached_property
     def conditional(self) -> NDArray[np.bool_]:
-        """Which local rows may hold with equality or not: contact and tangential rows."""
+        """Mask (dual,) of the local rows that may be active or not: contact and tangential rows."""
         return self.inequality | self.tangential
 
     @cached_property
@@ -251,24 +253,24 @@ class DualProblem:
 
     @cached_property
     def tied(self) -> NDArray[np.bool_]:
-        """Which local rows are tied rows."""
+        """Mask (dual,) of the local tied rows."""
         return self.kinds == RowKind.TIED
 
     @cached_property
     def means(self) -> NDArray[np.bool_]:
-        """Which local rows hold a rigid motion in the mean."""
+        """Mask (dual,) of the local rows that hold a rigid motion in the mean."""
         return self.kinds == RowKind.MEAN
 
     @cached_property
     def one_sided(self) -> bool:
-        """Whether any rank has a contact row (collective when first asked)."""
+        """Whether any rank has a contact row (collective at the first call)."""
         return bool(self.comm.allreduce(int(self.inequality.sum())))
 
     @cached_property
     def spread(self) -> NDArray[np.float64]:
-        """One over the length of the unscaled row on contact, tangential, tied, mean rows, else 1.
+        """One over the length of unscaled contact, tangential, tied, mean rows; 1 for others.
 
-        The multiplier of such a row times it is the force, its residual over it the distance.
+        Force = multiplier · spread, and distance = residual / spread.
         """
         result = np.ones(self.size)
         result[self.inequality] = self.contact.spread
@@ -280,10 +282,9 @@ class DualProblem:
 
     @cached_property
     def deforming(self) -> ConstraintMatrix:
-        """B without the columns of rigid bodies, which no stiffness resists; B where none are.
+        """B without the columns of rigid bodies; B itself where no body is rigid.
 
-        Corrections of rows, their overlaps and preconditioners concern these columns alone.
-        Collective when first asked.
+        Corrections of rows, overlaps and preconditioners use it (collective at the first call).
         """
         own = [np.full(c.members * len(c.interface), c.rigid) for c in self.classes]
         return without_columns(self.B, np.concatenate([np.zeros(0, bool), *own]))
@@ -292,7 +293,7 @@ class DualProblem:
     def overlap(self) -> NDArray[np.float64]:
         """Row sums of |B Bᵀ| over contact, tangential, tied and mean rows, 1 for other rows.
 
-        They bound what the corrections of rows that are not orthogonal add up to.
+        They bound the sum of the corrections of rows that are not orthogonal.
         """
         result = np.ones(self.size)
         overlapping = self.conditional | self.tied | self.means
@@ -300,7 +301,7 @@ class DualProblem:
         if self.comm.allreduce(int(self.wide.any() or self.means.any())):
             matrix = petsc_rows(self.comm, contact, self.B.columns)
             product = local_rows(matrix.matMult(matrix.transpose(PETSc.Mat())))
-        else:  # rows of one node overlap with others of that node alone, which this rank has
+        else:  # rows of one node overlap only with rows of the same node, which are on this rank
             product = contact @ contact.T
         sums = np.asarray(abs(product).sum(axis=1)).ravel()
         result[overlapping] = np.maximum(sums, 1.0)
@@ -324,9 +325,9 @@ class DualProblem:
 
     @cached_property
     def free_lengths(self) -> NDArray[np.float64]:
-        """Largest K⁺ f on the interface of each body, (bodies,) (collective when first asked).
+        """Largest K⁺ f on the interface of each body, (bodies,) (collective at the first call).
 
-        Without factors, of what the loads do at each unknown alone.
+        Without factors, the displacements if each unknown gave way to its load alone.
         """
         if not self.factored:
             return self._lengths_at_unknowns()
@@ -334,9 +335,9 @@ class DualProblem:
 
     @cached_property
     def free_strains(self) -> NDArray[np.float64]:
-        """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective when first asked).
+        """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective at the first call).
 
-        Without factors, of what the loads do at each unknown alone.
+        Without factors, the displacements if each unknown gave way to its load alone.
         """
         if not self.factored:
             return self.strains_at_unknowns()
@@ -349,7 +350,7 @@ class DualProblem:
         return np.asarray(self.comm.allreduce(self.bodies.sum_members(works)))
 
     def strains_at_unknowns(self) -> NDArray[np.float64]:
-        """a(u, u) of what loads do at each free unknown alone, Σ f_i² / K_ii (collective).
+        """a(u, u) if each free unknown gave way to its load alone, Σ f_i² / K_ii (collective).
 
         Of each body, (bodies,).
         """
@@ -396,7 +397,7 @@ class DualProblem:
 
     @property
     def effect_of_loads(self) -> NDArray[np.float64]:
-        """A vector that tells load cases apart, (dual,): d, or B f - c without factors."""
+        """A vector (dual,) that identifies a load case: d, or B f - c without factors."""
         if self.factored:
             return self.d
         return self.residual(self.on_interface([*self.loads]))
@@ -405,9 +406,8 @@ class DualProblem:
     def offset(self) -> NDArray[np.float64]:
         """λ̃ = W Gᵀ (G W Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads.
 
-        On contact rows it is the bound of x, and where symmetry makes it vanish round-off would
-        decide which rows start active: such entries are zero. A problem that begins elsewhere has
-        another λ̃ in equilibrium.
+        On contact rows -λ̃ is the bound of x; rounding errors of zero entries are removed. A
+        problem with a given initial multiplier has another λ̃ in equilibrium.
         """
         if self.known.offset is not None:
             return self.known.offset
@@ -448,10 +448,10 @@ class DualProblem:
 
     @cached_property
     def round_off(self) -> float:
-        """Norm of the right-hand side below which it is round-off.
+        """Norm of the right-hand side below which it counts as round-off.
 
-        Where rigid motions alone meet the conditions, the projected right-hand side vanishes and
-        what is left of it has no digits.
+        If rigid motions alone satisfy the conditions, the exact projected right-hand side is zero,
+        and the computed one is round-off.
         """
         full = self.d if self.coarse is None else self._residual_of_offset
         square = self.comm.allreduce(float(full @ full) + float(self.d @ self.d))
@@ -465,7 +465,7 @@ class DualProblem:
         return np.where(self.inequality, -self.offset, -np.inf)
 
     def on_interface(self, displacements: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """The interface vector of displacements, (n, members) of each class."""
+        """The interface vector of displacements, which are (n, members) for each class."""
         result = np.empty(self.B.columns)
         for cls, part, u in zip(
             self.classes, interface_slices(self.classes), displacements, strict=True
@@ -486,7 +486,7 @@ class DualProblem:
         return result
 
     def row_stiffness(self, rows: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """The stiffness against some rows, each alone, diag(B diag(K) Bᵀ) (collective)."""
+        """The stiffness against each of some rows alone, diag(B diag(K) Bᵀ) (collective)."""
         parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
         diagonal = np.concatenate([np.empty(0), *parts])
         squares = self.B.local[rows].power(2)
@@ -495,6 +495,6 @@ class DualProblem:
         return found
 
     def kernel_slices(self) -> list[slice]:
-        """Where the kernels of each class live in a coarse vector."""
+        """Slices of the kernels of each class in a coarse vector."""
         ends = np.cumsum([0, *(c.members * c.kernel.shape[1] for c in self.classes)])
         return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

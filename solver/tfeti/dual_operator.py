@@ -36,13 +36,13 @@ class DualOperator:
         self.B.apply(self.displacements, out)
 
     def solve_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """K⁺ between interface vectors."""
+        """Put K⁺ x into out, both interface vectors."""
         for cls, part in zip(self.classes, self._slices, strict=True):
             shape = (cls.members, len(cls.interface))
             cls.apply_interface(loads[part].reshape(shape), out[part].reshape(shape))
 
 
 def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
-    """Where each class lives in an interface vector."""
+    """Slice of each class in an interface vector."""
     ends = np.cumsum([0, *(c.members * len(c.interface) for c in classes)])
     return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

@@ -1,7 +1,7 @@
 """The duality gap J(û) - D(λ) of an answer, by groups of bodies that can touch each other.
 
 û is an admissible neighbour of the displacements u, λ is in equilibrium with the loads, and the gap
-bounds ½ ‖û - u*‖²_K: the derivation stands in `solver.contact.certificate`. With friction u* is the
+bounds ½ ‖û - u*‖²_K. See `solver.contact.certificate` for the derivation. With friction u* is the
 solution with the slip limits frozen at those of λ.
 """
 
@@ -23,7 +23,7 @@ from solver.tfeti.feasible import (
 def nearest_admissible(
     problem: DualProblem, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """The admissible û whose duality gap is least, on the interface; elsewhere it is u."""
+    """The admissible û with the least duality gap, on the interface; elsewhere û = u."""
     interface = problem.on_interface(displacements)
     return interface + _nearest(problem, multiplier, interface)[0]
 
@@ -35,7 +35,7 @@ def duality_gap(
     relaxations: int = 0,
     rest: float = 0.0,
 ) -> float:
-    """J(û) - D(λ) of what λ and u on the interface stand for, in units of energy.
+    """J(û) - D(λ) for λ and the displacements of u on the interface, an energy.
 
     Parameters
     ----------
@@ -79,11 +79,11 @@ def _nearest(
     interface: NDArray[np.float64],
     rest: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The cheapest way û - u to an admissible û, λᵀ (c - B û) on this rank, and the gap.
+    """The change û - u to an admissible û of least gap, λᵀ (c - B û) on this rank, and the gap.
 
-    One way closes the contact rows that are worth it, another does not; each group of bodies takes
-    its cheaper one. Without contact rows they are the same. The last two are of each group,
-    (groups,).
+    Two admissible û are tried: one closes the contact rows of `worth_closing`, the other does not.
+    Each group of bodies takes the one with the smaller gap. The last two results are given for each
+    group, (groups,).
     """
     bodies = problem.bodies
     ways = [_way(problem, multiplier, interface, None, rest)]
@@ -111,9 +111,9 @@ def _way(
     closed: NDArray[np.bool_] | None,
     rest: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The way û - u to an admissible û that closes some contact rows, and what it costs by λ.
+    """The change û - u to an admissible û that closes some contact rows, and its terms in λ.
 
-    That is λᵀ (c - B û), and of friction s |w| - λ_t · w of the slips w of û.
+    These terms are λᵀ (c - B û), and with friction s |w| - λ_t · w for the slips w of û.
     """
     friction = problem.friction
     sliding = None if friction is None else friction.sliding(multiplier)

@@ -1,7 +1,8 @@
 """Feasible neighbours of an approximate solution, primal and dual.
 
-The dual solution is made exactly admissible (λ_I ≥ 0, Gλ = e), the primal one too (glued, held,
-no penetration). Between two admissible points weak duality leaves a gap that bounds the error.
+The dual solution is made exactly admissible (λ_I ≥ 0, Gλ = e), and so is the primal solution
+(glued, held, no penetration). Between two admissible points weak duality leaves a gap that bounds
+the error.
 """
 
 from __future__ import annotations
@@ -15,27 +16,27 @@ from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
 
 ROUNDS = 40
-"""Corrections tried; a solver's iterate needs two or three."""
+"""Largest number of corrections; an iterate of a solver needs two or three."""
 
 MOST_STEPS = 200
-"""Steps of conjugate gradients that close jumps; tied surfaces take 20 to 50."""
+"""Largest number of conjugate gradient steps to close jumps; tied surfaces take 20 to 50."""
 
 ROUND_OFF = 1e-16
 """Contact forces up to this share of the largest multiplier are rounding errors."""
 
 OPEN_WEIGHT = 1e-3
-"""Root of the share of a correction that an open contact row takes beside touching ones."""
+"""Root of the share of a correction on an open contact row, beside one on an active row."""
 
 
 def feasible_multiplier(
     problem: DualProblem, multiplier: NDArray[np.float64], touching: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """λ made admissible: zero on contact rows that do not touch, nowhere negative, Gλ = e.
+    """Admissible multiplier near λ: zero on open contact rows, λ_I ≥ 0 and Gλ = e.
 
-    What is missing in Gλ = e is put on the rows that hold with equality, gluing, held and
-    touching contact rows, and tangential rows of sticking points; where those cannot carry it (a
-    body kept by too few touching rows) open contact rows take a small share. Friction forces stay
-    within what changes of limits count for none, which the certificate tells.
+    The residual of Gλ = e is distributed over the rows that hold with equality: gluing, held and
+    active contact rows, and tangential rows of sticking points. If these cannot carry it (a body
+    held by too few active rows), open contact rows take a small share. Friction forces may exceed
+    their limits slightly; the certificate measures this.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def _balance(
 ) -> NDArray[np.float64]:
     """Add W Gᵀ (G W Gᵀ)⁻¹ (e - Gλ) with small weights on open rows until Gλ = e and λ_I ≥ 0.
 
-    Open rows are emptied again after each correction, as long as the others can carry it.
+    Open rows are set to zero again after each correction, as long as the other rows can carry it.
     """
     assert problem.coarse is not None
     root = np.where(open_rows, OPEN_WEIGHT, 1.0)
@@ -96,14 +97,14 @@ def feasible_displacements(
     """The admissible û nearest to u, both on the interface, and B û - c.
 
     B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
-    admissible set; where contact rows are not orthogonal it is repeated, damped. Tied rows are not
-    orthogonal, either, and there are many: these jumps are closed first. Inside the subdomains
-    û = u, and rigid bodies stay where they are: the others give way.
+    admissible set; if contact rows are not orthogonal, damped projections are repeated. Tied rows
+    are not orthogonal, either, and many, so their jumps are closed first. Inside the subdomains û =
+    u. Rigid bodies do not move; the other bodies are corrected.
 
     Parameters
     ----------
     closed : (dual,)
-        Contact rows whose gaps are closed as well, as far as that leaves û admissible.
+        Contact rows whose gaps are closed as well, as far as û remains admissible.
     rest
         Share of the largest violation that may be left.
     sliding : (dual,)
@@ -136,7 +137,7 @@ def feasible_displacements(
 def _without_jumps(
     problem: DualProblem, displacements: NDArray[np.float64], tolerance: float
 ) -> NDArray[np.float64]:
-    """The nearest û with B û = c on the rows that always hold with equality (collective).
+    """The û nearest to u with B û = c on the rows that always hold with equality (collective).
 
     û = u - Bᵀ (B Bᵀ)⁻¹ (B u - c) on these rows by conjugate gradients, where they are not
     orthonormal. B Bᵀ is much like the mass matrix of the tied surface.
@@ -171,10 +172,10 @@ def _without_jumps(
 def worth_closing(
     problem: DualProblem, multiplier: NDArray[np.float64], residual: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Contact rows whose open gap costs more than closing it would.
+    """Mask (dual,) of contact rows whose open gap adds more to the duality gap than closing it.
 
-    An open row adds λ_i |r_i| to the duality gap; closing them all, w = Bᵀ r, adds ½ wᵀ K w, of
-    which the row's share is ½ r_i (B K w)_i.
+    An open row adds λ_i |r_i| to the duality gap. Closing all rows, w = Bᵀ r, adds ½ wᵀ K w, and
+    the share of a row is ½ r_i (B K w)_i.
 
     Parameters
     ----------
@@ -200,13 +201,13 @@ def motion_energies(
 ) -> NDArray[np.float64]:
     """½ wᵀ K w of each body on this rank, (bodies,).
 
-    w moves the interface by `motion`. Inside the subdomains it is zero, or what some steps of
-    conjugate gradients, preconditioned by the diagonal, make of that towards the least energy.
+    w is `motion` on the interface. Inside the subdomains it is zero, or improved towards the least
+    energy by some steps of conjugate gradients with the diagonal as preconditioner.
 
     Parameters
     ----------
     relaxations
-        Steps; each takes one product with the stiffness of every subdomain.
+        Number of steps; each takes one product with the stiffness of every subdomain.
     """
     energies = []
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
@@ -221,7 +222,7 @@ def motion_energies(
 
 
 def follows(problem: DualProblem) -> bool:
-    """Whether `relaxed_energy` can be had (collective): Schur complements, orthonormal rows."""
+    """Whether `relaxed_energies` applies (collective): Schur complements, orthonormal rows."""
     mine = all(cls.schur_complement is not None for cls in problem.classes)
     mine = mine and bool((problem.overlap <= 1.0 + 1e-9).all())
     return bool(problem.comm.allreduce(mine, op=MPI.LAND))
@@ -232,13 +233,13 @@ def relaxed_energies(
 ) -> NDArray[np.float64]:
     """½ wᵀ K w of each body after steps of conjugate gradients to the least energy (collective).
 
-    They move the interface where no row of B is concerned, so that what is admissible stays so;
-    the inside follows.
+    The steps move the interface in the kernel of B, so that admissible displacements stay
+    admissible. The inside of each subdomain is in equilibrium with its interface.
 
     Parameters
     ----------
     motion : (interface,)
-        w to begin with.
+        Initial w.
     """
     motion = motion.copy()
     forces = _schur(problem, motion)
@@ -266,7 +267,7 @@ def relaxed_energies(
 
 
 def _schur(problem: DualProblem, motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Forces on the interface that hold it in a motion."""
+    """Forces on the interface that cause a motion of it, the Schur complement times the motion."""
     forces = np.empty_like(motion)
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
         shape = cls.members, len(cls.interface)
@@ -276,9 +277,9 @@ def _schur(problem: DualProblem, motion: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def _unseen(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The part of an interface vector in the kernel of B, whose rows are orthonormal.
+    """The part of an interface vector in the kernel of B; the rows of B are orthonormal.
 
-    Of rigid bodies there is no part.
+    The part on rigid bodies is zero.
     """
     rows, seen = np.empty(problem.size), np.empty_like(vector)
     problem.deforming.apply(vector, rows)
@@ -287,7 +288,7 @@ def _unseen(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> NDArray[np.float64]:
-    """Energy that each member gives off when its inside follows the interface, (members,)."""
+    """Energy (members,) that each member loses when its inside comes to equilibrium."""
     inside = np.setdiff1d(cls.free, cls.interface)
     if len(inside) == 0:
         return np.zeros(motion.shape[1])

@@ -1,13 +1,13 @@
 """Displacements without the rigid motions that nothing resists.
 
-A ball between races may turn about itself. How far it turns says nothing of the problem, and beside
-a large turn any penetration is small. Lengths are therefore judged by the displacement without
-these motions: of a group of bodies with free motions L z and rigid motions M_b at the nodes of
-body b,
+A ball between races may turn about itself. Its rotation is irrelevant, and relative to a large
+rotation any penetration is small. So the reference of lengths is the displacement without these
+motions: of a group of bodies with free motions L z and rigid motions M_b at the nodes of body b,
 
     min_z Σ_b |u_b - M_b L_b z|²  over all nodes,   i.e.  (Σ L_bᵀ M_bᵀ M_b L_b) z = Σ L_bᵀ M_bᵀ u_b,
 
-and u_b - M_b L_b z is what is left. A node counts once for each subdomain that has it.
+and u_b - M_b L_b z is the remaining displacement. A node counts once for each subdomain that has
+it.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ RESOLVED = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LooseBodies:
-    """Rigid motions that nothing resists, or facets of round surfaces alone.
+    """Rigid motions that nothing resists, or only the facets of round surfaces.
 
     Attributes
     ----------
-    along : one (motions, k) array a body
-        L_b; k is the same in all bodies of a group, 0 where nothing is free.
+    along : one (motions, k) array per body
+        L_b; k is equal for all bodies of a group, and 0 without free motions.
     centres, lengths : (bodies, 3), (bodies,)
-        What the rigid motions of each body refer to.
+        Centre and length in the definition of each body's rigid motions.
     """
 
     along: Sequence[Array]
@@ -57,10 +57,10 @@ class FreeMotions:
     ----------
     groups : (bodies,)
         Group of each body.
-    points : one (nodes, 3) array a class
-    translations : one (members, 3) array a class
-        Where each member lies from the points of its class.
-    members : one (members,) array a class
+    points : one (nodes, 3) array per class
+    translations : one (members, 3) array per class
+        Translation of each member from the points of its class.
+    members : one (members,) array per class
         Body of each subdomain.
     """
 
@@ -73,11 +73,11 @@ class FreeMotions:
     members: Sequence[NDArray[np.int64]]
 
     def of(self, displacements: Sequence[Array]) -> list[Array]:
-        """The free part of displacements, rigid motions (motions,) of each body (collective).
+        """The free part of displacements, as rigid motions (motions,) of each body (collective).
 
         Parameters
         ----------
-        displacements : one (n, members) array a class
+        displacements : one (n, members) array per class
         """
         every = self.loose.along
         count = [along.shape[1] for along in every]

@@ -1,4 +1,4 @@
-"""K⁺ f: what loads do to subdomains without constraints."""
+"""K⁺ f: the displacements of subdomains under their loads, without constraints."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
 
 FreeSolution = tuple[NDArray[np.float64], list[NDArray[np.float64]]]
-"""K⁺ f on the interface, and fᵀ K⁺ f of each subdomain, an array a class."""
+"""K⁺ f on the interface, and fᵀ K⁺ f of each subdomain, an array per class."""
 
 
 def solve_free(
     classes: tuple[SubdomainClass, ...], loads: Sequence[NDArray[np.float64]]
 ) -> FreeSolution:
-    """Solve with the factor of each class; equal loads are solved for once.
+    """Solve with the factor of each class; equal loads are solved once.
 
     Parameters
     ----------
-    loads : one (n, members) array a class
+    loads : one (n, members) array per class
         f - K u_held.
     """
     result = np.zeros(sum(cls.members * len(cls.interface) for cls in classes))
@@ -40,7 +40,7 @@ def solve_free(
 def _alike(
     loads: NDArray[np.float64], chosen: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The first of each set of equal columns among the chosen, and the set of each."""
+    """The first column of each set of equal chosen columns, and the set of each column."""
     sets: dict[bytes, int] = {}
     firsts: list[int] = []
     alike = np.empty(len(chosen), np.int64)

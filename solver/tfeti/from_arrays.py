@@ -1,7 +1,8 @@
 """A contact problem from plain arrays: stiffness matrices, loads, held nodes, obstacles.
 
-Nodes have global numbers. Subdomains that name the same node are glued there. All of it is Total
-FETI: every subdomain floats, and held components are rows of B.
+Nodes have global numbers. Subdomains with the same node are glued there. The problem has the form
+of Total FETI: every subdomain floats, and held components are rows of B (Dostál, Horák and Kučera,
+2006).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
 
 IDEMPOTENT = 1e-8
-"""Relative difference of Q and Q Q above which the coarse problem without contact is singular."""
+"""Relative difference of Q and Q Q above which a coarse problem counts as singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,19 +37,17 @@ class Subdomain:
     Attributes
     ----------
     stiffness : (n, n)
-        K before any condition is imposed, a PETSc matrix or what scipy makes a sparse matrix of;
-        unknown ``node * dimension + component``. Subdomains that are given the same object share
-        one factor; their points may then differ by a translation only.
-    load : (n,)
-        f.
-    nodes : (nodes,)
+        K before any condition is imposed, as a PETSc matrix or anything that scipy converts to a
+        sparse matrix; unknown ``node * dimension + component``, force per length. Subdomains with
+        the same matrix object share one factor; their points may then differ by a translation only.
+    load : (n,) f, forces. nodes : (nodes,)
         Global numbers.
     points : (nodes, dimension)
         Coordinates.
     kernel : (n, k) or None
         Basis of the kernel of K; the rigid motions of the points unless given.
     body
-        Number of the body it belongs to. Certificates measure each body for itself.
+        Number of the subdomain's body. Certificates measure each body by its own sizes.
     """
 
     stiffness: Any
@@ -61,15 +60,15 @@ class Subdomain:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Held nodes; a rank may name those of its own subdomains.
+    """Held nodes; a rank may name nodes of its own subdomains.
 
     Attributes
     ----------
     nodes : (k,)
     components : (k, dimension)
-        Which components are held.
+        Mask of held components.
     values : (k, dimension)
-        To which displacement.
+        Prescribed displacements, lengths.
     """
 
     nodes: NDArray[np.int64]
@@ -79,7 +78,7 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """Nodes that an obstacle keeps from moving on: a · u ≤ gap.
+    """Nodes in front of an obstacle: a · u ≤ gap.
 
     Attributes
     ----------
@@ -87,7 +86,7 @@ class Obstacle:
     directions : (k, dimension)
         Unit vectors a into the obstacle.
     gaps : (k,)
-        Distance to it.
+        Distances to the obstacle.
     """
 
     nodes: NDArray[np.int64]
@@ -97,14 +96,14 @@ class Obstacle:
 
 @dataclass(frozen=True, eq=False)
 class _Copies:
-    """Copies of nodes of this rank, one subdomain after another."""
+    """Copies of nodes on this rank, one subdomain after another."""
 
     nodes: NDArray[np.int64]
     points: NDArray[np.float64]
     starts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
 
     def points_of(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Coordinates of global nodes that this rank has, (k, 3)."""
+        """Coordinates (k, 3) of global nodes that have a copy on this rank."""
         order = np.argsort(self.nodes, kind="stable")
         at = np.minimum(np.searchsorted(self.nodes[order], nodes), len(order) - 1)
         if not np.array_equal(self.nodes[order][at], nodes):
@@ -123,14 +122,14 @@ def problem_from_arrays(
     Parameters
     ----------
     subdomains
-        Those of this rank, at least one.
+        Subdomains of this rank, at least one.
     held, obstacles
-        What this rank knows of them; every rank names the same number of obstacles.
+        Conditions at nodes of this rank; every rank gives the same number of obstacles.
 
     Raises
     ------
     ValueError
-        A condition names a node that is not there, or conditions exclude each other
+        A condition names an unknown node, or conditions exclude each other
         (`ContradictionError`).
     ArithmeticError
         A stiffness matrix resists its kernel or has a larger one.
@@ -178,7 +177,7 @@ def _conditions(
 
 
 def _classes(subdomains: Sequence[Subdomain], copies: _Copies) -> list[CongruentSubdomains]:
-    """Subdomains that were given the same matrix, together."""
+    """Classes of subdomains with the same matrix object."""
     groups: dict[tuple[int, int], list[int]] = {}
     for local, s in enumerate(subdomains):
         groups.setdefault((id(s.stiffness), id(s.kernel)), []).append(local)
@@ -204,9 +203,9 @@ def _classes(subdomains: Sequence[Subdomain], copies: _Copies) -> list[Congruent
 
 
 def _knowing_what_holds(problem: DualProblem) -> DualProblem:
-    """The problem that knows whether gluing and held rows alone stop every motion (collective).
+    """The problem with `held_without_contact` filled in (collective).
 
-    They do where the coarse problem without contact rows has a projector: Q Q = Q.
+    Gluing and held rows alone stop every motion if Q Q = Q in the coarse problem without contact.
     """
     coarse = with_active(problem, np.zeros(problem.size, bool)).coarse
     assert coarse is not None

@@ -7,28 +7,30 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TotalFetiOptions:
-    """What was measured for each stands beside it; tests set them to reach every way.
+    """Tuned numbers, each with the measured reason; tests set them to reach every branch.
 
     Attributes
     ----------
     many_subdomains
-        Subdomains in space from which on gluing rows at cross points join neighbours alone: the
-        coarse factor is half as large then. With fewer a coarse solve is nothing beside an operator
-        application.
+        Number of subdomains in space from which on gluing rows at cross points join neighbours
+        alone: this halves the coarse factor. With fewer subdomains a coarse solve takes no time
+        beside an operator application.
     pattern_rows, pattern_rows_on_ranks
-        Rows of B that a pattern has to have, on average, for its calls to cost less than they save;
-        on several ranks the other way, through the interface, takes two halos and a gather.
+        Rows of B per pattern, on average, from which on applying G by patterns pays, on one rank
+        and on several ranks. On several ranks the alternative, through the interface, takes two
+        halo exchanges and a gather.
     other_rows
-        Share of rows without a pattern up to which it pays to apply G pattern by pattern.
+        Share of rows without a pattern up to which applying G by patterns pays.
     gathered
-        Coarse unknowns up to which every rank holds the whole factor and solves alone: one gather
-        of the right-hand side costs less than the messages of a triangular solve in parts. Measured
-        on two ranks: a solve takes 6 percent less at 48,000, 12 percent more at 94,000.
+        Number of coarse unknowns up to which every rank holds the whole factor and solves alone:
+        one gather of the right-hand side takes less time than the messages of a distributed
+        triangular solve. Measured on two ranks: a solve takes 6 percent less at 48,000, 12 percent
+        more at 94,000.
     factored
         Whether subdomains are factored and a coarse problem is made. Methods that solve for the
         displacements (`solver.primal`) need neither.
     chunk
-        Entries of B that are taken at a time: 50 MB of Gᵀ.
+        Entries of B in one chunk: 50 MB of Gᵀ.
     """
 
     many_subdomains: int = 100

@@ -6,10 +6,10 @@ approximates the inverse of Pᵀ F P + ρ Q, F = B K⁺ Bᵀ. S is, class by cla
 of the stiffness on the interface (Dirichlet) or the stiffness between interface unknowns as it
 stands (lumped; C. Farhat, F.-X. Roux, 1991, and C. Farhat, J. Mandel, F.-X. Roux, *Optimal
 convergence properties of the FETI domain decomposition method*, 1994). The Schur complement saves
-iterations, the more the larger the subdomain, and where F has dense blocks it is made of their
+iterations, the more the larger the subdomain. Where F has dense blocks it is computed from their
 inverses (`costs.relaxing_pays` decides). B has orthonormal rows, so no scaling by multiplicity is
-left to do, but for rows of several nodes, which `CoupledRows` weighs. The solver cuts the result to
-the free rows. It costs two projections and a product with S.
+needed, except for rows of several nodes, which `CoupledRows` weighs. The solver sets the result to
+zero on rows that are not free. An application costs two projections and a product with S.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class DualPreconditioner:
     problem
         A dual problem with a coarse problem.
     rho
-        Penalty ρ of Q, in the unit of F. Infinite where r is in the range of Pᵀ already: then
-        one projection is enough.
+        Penalty ρ of Q, in the unit of F. Infinite if r is always in the range of Pᵀ: then one
+        projection is enough.
     """
 
     def __init__(self, problem: DualProblem, rho: float) -> None:
@@ -51,13 +51,13 @@ class DualPreconditioner:
         self._q, self._p = np.empty(problem.size), np.empty(problem.size)
 
     def set_penalty(self, rho: float) -> None:
-        """Follow the solver to another ρ."""
+        """Change ρ with the solver."""
         self.rho = rho
 
     def apply(
         self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
     ) -> None:
-        """Put z into out; cutting it to the mask is the caller's business."""
+        """Put z into out; the caller sets it to zero outside the mask."""
         penalised = math.isfinite(self.rho)
         if penalised:
             self.coarse.apply_transpose(r, self._q)
@@ -96,7 +96,7 @@ class ScaledPreconditioner:
     Parameters
     ----------
     base
-        That of P F P of the problem.
+        Preconditioner of P F P of the problem.
     scale : (dual,)
         Factors on the rows.
     """

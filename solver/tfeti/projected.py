@@ -1,7 +1,7 @@
-"""The dual operator between projections, alone and with the penalty of its equality Q x = 0.
+"""The projected dual operator, alone and with the penalty of the equality Q x = 0.
 
-P = I - Q is the projector of the coarse problem (paper, section 4.1). The operators below share
-projections where two of them stand side by side.
+P = I - Q is the projector of the coarse problem (paper, section 4.1). Where two projections follow
+each other, the operators below apply only one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class ProjectorEquality:
     Parameters
     ----------
     on_penalty
-        Told of each penalty ρ the solver chooses; a preconditioner depends on it.
+        Called with each penalty ρ that the solver chooses, for a preconditioner that depends on it.
     """
 
     norm = 1.0
@@ -44,7 +44,7 @@ class ProjectorEquality:
         self.coarse.apply(multiplier, out)
 
     def penalised(self, operator: ProjectedOperator, rho: float) -> PenalisedOperator:
-        """x to P F P x + ρ Q x, with two projections instead of three."""
+        """The operator x -> P F P x + ρ Q x, with two projections instead of three."""
         if self._on_penalty is not None:
             self._on_penalty(rho)
         return PenalisedOperator(operator, rho)
@@ -70,7 +70,7 @@ class ProjectedOperator:
 
 
 class RangeOperator:
-    """Pᵀ F on the range of P, where it is Pᵀ F P with one projection less.
+    """Pᵀ F on the range of P, where it equals Pᵀ F P and takes one projection less.
 
     Conjugate gradients that start there and are preconditioned within it stay there.
 
@@ -88,7 +88,7 @@ class RangeOperator:
 
     @property
     def image(self) -> NDArray[np.float64]:
-        """Overwritten by the next application."""
+        """K⁺ Bᵀ x of the last x; the next application overwrites it."""
         return self.F.displacements
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
@@ -98,12 +98,12 @@ class RangeOperator:
 
 
 class PenalisedOperator:
-    """P F P + ρ Q on dual vectors, sharing the first projection.
+    """P F P + ρ Q on dual vectors; both terms share the first projection.
 
     Attributes
     ----------
     image : (2, kernels)
-        G x and (G Gᵀ)⁻¹ G x of the last vector x the operator was applied to: what ‖Q x‖ needs.
+        G x and (G Gᵀ)⁻¹ G x of the last vector x the operator was applied to, for ‖Q x‖.
     """
 
     def __init__(self, projected: ProjectedOperator, rho: float) -> None:

@@ -1,12 +1,12 @@
-"""From multipliers back to displacements: u = K⁺ (f - Bᵀ λ) + R α.
+"""Recovery of displacements from multipliers: u = K⁺ (f - Bᵀ λ) + R α.
 
 α is the multiplier of the equality G λ = e. With g the gradient of the augmented Lagrangian at
 the solution and t = Cᵀ μ the force of its multiplier,
 
     g = P (F λ - d) + t,  α = (G Gᵀ)⁻¹ G (F λ - d - t)  gives  B u - c = -g :
 
-rows that hold with equality keep exactly the residual the solver left, and contact rows open or
-close by their gradient. Open rows never enter, so they cannot pull u apart.
+rows that hold with equality have exactly the residual of the solver, and contact rows open or close
+by their gradient. Open rows do not influence α, so they cause no jumps of u.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def kernel_coefficients(
 def interface_displacements(
     problem: DualProblem, multiplier: NDArray[np.float64], alpha: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """u on the interface, for the price of one application of F."""
+    """u on the interface; costs as much as one application of F."""
     result = np.empty_like(problem.free_displacements)
     problem.F.solve_interface(problem.constraint_forces(multiplier), result)
     np.subtract(problem.free_displacements, result, out=result)

@@ -1,6 +1,6 @@
-"""Search directions of earlier active sets on the one that is solved: what they save there.
+"""Use of the search directions of earlier active sets on the present set.
 
-They are stored, and derived, in `solver.tfeti.directions`.
+`solver.tfeti.directions` stores the directions and derives the method.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from solver.tfeti.projected import RangeOperator
 
 
 class RecordedOperator(RangeOperator):
-    """The operator of a set, which stores the directions it is applied to.
+    """The operator of a set; it stores the directions that it is applied to.
 
     Parameters
     ----------
     compliance : (dual,)
-        What is added to the diagonal of F; None for nothing.
+        Addition to the diagonal of F; None for zero.
     """
 
     def __init__(
@@ -48,12 +48,12 @@ class RecordedOperator(RangeOperator):
             self._directions.store(x, self.image, out)
 
     def orthogonalise(self, z: NDArray[np.float64]) -> None:
-        """Make z F-orthogonal to the directions it was applied to."""
+        """Make z F-orthogonal to the directions that the operator was applied to."""
         self._directions.orthogonalise(z, self._first)
 
 
 class Recycled:
-    """The directions of earlier sets as they are used on one set.
+    """The directions of earlier sets, used on one set.
 
     Parameters
     ----------
@@ -70,18 +70,18 @@ class Recycled:
 
     @property
     def empty(self) -> bool:
-        """Whether no combination of them is admissible on the set."""
+        """Whether no combination of the directions is admissible on the set."""
         return not self._inverse.any()
 
     def best(
         self, residual: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The best change of the multiplier for a residual, and its K⁺ Bᵀ."""
+        """The best change of the multiplier for a residual, and K⁺ Bᵀ times this change."""
         y = self._inverse @ self._comm.allreduce(self._of.vectors @ residual)
         return (y @ self._of.vectors) * self._closed, y @ self._of.motions
 
     def orthogonalise(self, z: NDArray[np.float64]) -> None:
-        """Make z F-orthogonal to them."""
+        """Make z F-orthogonal to the directions."""
         y = self._inverse @ self._comm.allreduce(self._of.applied @ z)
         z -= (y @ self._of.vectors) * self._closed
 

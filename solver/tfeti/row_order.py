@@ -21,7 +21,7 @@ from solver.tfeti.constraints.supports import SupportRows
 
 @dataclass(frozen=True, eq=False)
 class OrderedRows:
-    """B and what belongs to its rows.
+    """B and the data of its rows.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ def order_rows(
     size: int,
     kernels: Sequence[tuple[int, NDArray[np.float64]]],
 ) -> OrderedRows:
-    """Put all rows on interface columns, those that repeat together (collective).
+    """B on interface columns, with rows of one pattern next to each other (collective).
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def order_rows(
         Interface column of each component of this rank's copies, -1 where it has none.
     size
         Interface columns of this rank.
-    kernels : one (members, (m, k) array) pair a class
+    kernels : one (members, (m, k) array) pair per class
         Rigid motions on the class's interface.
     """
     comm, d = exchange.comm, columns.shape[1]
@@ -97,23 +97,24 @@ def _row_order(
     own: tuple[int, int],
     d: int,
 ) -> tuple[NDArray[np.int64], int, list[RowPattern]]:
-    """The order of rows in which those that repeat are together and B reads neighbouring memory.
+    """An order of rows with patterns together, in which B reads neighbouring memory.
 
-    Rows that do the same to each component of some nodes of this rank come first, then those that
-    do so to nodes of other ranks as well, rows of contact and supports last, as they are.
+    Rows with equal coefficients for each component of nodes of this rank come first. Then come such
+    rows that have nodes of other ranks as well. Contact and support rows come last, in their given
+    order.
 
     Parameters
     ----------
     local
-        Rows that do the same to each component of a node next to each other.
+        The rows; those with equal coefficients for each component of a node are next to each other.
     own
-        First column of this rank, and how many it has.
+        First column of this rank, and its number of columns.
     d
         Components of a node.
 
     Returns
     -------
-    The order, how many rows come first, and the row patterns.
+    The order, the number of rows of the first kind, and the row patterns.
     """
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
     runs = np.empty(0, np.int64)

@@ -1,7 +1,7 @@
 """The size of an answer in each body: displacements, forces, energies and rounding errors.
 
-The certificate (`solver.contact.certificate`) is relative to these, which subdomains sum up. All
-functions are collective and return one value a body.
+These are the references of the certificate (`solver.contact.certificate`), summed over subdomains.
+All functions are collective and return one value per body.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 
 ROUNDED = 4.0
-"""Rounding errors of displacements, in units of ε max|u|, that forces may show."""
+"""Rounding errors of displacements, in units of ε max|u|, that count for the forces."""
 
 
 def equilibrium_of(
@@ -61,12 +61,12 @@ def equilibrium_of(
 def round_off(
     problem: DualProblem, displacements: list[NDArray[np.float64]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The effect of rounding errors of u, (bodies,): ‖K δu‖ and δuᵀ K δu (collective).
+    """Effect of the rounding errors δu of u, (bodies,) each: ‖K δu‖ and δuᵀ K δu (collective).
 
-    The first is by the sums of the magnitudes of K's rows: loads of held unknowns are products with
-    K, too (N. J. Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., sec. 3.5). The
-    second counts those of the displacements without constraint forces, too, of which the
-    answer is a difference.
+    The first uses the sums of magnitudes in the rows of K, because loads of held unknowns are
+    products with K, too (N. J. Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed.,
+    sec. 3.5). The second includes the rounding errors of the displacements without constraint
+    forces, because the answer is a difference of such displacements.
     """
     unit = float(np.finfo(np.float64).eps)
     parts = []
@@ -97,7 +97,7 @@ def largest_displacements(
 def largest_deformations(
     problem: DualProblem, displacements: list[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Largest |u| of each body without the motions that nothing resists, (bodies,) (collective)."""
+    """Largest |u| of each body without motions that nothing resists, (bodies,) (collective)."""
     free = problem.system.free
     if free is None:
         return largest_displacements(problem, displacements)

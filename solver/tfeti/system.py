@@ -2,9 +2,9 @@
 
     min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing, held and tied rows, B u ≤ c on contact rows.
 
-Each part is a record of its own that nothing changes. The factors of the stiffness and the
-factor of the coarse problem belong to parts that know no load, so that another load case costs
-neither (`ContactSystem.with_loads`).
+Each part is an immutable record of its own. The factors of the stiffness and of the coarse problem
+belong to parts that are independent of the loads, so that another load case needs no new factor
+(`ContactSystem.with_loads`).
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ class Constraints:
 
 @dataclass(frozen=True, eq=False)
 class NodePlaces:
-    """The nodes of the subdomains of one class.
+    """Nodes of the subdomains of one class.
 
     Attributes
     ----------
     numbers : (members, nodes)
         Global number of each node.
     translations : (members, 3)
-        Where each member lies from the points of the class.
+        Translation of each member from the points of the class.
     points : (nodes, 3)
         Coordinates of the class.
     vertex_weights : (nodes, nodes) or None
@@ -83,9 +83,9 @@ class Loads:
 
     Attributes
     ----------
-    forces : one (n, members) array a class
-        f.
-    lifting : one (n, members) array a class
+    forces : one (n, members) array per class
+        Loads f, forces.
+    lifting : one (n, members) array per class
         Displacements of eliminated held unknowns, zero elsewhere.
     c : (dual,)
         Right-hand side of the constraints: displacements of held rows, gaps of contact rows.
@@ -101,7 +101,7 @@ class Loads:
 
 @dataclass(frozen=True, eq=False)
 class ContactSystem:
-    """Everything that defines the problem; local parts throughout.
+    """The discrete contact problem; local parts throughout.
 
     Attributes
     ----------
@@ -118,13 +118,13 @@ class ContactSystem:
     means
         Geometry of the rows that hold rigid motions in the mean, in row order.
     places
-        Nodes of each class, where the subdomains are not factored; else empty.
+        Nodes of each class if the subdomains are not factored; otherwise empty.
     nodes
-        Nodes on all ranks.
+        Number of nodes on all ranks.
     friction
         Tangential rows, in row order; None where no contact of any rank has friction.
     free
-        Rigid motions that nothing resists; None where there are none.
+        Rigid motions that nothing resists; None without such motions.
     """
 
     comm: MPI.Intracomm
@@ -147,9 +147,9 @@ class ContactSystem:
         lifting: Sequence[NDArray[np.float64]] | None = None,
         c: NDArray[np.float64] | None = None,
     ) -> ContactSystem:
-        """The same bodies and constraints under other loads; parameters as in `Loads`.
+        """The system with other loads; parameters as in `Loads`.
 
-        Displacements and gaps stay as they are unless given.
+        Displacements and gaps stay unchanged unless given.
         """
         own, contact = self.loads, self.contact
         lifting = own.lifting if lifting is None else lifting
@@ -168,6 +168,6 @@ def loads_on(
     lifting: Sequence[NDArray[np.float64]],
     c: NDArray[np.float64],
 ) -> Loads:
-    """A load case on classes, with its work on their kernels."""
+    """The load case with these forces, and their work on the kernels of the classes."""
     works = [(cls.kernel.T @ f).T.ravel() for cls, f in zip(classes, forces, strict=True)]
     return Loads(tuple(forces), tuple(lifting), c, np.concatenate([np.zeros(0), *works]))

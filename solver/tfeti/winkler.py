@@ -1,19 +1,20 @@
 """The initial active set, from rigid subdomains on a Winkler foundation.
 
 The dual operator F is replaced by a diagonal D: each gluing row is a spring between two subdomains,
-each contact row a spring to the obstacle that can only push. The subdomains are rigid. What is left
-of
+each contact row a spring to the obstacle that can only push. The subdomains are rigid. The unknowns
+that remain in
 
     min ½ λᵀ D λ - λᵀ d   subject to   λ_I ≥ 0 and G λ = e
 
-are the rigid motions α, with λ = D⁻¹ (d - Gᵀ α), cut at zero on contact rows: the minimum of
+are the rigid motions α, with λ = D⁻¹ (d - Gᵀ α), set to zero where negative on contact rows. They
+minimise
 
     φ(α) = ½ Σ D⁻¹ (d - Gᵀ α)²₊ + eᵀ α,
 
-convex and piecewise quadratic. Newton's method finds it at the price of a coarse factor in each
-step and without an application of F. This is the Winkler foundation of contact mechanics
-(K. L. Johnson, *Contact Mechanics*, 1985, section 4.3). If all gaps are zero, the solver starts
-with every contact row active instead, since rigid subdomains do not bulge.
+which is convex and piecewise quadratic. Newton's method finds the minimum with one coarse factor
+per step and without an application of F. This is the Winkler foundation of contact mechanics (K. L.
+Johnson, *Contact Mechanics*, 1985, section 4.3). If all gaps are zero, the solver starts with every
+contact row active instead, since rigid subdomains do not bulge.
 """
 
 from __future__ import annotations
@@ -25,20 +26,22 @@ from numpy.typing import NDArray
 from solver.tfeti.dual import DualProblem
 
 SOFTNESS = 0.1
-"""Stiffness of a contact spring over that of its node in K: under a pressure the neighbours of the
-node give way, too."""
+"""Stiffness of a contact spring over that of its node in K.
+
+Under a pressure the neighbours of the node move, too.
+"""
 
 RIGID_STEPS = 40
-"""Steps of Newton's method, each with a coarse factor."""
+"""Largest number of Newton steps, each with a coarse factor."""
 
 BALANCED = 1e-2
-"""Relative residual of equilibrium at which the steps end: the foundation is no better model."""
+"""Relative residual of equilibrium at which the steps end: the model is not more accurate."""
 
 FAINT = 1e-3
 """Weight of open contact rows, without which the coarse factor could be singular."""
 
 SHORTEST = 1e-4
-"""Share of a step below which it is taken without a test whether φ falls."""
+"""Step length below which a step is taken without testing whether φ falls."""
 
 
 FLAT = 1e-12
@@ -46,7 +49,7 @@ FLAT = 1e-12
 
 
 def gaps_are_zero(problem: DualProblem) -> bool:
-    """Whether every contact node touches before any load, and no two rows overlap (collective)."""
+    """Whether all gaps are zero before any load and no two rows overlap (collective)."""
     comm, points = problem.comm, problem.contact.points
     size = comm.allreduce(float(np.abs(points).max(initial=0.0)), op=MPI.MAX)
     apart = np.abs(problem.contact.gaps) > FLAT * size
@@ -55,7 +58,7 @@ def gaps_are_zero(problem: DualProblem) -> bool:
 
 
 def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]:
-    """The stiffness against each contact row alone, and the largest of an unknown (collective).
+    """The stiffness against each contact row alone, and the largest one of an unknown (collective).
 
     Returns
     -------
@@ -67,15 +70,15 @@ def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]
 
 
 def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
-    """Contact rows (dual,) that are pressed where rigid subdomains lie on a Winkler foundation."""
+    """Contact rows (dual,) with contact forces of rigid subdomains on a Winkler foundation."""
     coarse, comm = problem.coarse, problem.comm
     assert coarse is not None
     contact = problem.inequality
     springs, top = contact_stiffness(problem)
     stiffness = top * coarse.metric
-    springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # no spring where rigid meets rigid
+    springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # no spring between two rigid bodies
     stiffness[contact] = np.minimum(springs, top)
-    stiffness[problem.tangential] *= FAINT  # friction is no foundation
+    stiffness[problem.tangential] *= FAINT  # friction adds no foundation
     motion = np.empty(problem.size)
 
     def force(alpha: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -202,7 +202,7 @@ class Copies(Meeting):
 
     Parameters
     ----------
-    nodes : one (n,) array a class
+    nodes : one (n,) array per class
         Which of its nodes.
 
     Attributes
@@ -211,7 +211,7 @@ class Copies(Meeting):
         Copies on this rank.
     starts : (classes + 1,)
         First copy of each class.
-    shapes : one (n, members) pair a class
+    shapes : one (n, members) pair per class
     """
 
     def __init__(self, model: Model, nodes: Sequence[NDArray[np.int64]]) -> None:
@@ -377,7 +377,7 @@ class LinearFits:
 
         Parameters
         ----------
-        stresses : one (samples, members, k) array a class
+        stresses : one (samples, members, k) array per class
         """
         k = stresses[0].shape[2]
         result = np.zeros((len(self._row), k))

@@ -56,7 +56,7 @@ class PointValues:
 
     Parameters
     ----------
-    values : one (nodes, members, width) array a class
+    values : one (nodes, members, width) array per class
     """
 
     def __init__(self, model: Model, values: Sequence[Array]) -> None:

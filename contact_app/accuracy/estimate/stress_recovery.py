@@ -237,7 +237,7 @@ class StressRecovery:
 
         Parameters
         ----------
-        displacements : one (n, members) array a class
+        displacements : one (n, members) array per class
         """
         return self.meeting(self.patches.surface.changes(self.model, touching), displacements)
 

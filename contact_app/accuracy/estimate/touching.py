@@ -29,9 +29,9 @@ class FrictionAtNodes:
     ----------
     contact
         Number among those of `Scene.touching`.
-    sticks : one (nodes, members) array a class
+    sticks : one (nodes, members) array per class
         Nodes with a point that sticks.
-    forces : one (nodes, members, dimension) array a class
+    forces : one (nodes, members, dimension) array per class
         Friction forces of points that slide, on the body of the node.
     """
 
@@ -46,7 +46,7 @@ class Touching:
 
     Attributes
     ----------
-    pushed : one (nodes, members) array a class
+    pushed : one (nodes, members) array per class
         Nodes that an obstacle or another body pushes.
     friction
         Of each contact that has friction.

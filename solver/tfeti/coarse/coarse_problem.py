@@ -56,7 +56,7 @@ class Restriction(Protocol):
         """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
 
     def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
-        """Subtract that from x (collective)."""
+        """Subtract Gᵀ, or W Gᵀ, times a coarse vector from x (collective)."""
 
     def weighted(self, weights: NDArray[np.float64]) -> Restriction:
         """The restriction for the rows of B times weights; these are one except on contact rows."""
@@ -191,7 +191,7 @@ class CoarseProblem:
     def _factored(
         self, gram: _Gram, weights: NDArray[np.float64], factor: CoarseFactor | None = None
     ) -> CoarseFactor:
-        """The factor with weights of contact rows, in place of one with the same pattern."""
+        """The factor for some weights of contact rows; it replaces one of the same pattern."""
         contact = Blocks.of(self._contact, gram.others.motions, weights)
         values = gram.others.plus(self._layout.brought(contact)).values
         factor = factor or CoarseFactor(self._layout, gram.places)
@@ -252,7 +252,7 @@ class CoarseProblem:
 
 @dataclass(frozen=True, eq=False)
 class _Gram:
-    """G W Gᵀ with zeros where contact rows belong, and where the entries of a matrix are."""
+    """G W Gᵀ with zeros for contact rows, and the places of the entries of a matrix."""
 
     others: Blocks
     places: sparse.csr_matrix
@@ -413,7 +413,7 @@ class _ThroughInterface:
         self._weights[metric].scale(out)
 
     def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
-        """Subtract that from x (collective)."""
+        """Subtract Gᵀ, or W Gᵀ, times a coarse vector from x (collective)."""
         self.extend(coarse, self._dual, metric)
         x -= self._dual
 

@@ -160,7 +160,7 @@ class KernelRows:
     ----------
     B : (dual, interface)
         Constraint matrix on interface unknowns, a run of the columns for each subdomain.
-    kernels : one (members, (m, k) array) pair a class
+    kernels : one (members, (m, k) array) pair per class
         Kernel on the class's m interface unknowns, in the order of B's columns.
     chunk
         Entries of B in one chunk.

@@ -37,7 +37,7 @@ class RowPattern:
     Attributes
     ----------
     first
-        The first of their rows.
+        First row of the groups.
     starts : (groups, m)
         First coarse unknown of each subdomain, over all ranks.
     V : (n, m · motions)
@@ -171,7 +171,7 @@ def pays(
     Parameters
     ----------
     rows
-        Of B on this rank.
+        Number of rows of B on this rank.
     """
     inside = sum(k.rows.stop - k.rows.start for k in patterns)
     least = options.pattern_rows if comm.size == 1 else options.pattern_rows_on_ranks
@@ -291,7 +291,10 @@ class PatternProduct:
         self._room = np.empty(max(widest, min(rows_at_once, len(kernels.entries))))
 
     def weighted(self, weights: NDArray[np.float64]) -> PatternProduct:
-        """The same of the rows of B times weights that are one on the rows of all patterns."""
+        """The restriction for the rows of B times weights.
+
+        These are one on the rows of patterns.
+        """
         result = copy(self)
         left = sparse.diags(weights[self._others])
         plain, weighed = (_factors(left @ rest) for rest, _ in self._rest)
@@ -316,7 +319,7 @@ class PatternProduct:
         out[self._others] = self._rest[metric][0] @ coarse
 
     def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
-        """Subtract that from x, without a vector of its size."""
+        """Subtract Gᵀ, or W Gᵀ, times a coarse vector from x, without a work vector."""
         self._spread(coarse)
         for p in self._parts:
             for groups, rows, room in p.few(self._room):

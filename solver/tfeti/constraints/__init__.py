@@ -1,7 +1,7 @@
 """The rows of B: gluing, held nodes and contact, and products with them on all ranks.
 
-`conditions` are what holds at nodes, `merge` makes one row of those that say the same, `rows`
-writes B, `cross_points` glues nodes of many subdomains, `exchange` lets the copies of a node meet
-at the rank that owns it, `matrix` is B itself. `hierarchy` has levels of contact rows for first
-guesses, `contact_edge` releases rows in pairs at the edge of contact.
+`conditions` are the conditions at nodes, `merge` joins equal conditions into one row, `rows` writes
+B, `cross_points` glues nodes of many subdomains, `exchange` sends data of the copies of a node to
+the rank that owns the node, and `matrix` is B itself. `hierarchy` has levels of contact rows for
+initial guesses, and `contact_edge` releases rows in pairs at the edge of contact.
 """

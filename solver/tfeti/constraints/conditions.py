@@ -17,11 +17,11 @@ class ContradictionError(ValueError):
     Attributes
     ----------
     first, second
-        Sources (indices the caller gave) of the two conditions.
+        Sources of the two conditions, as indices given by the caller.
     node
-        Global number of a node where it happens.
+        Global number of a node with the contradiction.
     amount
-        By how much, in units of length.
+        Size of the contradiction, a length.
     kind
         ``held twice``; ``held in contact``: inside what it may touch; ``squeezed`` between two
         obstacles.
@@ -35,16 +35,16 @@ class ContradictionError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class NodeConditions:
-    """Conditions at nodes as the subdomains of this rank see them; repetitions are harmless.
+    """Conditions at nodes of this rank's subdomains; repeated conditions are allowed.
 
     Attributes
     ----------
     held_nodes, held_points, held, values, held_source
-        Global node (k,), coordinates (k, 3), which components are held (k, dimension), to which
-        displacement (k, dimension), and the index of the condition (k,).
+        Global node (k,), coordinates (k, 3), mask of held components (k, dimension), their
+        displacements (k, dimension), and index of the condition (k,).
     contact_nodes, contact_points, directions, gaps, contact_source
         Global node (k,), coordinates (k, 3), unit direction into the obstacle (k, dimension), gap
-        along it (k,), and the index of the contact (k,).
+        along it (k,), and index of the contact (k,).
     """
 
     held_nodes: NDArray[np.int64]
@@ -59,7 +59,7 @@ class NodeConditions:
     contact_source: NDArray[np.int64]
 
     def of_contacts(self, some: NDArray[np.bool_]) -> NodeConditions:
-        """The same with some of the contact rows (k,)."""
+        """The conditions with some of the contact rows (k,) only."""
         names = ("contact_nodes", "contact_points", "directions", "gaps", "contact_source")
         return replace(self, **{name: getattr(self, name)[some] for name in names})
 
@@ -100,7 +100,10 @@ class ContactEntries:
 
     @classmethod
     def join(cls, parts: Sequence[ContactEntries], rows: Sequence[int]) -> ContactEntries:
-        """The entries of parts that have so many rows, one after another."""
+        """The entries of several parts, one after another.
+
+        `rows` has the number of rows of each part.
+        """
         starts = np.cumsum([0, *rows])[:-1]
         fields = [{**p.__dict__, "row": p.row + s} for p, s in zip(parts, starts, strict=True)]
         return cls(**{name: np.concatenate([f[name] for f in fields]) for name in fields[0]})
@@ -113,35 +116,35 @@ class ContactEntries:
 
 
 ENTRIES = ("entries", "held", "rigid")
-"""Fields of `ContactRows` that have entries instead of a value for each row."""
+"""Fields of `ContactRows` that hold entries instead of one value per row."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """Contact rows this rank owns, Σ value · ū ≤ gap, sorted by node and then by contact.
+    """This rank's contact rows, Σ value · ū ≤ gap, sorted by node and then by contact.
 
     Attributes
     ----------
     nodes, points, sources
-        Node a row belongs to (k,), its coordinates (k, 3) and contact index (k,).
+        Node of each row (k,), its coordinates (k, 3) and the index of the contact (k,).
     gaps : (k,)
-        Distance left, by which the held part has been reduced.
+        Gap of each row, reduced by the displacement of held components.
     normals : (k, dimension)
-        Force on the body for a multiplier of one: the normal out of what it touches.
+        Force on the body for a multiplier of one: the normal out of the obstacle or other body.
     moments : (k, 3)
         Moment of that force about the node: zero unless the row has several nodes of the body.
     areas : (k,)
-        Area on which the multiplier acts; NaN where it is the node's share of the boundary.
+        Area on which the multiplier acts; NaN where this is the node's share of the boundary.
     spread : (k,)
-        One over the length of the row on the copies: the multiplier of the scaled row times it is
-        the force, its residual over it the distance.
+        One over the length of the row on the copies. The force is the multiplier of the scaled row
+        times `spread`, and the distance is the residual over `spread`.
     entries
         The coefficients, without held components.
     held
-        The coefficients of held components, where `cut_held` took them out.
+        The coefficients of held components, after `cut_held` removed them from `entries`.
     rigid
-        The coefficients of the motions of rigid bodies, at the nodes that stand for these. They
-        count neither for the length of a row nor for whether it is wide: no stiffness resists them.
+        The coefficients of the motions of rigid bodies, at the nodes of rigid bodies. They count
+        neither for the length of a row nor for `wide`, because no stiffness resists them.
     """
 
     nodes: NDArray[np.int64]
@@ -168,14 +171,14 @@ class ContactRows:
 
     @property
     def on_rigid(self) -> NDArray[np.bool_]:
-        """Which rows have entries at a rigid body, (k,)."""
+        """Mask (k,) of the rows with entries at a rigid body."""
         result = np.zeros(len(self.nodes), bool)
         result[self.rigid.row] = True
         return result
 
     @property
     def wide(self) -> NDArray[np.bool_]:
-        """Which rows have entries at several nodes, (k,)."""
+        """Mask (k,) of the rows with entries at several nodes."""
         pairs = np.unique(np.stack([self.entries.row, self.entries.node], axis=1), axis=0)
         return np.bincount(pairs[:, 0], minlength=len(self.nodes)) > 1
 
@@ -211,7 +214,7 @@ class ContactRows:
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Rows over nodes that several ranks may own, each kind sorted by node.
+    """Rows over nodes of any ranks, each kind sorted by node.
 
     Attributes
     ----------
@@ -220,9 +223,9 @@ class SharedRows:
     tangential
         Slips at contact points, by node and contact.
     tied
-        Rows of tied boundaries, which hold with equality.
+        Rows of tied boundaries; they hold with equality.
     means
-        Rigid motions of bodies in the mean, which are held.
+        Held rigid motions of bodies in the mean.
     """
 
     contact: ContactRows
@@ -238,7 +241,7 @@ class SharedRows:
         tied: ContactRows | None = None,
         means: ContactRows | None = None,
     ) -> SharedRows:
-        """Rows of the kinds that are given."""
+        """Shared rows with the given kinds; the other kinds are empty."""
         others = (contact.none() if r is None else r for r in (tangential, tied, means))
         return cls(contact, *others)
 
@@ -263,9 +266,9 @@ def pairs_at_nodes(
 
 
 def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, NDArray[np.float64]]:
-    """Contact rows over the nodes they name, scaled to unit length, and their lengths before.
+    """Contact rows scaled to unit length, and their lengths before scaling.
 
-    The nodes may belong to any rank: their numbers are the columns.
+    The nodes may belong to any rank: columns are numbered over all nodes.
 
     Returns
     -------

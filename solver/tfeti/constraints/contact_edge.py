@@ -1,13 +1,13 @@
-"""The edge of contact: where an active set reaches too far, and its mirror image there.
+"""The edge of contact: where an active set is too wide, rows leave with their mirror image.
 
-If an active set reaches too far by a, the pressure at distance s from its edge is
+If an active set is too wide by a, the pressure at distance s from its edge is
 
     p(s) ≈ A √s - A a / (2 √s),
 
-since to first order in a it is what the right edge makes of A √(s - a). It is tensile up to
-s = a/2. Active sets that release tensile rows alone halve the excess with each set: the finer the
-mesh, the more sets. If tensile rows leave together with their mirror image across the line where
-tension ends, the excess that is left is of second order.
+to first order in a, since the pressure at the right edge is A √(s - a). It is tensile up to s =
+a/2. Active sets that release tensile rows alone halve the excess with each set: the finer the mesh,
+the more sets. If tensile rows leave together with their mirror image across the line where tension
+ends, the excess that is left is of second order.
 """
 
 from __future__ import annotations
@@ -20,15 +20,17 @@ from scipy.spatial import cKDTree
 from solver.tfeti.dual import DualProblem
 
 SLACK = {1: 2.5, 2: 2.5, 3: 5.5}
-"""Rows at the inner edge of the mirror image that are left, by components of a node: where a set is
-not solved to the end the edge of its tensile rows is ragged, along a surface more than along a
-line."""
+"""Rows at the inner edge of the mirror image that stay active, by components of a node.
+
+If a set is not solved to the end, the edge of its tensile rows is ragged, on a surface more than on
+a line.
+"""
 
 APART = 10.0
-"""Distance that is put between contacts, over the extent of all: no contact is near another."""
+"""Distance added between contacts, over the extent of all points: no contact is near another."""
 
 AROUND = 8
-"""Neighbours among which a row is the one farthest from all compressive rows."""
+"""Number of neighbours among which the row farthest from all compressive rows is taken."""
 
 Array = NDArray[np.float64]
 
@@ -38,9 +40,8 @@ def mirror_image(
 ) -> NDArray[np.bool_]:
     """Active rows in the mirror image of leaving ones across the edge of contact (collective).
 
-    A tensile row at distance w from all compressive ones stands for a tensile zone that is w wide
-    there. The rows farthest inside such zones are asked, and the mirror image is what lies within
-    2 w of them.
+    A tensile row at distance w from all compressive rows lies in a tensile zone of width w. The
+    mirror image is made of the compressive rows within 2 w of the rows farthest inside such zones.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ def mirror_image(
 
     Returns
     -------
-    (dual,), compressive rows of the active set.
+    Mask (dual,) of compressive rows of the active set.
     """
     comm = problem.comm
     rows = np.flatnonzero(problem.inequality)
@@ -77,12 +78,12 @@ def mirror_image(
 
 
 def _tree(points: Array) -> cKDTree:
-    """A tree that is asked once: sooner made than well balanced."""
+    """A search tree for one query: built fast, not well balanced."""
     return cKDTree(points, compact_nodes=False, balanced_tree=False)
 
 
 def _places(comm: MPI.Intracomm, points: Array, sources: NDArray[np.int64]) -> Array:
-    """Points (n, 3) over their extent, each contact's far from all others': (n, 4)."""
+    """Points (n, 3) over their extent, with a fourth coordinate that separates contacts: (n, 4)."""
     corners = np.full((2, 3), -np.inf)
     if len(points):
         corners = np.stack([points.max(axis=0), -points.min(axis=0)])
@@ -92,12 +93,12 @@ def _places(comm: MPI.Intracomm, points: Array, sources: NDArray[np.int64]) -> A
 
 
 def _within(points: Array, depth: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Distance of each point to the next, and which are as deep as any around them.
+    """Distance of each point to the next one, and the mask of points as deep as their neighbours.
 
     Parameters
     ----------
     depth : (n,)
-        A point counts as deeper than another where it is by half their distance.
+        Depths. A point counts as deeper than another one if it is deeper by half their distance.
     """
     distance, which = _tree(points).query(points, AROUND + 1)
     distance = np.where(distance > 0.0, distance, np.inf)

@@ -1,9 +1,9 @@
-"""Cross-point gluing: rows at nodes of more than two subdomains join neighbours across faces alone.
+"""Cross-point gluing: rows at nodes of several subdomains join subdomains with a common face only.
 
 The m copies of a node are glued by m - 1 orthonormal rows C, any basis of the complement of
 (1, …, 1). In the graph whose edges join subdomains with a common face, with the Laplacian
-L = Cᵀ Λ C, eigenvectors are such a basis, and weighed by W = Λ/λ, λ the largest eigenvalue, they
-join neighbours alone:
+L = Cᵀ Λ C, the eigenvectors are such a basis. Weighted by W = Λ/λ, with λ the largest eigenvalue,
+they join neighbours alone:
 
     Cᵀ W C = L/λ.
 
@@ -11,9 +11,9 @@ So G W Gᵀ has blocks between subdomains with a common face, and none between t
 an edge or a corner. At an edge of a regular split four subdomains are a cycle, Λ = (2, 2, 4); at a
 corner eight are a cube, Λ = (2, 2, 2, 4, 4, 4, 6).
 
-That halves the coarse factor and its solves, for about as many operator applications. Where there
-are few subdomains, or in the plane, a coarse solve takes next to no time beside an operator
-application, and all subdomains are neighbours.
+This halves the coarse factor and the time of its solves; the number of operator applications stays
+about the same. Where there are few subdomains, or in the plane, a coarse solve takes next to no
+time beside an operator application, and all subdomains are neighbours.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 EQUAL = 1e-9
-"""Eigenvalues closer than this are one."""
+"""Eigenvalues closer than this count as equal."""
 
 
 def coarse_solves_matter(
     comm: MPI.Intracomm, subdomains: NDArray[np.int64], dimension: int, many: int
 ) -> bool:
-    """Whether a coarse solve takes time beside an operator application (collective).
+    """Whether the time of a coarse solve matters beside an operator application (collective).
 
     Parameters
     ----------
     subdomains
         Numbers of the subdomains of this rank's copies of nodes.
     many
-        Subdomains from which on it does in space; in the plane it never does.
+        Number of subdomains from which on it matters in space; in the plane it never matters.
     """
     count = comm.allreduce(int(subdomains.max(initial=-1)), op=MPI.MAX) + 1
     return dimension == 3 and count >= many
@@ -61,7 +61,7 @@ def joining(adjacent: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[n
     Parameters
     ----------
     adjacent : (m, m)
-        Which of the copies' subdomains are neighbours.
+        Mask of the pairs of copies whose subdomains are neighbours.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def joining(adjacent: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[n
 def _sparse_basis(projector: NDArray[np.float64], rank: int) -> NDArray[np.float64]:
     """An orthonormal basis (rank, m) of the range of a projector, with few entries.
 
-    One by one the sparsest image of a unit vector or of the sum or difference of two.
+    Each vector is the sparsest image of a unit vector, or of the sum or difference of two of them.
     """
     m = len(projector)
     first, second = np.triu_indices(m, 1)
@@ -104,14 +104,14 @@ def _sparse_basis(projector: NDArray[np.float64], rank: int) -> NDArray[np.float
 
 
 class Neighbours:
-    """Which subdomains have a face in common: those that are the only two at some node.
+    """Pairs of subdomains with a common face: the pairs that are alone at some node.
 
-    Every rank knows all.
+    Every rank holds all pairs.
 
     Parameters
     ----------
     pairs : (n, 2)
-        Subdomains that are alone at some node of this rank, with repetitions.
+        Pairs of subdomains that are alone at some node of this rank; pairs may repeat.
     """
 
     def __init__(self, comm: MPI.Intracomm, pairs: NDArray[np.int64]) -> None:
@@ -123,7 +123,7 @@ class Neighbours:
         return np.minimum(a, b) << 32 | np.maximum(a, b)
 
     def adjacent(self, subdomains: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which of the subdomains (n, m) at each node are neighbours, (n, m, m)."""
+        """Masks (n, m, m) of neighbours among the subdomains (n, m) at each node."""
         keys = self._keys(subdomains[:, :, None], subdomains[:, None])
         if len(self._known) == 0:
             return np.zeros(keys.shape, bool)
@@ -133,7 +133,7 @@ class Neighbours:
     def patterns(
         self, subdomains: NDArray[np.int64]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]:
-        """Nodes with the same graph (their places), and what `joining` says of it."""
+        """Places of the nodes with the same graph, and the rows and weights of `joining` for it."""
         n, m = subdomains.shape
         if m == 2:
             yield np.arange(n), *joining(~np.eye(2, dtype=bool))

@@ -1,8 +1,8 @@
-"""Copies of shared nodes meet at the rank that owns the node.
+"""Exchange between the copies of shared nodes and the ranks that own the nodes.
 
 A node on the interface of subdomains has a copy in each of them, and the subdomains may live on
-different ranks. Nodes are owned by consecutive number, as PETSc owns rows; what is known of the
-copies travels to the owner, and answers travel back the same way.
+different ranks. Each rank owns consecutive node numbers, as PETSc distributes rows. Data of the
+copies travel to the owner, and results travel back.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ class NodeExchange:
     total
         Nodes in all.
     starts : (ranks + 1,)
-        First number each rank owns, and `total`; rank r owns those from ``total * r // size`` on
-        unless given.
+        First number that each rank owns, and `total`; by default rank r owns the numbers from
+        ``total * r // size`` on.
 
     Attributes
     ----------
     starts : (ranks + 1,)
-        As given.
+        First number that each rank owns, and `total`.
     nodes : (arrived,)
-        Node numbers of the copies that arrived at this rank, which owns them; ordered by the
-        rank they come from and there as they were given.
+        Node numbers of the copies that arrived at this rank, the owner; ordered by their rank of
+        origin, and for each rank as on that rank.
     own : (kept,)
-        Copies this rank owns itself.
+        Copies on this rank of nodes that it owns.
     kept
-        Where they are among those that arrived.
+        Places of these copies among the arrived copies.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class NodeExchange:
         self._copies = len(nodes)
         self._of_rank = [np.flatnonzero(owner == rank) for rank in range(comm.size)]
         self.own: NDArray[np.int64] = self._of_rank[comm.rank]
-        self._of_rank[comm.rank] = self.own[:0]  # these stay here: most of all
+        self._of_rank[comm.rank] = self.own[:0]  # most copies stay on their rank
         arrived = comm.alltoall([nodes[copies] for copies in self._of_rank])
         arrived[comm.rank] = nodes[self.own]
         self._ends = np.cumsum([0, *map(len, arrived)])
@@ -63,11 +63,11 @@ class NodeExchange:
         self.nodes: NDArray[np.int64] = np.concatenate(arrived)
 
     def among(self, nodes: NDArray[np.int64]) -> NodeExchange:
-        """The exchange of other copies of the same nodes, owned by the same ranks (collective)."""
+        """An exchange for other copies of the same nodes, with the same owners (collective)."""
         return NodeExchange(self.comm, nodes, self.total, self.starts)
 
     def to_owners(self, values: NDArray) -> NDArray:
-        """Bring one value (or row) a copy to the owners: (copies, …) to (arrived, …)."""
+        """Send one value (or row) per copy to the owners: (copies, …) to (arrived, …)."""
         if self.comm.size == 1:
             return values.copy()
         result = np.empty((len(self.nodes), *values.shape[1:]), values.dtype)
@@ -78,11 +78,11 @@ class NodeExchange:
         return result
 
     def of_others(self, values: NDArray) -> NDArray:
-        """Of `to_owners` what comes from other ranks alone, (arrived - kept, …)."""
+        """The part of `to_owners` that comes from other ranks, (arrived - kept, …)."""
         return np.concatenate(self.comm.alltoall([values[copies] for copies in self._of_rank]))
 
     def from_owners(self, values: NDArray) -> NDArray:
-        """Bring one value (or row) an arrived copy back: (arrived, …) to (copies, …)."""
+        """Send one value (or row) per arrived copy back: (arrived, …) to (copies, …)."""
         if self.comm.size == 1:
             return values.copy()
         parts = np.split(values, self._ends[1:-1])

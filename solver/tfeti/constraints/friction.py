@@ -1,13 +1,13 @@
 """Friction at contact points: tangential rows, and the discs in which their multipliers lie.
 
-A contact point has one normal row and, with friction, as many tangential rows as its node can slide
-in directions. With λ_n and λ_t the forces of these rows Coulomb's law asks for
+A contact point has one normal row and, with friction, one tangential row for each direction in
+which its node can slide. With λ_n and λ_t the forces of these rows Coulomb's law requires
 
     |λ_t| ≤ μ λ_n,      Tresca's for      |λ_t| ≤ s,
 
-and both for a slip w = 0 where |λ_t| is below its limit, and one along λ_t where it is at it. The
-friction force on the body is -λ_t, against the slip (N. Kikuchi, J. T. Oden, *Contact Problems in
-Elasticity*, 1988, chapters 10 and 13). Of prescribed slips c the rows see w = B u - c.
+and both require a slip w = 0 where |λ_t| is below its limit, and a slip along λ_t where |λ_t| is at
+its limit. The friction force on the body is -λ_t, against the slip (N. Kikuchi, J. T. Oden,
+*Contact Problems in Elasticity*, 1988, chapters 10 and 13). With prescribed slips c, w = B u - c.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrictionRows:
-    """Tangential rows this rank owns, sorted by node and then by contact.
+    """This rank's tangential rows, sorted by node and then by contact.
 
     Attributes
     ----------
     rows
-        Slips, Σ value · ū; `normals` are minus the tangents.
+        Rows of slips, Σ value · ū; their `normals` are minus the tangents.
     coefficients : (rows,)
         μ of Coulomb's law; 0 where the slip limit is given.
     limits : (rows,)
@@ -47,11 +47,11 @@ class FrictionRows:
         return FrictionRows(self.rows.of(keep), self.coefficients[keep], self.limits[keep])
 
     def at(self, contact: ContactRows) -> FrictionRows:
-        """Those of points that have one of some contact rows."""
+        """The rows of points whose normal row is one of some contact rows."""
         return self.of(self.places(contact) >= 0)
 
     def places(self, contact: ContactRows) -> NDArray[np.int64]:
-        """Number of the contact row of the point of each row, -1 where it has none, (rows,)."""
+        """Number (rows,) of the contact row of each row's point; -1 without a contact row."""
         count = len(contact.nodes)
         keys = [np.stack([part.nodes, part.sources]) for part in (contact, self.rows)]
         every, place = np.unique(np.hstack(keys), axis=1, return_inverse=True)
@@ -67,12 +67,12 @@ def friction_points(
     tangential: NDArray[np.bool_],
     inequality: NDArray[np.bool_],
 ) -> FrictionPoints:
-    """Find the normal row of each tangential one.
+    """Contact points with friction: the normal row of each tangential row is found.
 
     Parameters
     ----------
     tangential, inequality : (dual,)
-        Which rows of B are those of `friction` and of `contact`.
+        Masks of the rows of B that `friction` and `contact` describe.
     """
     normal = friction.places(contact)
     point = points_of(friction.rows)

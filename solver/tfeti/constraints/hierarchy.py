@@ -1,16 +1,16 @@
-"""A hierarchy of contact rows: from few to all, where contact peels off from one end.
+"""Constraint hierarchy: levels from few to all contact rows, for contact that peels off.
 
-Active sets then move the edge of contact by about the thickness of the body with each set, and
-where it is slender by a row or two. Of every eighth row alone they find the edge to within eight
-rows in a few sets, and each finer level has to move it by one or two rows: nested iteration
-(A. Brandt, C. W. Cryer, *Multigrid algorithms for the solution of linear complementarity problems
-arising from free boundary problems*, 1983), on contact rows alone. The next level asks again about
-the rows that a level found closed.
+Where contact peels off from one end, each active set moves the edge of contact by about the
+thickness of the body; for a slender body this is a row or two. With every eighth row only, a few
+sets find the edge to within eight rows, and each finer level has to move it by one or two rows:
+nested iteration (A. Brandt, C. W. Cryer, *Multigrid algorithms for the solution of linear
+complementarity problems arising from free boundary problems*, 1983), on contact rows alone. Each
+level decides again on the rows that the level before found closed.
 
 Rows that are closer to each other than the body is thick need no levels, so that only slender
 bodies have any. A body with n nodes, k of them on contact rows, is about n/k nodes thick. Rows at
-single nodes are as far apart as nodes are. Rows kept in the mean about the vertices of cells of
-degree 2 are fewer than k, and so much farther apart.
+single nodes are as far apart as the nodes. For cells of degree 2, rows in the mean about vertices
+are fewer than k and accordingly farther apart.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ FEWEST = 8
 """Rows of the coarsest level, for each contact."""
 
 MOST = 0.7
-"""Share of all rows above which a level is left out: it would hardly be coarser."""
+"""Share of all rows above which a level is left out because it would hardly be coarser."""
 
 HALVINGS = 20
-"""Levels tried: cells of a millionth of the contacts' extent."""
+"""Largest number of levels: cells down to a millionth of the extent of the contacts."""
 
 
 class ConstraintHierarchy:
-    """Which contact rows may close, level by level.
+    """The contact rows that may close, level by level.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class ConstraintHierarchy:
 def _thickness(problem: DualProblem, rows: NDArray[np.int64]) -> float:
     """Thickness of the bodies in distances between their contact rows (collective)."""
     comm, d = problem.comm, problem.dimension
-    if d == 1:  # a string is as thick as its row
+    if d == 1:  # without other nodes the thickness is one
         return 1.0
     node_of, found = np.empty(problem.B.columns, np.int64), 0
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
@@ -77,7 +77,7 @@ def _thickness(problem: DualProblem, rows: NDArray[np.int64]) -> float:
 
 
 def _levels(problem: DualProblem) -> list[NDArray[np.bool_]]:
-    """Masks (dual,), coarsest first: of each cell of a grid the row next to its middle."""
+    """Masks (dual,), coarsest first: in each cell of a grid the row next to its centre."""
     comm, contact = problem.comm, problem.contact
     rows = np.flatnonzero(problem.inequality)
     total = comm.allreduce(len(rows))

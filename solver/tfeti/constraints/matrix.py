@@ -18,15 +18,15 @@ from solver.tfeti.constraints.nodal import NodalProduct
 from solver.vectors import on_arrays
 
 FEW = 0.1
-"""Share of weights that differ from one up to which they are taken one by one."""
+"""Share of weights unequal to one, up to which these are multiplied one by one."""
 
 
 @contextmanager
 def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PETSc.Vec]]:
-    """Distributed PETSc vectors on the memory of the local parts, for as long as the block runs.
+    """Context manager of distributed PETSc vectors on the memory of local parts.
 
-    They are destroyed at its end: left to Python's collector they would keep the arrays alive,
-    gigabytes of temporaries in a large run.
+    The vectors are destroyed at the end of the block. Left to Python's garbage collector they would
+    keep the arrays alive, gigabytes of temporaries in a large run.
     """
     vectors = [PETSc.Vec().createWithArray(values, comm=comm) for values in arrays]
     try:
@@ -39,7 +39,7 @@ def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PET
 def petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> PETSc.Mat:
     """A distributed PETSc matrix from each rank's rows, with its share of the columns.
 
-    Rows are sorted; on one rank the matrix lives on their arrays.
+    Rows are sorted; on one rank the matrix uses the memory of their arrays.
     """
     size = ((local.shape[0], PETSc.DETERMINE), (columns, PETSc.DETERMINE))
     begins, places = (part.astype(PETSc.IntType) for part in (local.indptr, local.indices))
@@ -67,13 +67,13 @@ def local_rows(matrix: PETSc.Mat) -> sparse.csr_matrix:
 
 @dataclass(frozen=True, eq=False)
 class _Distributed:
-    """Rows that touch other ranks, or are no nodal ones; the vectors only lend their shape.
+    """Rows with entries on other ranks, and rows that are not nodal.
 
     Attributes
     ----------
     few
-        Whether there are nodal rows beside them. Then products with the transpose of `matrix` cost
-        less than those with an explicit one, which has all columns for its rows.
+        Whether there are nodal rows besides these. Then a product with the transpose of `matrix`
+        costs less than one with an explicit transpose, which has a row for each column.
     """
 
     matrix: PETSc.Mat
@@ -100,18 +100,18 @@ class _Distributed:
 
 
 class ConstraintMatrix:
-    """B and its explicit transpose, whose product is twice as fast as a transposed one.
+    """B and its explicit transpose; a product with this is twice as fast as a transposed product.
 
     Parameters
     ----------
     local : (dual, all columns)
-        This rank's rows with sorted entries; not to be changed any more.
+        This rank's rows with sorted entries; the caller must not change it afterwards.
     columns
         Interface unknowns of this rank.
     nodal
-        How many of the rows, the first ones, touch this rank alone and are all `nodal_rows`.
+        Number of leading rows that have entries on this rank alone and are all `nodal_rows`.
     components
-        Of a node.
+        Number of components of a node.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class ConstraintMatrix:
 
     @cached_property
     def matrix(self) -> PETSc.Mat:
-        """The same as one PETSc matrix (collective)."""
+        """B as one PETSc matrix (collective)."""
         return petsc_rows(self.comm, self.local, self.columns)
 
     @cached_property
@@ -185,7 +185,7 @@ class ConstraintMatrix:
 
 
 class TurnedConstraintMatrix(ConstraintMatrix):
-    """B with tangential frames turned, rows that are not nodal."""
+    """B with turned tangential frames; its rows are not nodal."""
 
     def __init__(self, B: ConstraintMatrix, turn: Turn) -> None:
         self._B, self._turn = B, turn
@@ -194,7 +194,7 @@ class TurnedConstraintMatrix(ConstraintMatrix):
 
     @cached_property
     def local(self) -> sparse.csr_matrix:  # type: ignore[override]
-        """Made when it is asked for."""
+        """This rank's rows, computed at the first call."""
         turn, diagonal = self._turn, np.ones(self.rows)
         diagonal[turn.first] = diagonal[turn.second] = turn.cosine
         beside = sparse.csr_matrix(
@@ -222,7 +222,7 @@ class TurnedConstraintMatrix(ConstraintMatrix):
 
 
 class RowWeights:
-    """Weights of this rank's rows; where few differ from one, only these rows are multiplied.
+    """Weights of this rank's rows; if few differ from one, only these rows are multiplied.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ class RowWeights:
         self._others = values[self._places]
 
     def times(self, x: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.float64]:
-        """W x: x itself where that is the same, else what is put into `room`."""
+        """W x: x itself where all weights are one, otherwise `room`, which holds the product."""
         if not self._few:
             return np.multiply(self.values, x, out=room)
         if not x[self._places].any():
@@ -254,7 +254,7 @@ class RowWeights:
 
 
 class ScaledConstraintMatrix(ConstraintMatrix):
-    """W B, applied as it is written: what it serves for is over before copies would pay."""
+    """W B, applied as a product of two factors: it is used too few times for a copy to pay."""
 
     def __init__(self, B: ConstraintMatrix, weights: RowWeights) -> None:
         self._B, self._weights = B, weights
@@ -265,7 +265,7 @@ class ScaledConstraintMatrix(ConstraintMatrix):
 
     @cached_property
     def local(self) -> sparse.csr_matrix:  # type: ignore[override]
-        """Made when it is asked for: rows of weight zero are empty, the others as sorted as B's.
+        """Rows of W B, computed at the first call; rows of weight zero are empty.
 
         A product with a diagonal would reverse the entries of each row.
         """
@@ -285,7 +285,10 @@ class ScaledConstraintMatrix(ConstraintMatrix):
 
 
 def without_columns(B: ConstraintMatrix, own: NDArray[np.bool_]) -> ConstraintMatrix:
-    """B without some columns of this rank (interface,); B where no rank names any (collective)."""
+    """B without some columns of this rank (interface,).
+
+    B itself if no rank names any (collective).
+    """
     columns = np.concatenate(B.comm.allgather(B.first + np.flatnonzero(own)))
     if not len(columns):
         return B

@@ -1,7 +1,7 @@
-"""Conditions of all ranks at their nodes: one of each that say the same, and errors that clash.
+"""Merging of the conditions of all ranks: equal conditions become one, contradictions are errors.
 
-Contact rows of one node that are parallel are one row, the tightest. Held components go from
-contact rows to their right-hand sides.
+Of parallel contact rows of one node only the tightest remains. Held components move from contact
+rows to the right-hand sides.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from solver.tfeti.constraints.conditions import (
 from solver.tfeti.constraints.exchange import NodeExchange
 
 PARALLEL = 1e-10
-"""Two unit directions closer than this are one."""
+"""Unit directions closer than this count as parallel."""
 
 
 def merge_held(exchange: NodeExchange, conditions: NodeConditions) -> HeldRows:
-    """Bring together what holds each owned node; a component may be held twice to one value.
+    """Merge the displacement conditions of each owned node; equal values may repeat (collective).
 
     Raises
     ------
@@ -65,18 +65,18 @@ def merge_contact(
     length: float,
     means: Sequence[ContactRows] = (),
 ) -> tuple[ContactRows, ContactRows]:
-    """Bring together the contact rows of each owned node and drop redundant ones.
+    """Merge the contact rows of each owned node and drop redundant ones (collective).
 
     Parameters
     ----------
     length
         A length of the scene; penetrations of held nodes below 1e-9 of it are round-off.
     means
-        Rows of contacts in the mean, before what is held is taken out of them.
+        Rows of contacts in the mean, before held components are removed.
 
     Returns
     -------
-    The rows that are kept, and those that a tighter one in the same direction makes redundant.
+    The remaining rows, and the rows that a tighter parallel row makes redundant.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def merge_contact(
 
 
 def contact_rows(exchange: NodeExchange, conditions: NodeConditions) -> ContactRows:
-    """The contact rows of each owned node, one a contact (collective)."""
+    """The contact rows of each owned node, one per contact (collective)."""
     meeting = exchange.among(conditions.contact_nodes)
     source, points = (
         meeting.to_owners(conditions.contact_source),
@@ -126,9 +126,9 @@ def contact_rows(exchange: NodeExchange, conditions: NodeConditions) -> ContactR
 def drop_parallel(
     exchange: NodeExchange, rows: ContactRows, length: float
 ) -> tuple[ContactRows, ContactRows]:
-    """Of parallel rows of one node keep the tightest, where a row in the mean is among them.
+    """Keep the tightest of parallel rows of one node, where one of them is a row in the mean.
 
-    Rows at nodes alone are those of `merge_contact`, which has done so.
+    `merge_contact` has done so already for rows at single nodes.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def drop_parallel(
 
     Returns
     -------
-    The rows that are kept, and the others.
+    The remaining rows, and the dropped ones.
 
     Raises
     ------
@@ -174,14 +174,14 @@ def cut_held(
     length: float,
     one_sided: bool = True,
 ) -> ContactRows:
-    """Move what is held from the rows to their gaps; rows with nothing left are dropped.
+    """Move held components from the rows to their gaps; rows without other entries are dropped.
 
     Parameters
     ----------
     length
         As in `merge_contact`.
     one_sided
-        Whether rows ask anything of what is held; slips of held nodes may be what they are.
+        Whether held displacements may violate the rows; they cannot violate tangential rows.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def _squeezed(
 ) -> tuple | None:
     """The worst node that two rows in opposite directions leave no room, as a contradiction.
 
-    Where held components leave a node one direction to move in, any two obstacles can do that.
+    If a node is free to move in one direction only, any two obstacles can leave it no room.
     """
     problem, worst = None, -least
     for i, j in pairs_at_nodes(rows.nodes):

@@ -1,7 +1,7 @@
-"""Products with matrices that do the same to each component of a node.
+"""Products with matrices whose coefficients are equal for each component of a node.
 
-Gluing does. Such a matrix is A ⊗ I with A between nodes. A product of A with the components as
-columns reads each entry once for all of them, and A has a third of the memory.
+Gluing rows form such a matrix. It is A ⊗ I with A between nodes. A product of A with the components
+as columns reads each entry once for all components, and A takes a third of the memory.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from scipy import sparse
 
 
 def nodal_rows(rows: sparse.csr_matrix, components: int) -> NDArray[np.int64]:
-    """Rows in runs that do the same to each component of some nodes.
+    """Mask of the rows in runs that have equal coefficients for each component of their nodes.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class NodalProduct:
     Parameters
     ----------
     rows
-        All rows, `nodal_rows` all of them.
+        Rows, which all have to be `nodal_rows`.
     """
 
     def __init__(self, rows: sparse.csr_matrix, components: int) -> None:

@@ -1,4 +1,4 @@
-"""The rows of B: gluing, held unknowns, contact; orthonormal wherever geometry allows it.
+"""The rows of B: gluing, held unknowns, contact; orthonormal wherever the geometry allows it.
 
 Total FETI tears the bodies apart and puts every condition into one constraint matrix, B u = c on
 gluing and held rows, B u ≤ c on contact rows. All copies of a node meet at its owner, who writes
@@ -50,7 +50,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.options import TotalFetiOptions
 
 MOST_COMPONENTS = 3
-"""Components a node has at most."""
+"""Largest number of components of a node."""
 
 
 SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
@@ -59,7 +59,7 @@ SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The rows of B this rank owns, as coordinates over arrived copies.
+    """This rank's rows of B, as entries (row, copy, component, value) on arrived copies.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Rows:
     rhs : (rows,)
         c.
     weight : (rows,)
-        Weights of gluing rows in a coarse problem that joins neighbours alone, others one.
+        Weights of gluing rows in a coarse problem that joins neighbours alone; one for other rows.
     row, copy, component, value : (entries,)
         Entries of gluing and held rows; `copy` counts the copies that arrived at this rank.
     shared
@@ -91,14 +91,14 @@ class Rows:
         return np.concatenate([np.flatnonzero(self.kind == kind) for kind in SHARED])
 
     def touched(self, arrived: int, dimension: int) -> NDArray[np.bool_]:
-        """Which components of the arrived copies some row touches (collective)."""
+        """Mask (arrived, dimension) of the components with an entry in some row (collective)."""
         touched = np.zeros((arrived, dimension), bool)
         touched[self.copy, self.component] = True
         self.shared.mark(touched)
         return touched
 
     def held_unknowns(self, dimension: int) -> NDArray[np.int64]:
-        """Unknown that each held row holds, node · dimension + component, (rows,); else -1."""
+        """Unknown of each held row, node · dimension + component, (rows,); -1 for other rows."""
         result = np.full(len(self.kind), -1, np.int64)
         mine = self.kind[self.row] == RowKind.DIRICHLET  # each has one entry
         row = self.row[mine]
@@ -124,24 +124,25 @@ class Rows:
 
 
 class SharedEntries:
-    """Coefficients at nodes that other ranks may own, shared equally by the copies of a node.
+    """Coefficients at nodes of any ranks, shared equally by the copies of a node.
 
     Parameters
     ----------
     exchange
-        Where the copies meet.
+        Exchange between the copies of nodes.
     entries
-        Entries of rows of this rank, of any length; in B they have unit length.
+        Entries of this rank's rows. Rows may have any length; in B they have unit length.
     together : (rows,)
-        Numbers from 0 on, the same for rows that are scaled alike: by the longest of them.
+        Numbers from 0 on, equal for rows that are scaled together: by the length of the longest
+        row.
     rigid
-        Entries at rigid bodies, which do not count for the length; where a row has no others, it
-        is as long as these make it.
+        Entries at rigid bodies. They count for the length of a row only if it has no other entries.
 
     Attributes
     ----------
     lengths : (rows,)
-        Length of each unscaled row on the copies, or the longest of those scaled alike.
+        Length of each unscaled row on the copies, or the largest length of the rows scaled
+        together.
     """
 
     def __init__(
@@ -173,7 +174,7 @@ class SharedEntries:
         self.lengths: NDArray[np.float64] = np.sqrt(longest)[together]
 
     def mark(self, touched: NDArray[np.bool_]) -> None:
-        """Mark the components (arrived, dimension) of arrived copies the entries touch."""
+        """Mark the components (arrived, dimension) of arrived copies that have entries."""
         copy, nth = self._asked_copies()
         touched[copy, self._components[nth]] = True
 
@@ -193,12 +194,12 @@ class SharedEntries:
         return row, found[entry, place], value
 
     def _asked_copies(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Arrived copies of the nodes asked for, and the question each answers."""
+        """Arrived copies of the requested nodes, and the request of each copy."""
         asked = np.repeat(np.arange(len(self._count)), self._count)
         return self._order[self._start[asked] + self._nth(asked)], asked
 
     def _nth(self, asked: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Number of each copy among those of its question."""
+        """Number of each copy among the copies of its request."""
         return np.arange(len(asked)) - (np.cumsum(self._count) - self._count)[asked]
 
 
@@ -215,13 +216,13 @@ def write_rows(
     Parameters
     ----------
     subdomains : (copies,)
-        Number of the subdomain of each of this rank's copies, among all.
+        Number (over all ranks) of the subdomain of each of this rank's copies.
     eliminated : (held nodes,)
-        Held nodes whose conditions are imposed in the stiffness itself: no rows.
+        Mask of held nodes that are eliminated from the stiffness: they get no rows.
 
     Returns
     -------
-    The rows, and those of `shared` with their spread filled in.
+    The rows, and the rows of `shared` with `spread` filled in.
     """
     dimension = shared.contact.normals.shape[1]
     order = np.argsort(exchange.nodes, kind="stable")
@@ -271,7 +272,7 @@ def write_rows(
 def _with_spread(
     exchange: NodeExchange, shared: SharedRows
 ) -> tuple[SharedEntries, list[ContactRows]]:
-    """Entries of the rows of all kinds, and these rows with their spread (collective)."""
+    """Entries of the shared rows, and these rows with `spread` filled in (collective)."""
     every = [shared.contact, shared.tangential, shared.tied, shared.means]
     counts = [len(rows.nodes) for rows in every]
     joined, rigid = (
@@ -288,7 +289,7 @@ def _with_spread(
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Rows of one kind before they are sorted into place, those of a node by `nth`."""
+    """Rows of one kind before sorting; `nth` orders the rows of a node."""
 
     kind: RowKind
     node: NDArray[np.int64]
@@ -302,7 +303,7 @@ class _Part:
 
     @classmethod
     def shared(cls, kind: RowKind, rows: ContactRows) -> _Part:
-        """Rows whose entries are shared ones, with their spread filled in."""
+        """Part of shared rows, whose `spread` is known."""
         none, rhs = np.zeros(0, np.int64), rows.gaps * rows.spread
         nth, weight = np.arange(len(rhs)), np.ones(len(rhs))
         return cls(kind, rows.nodes, nth, rhs, weight, none, none, none, np.zeros(0))
@@ -320,7 +321,7 @@ class _Part:
     ) -> _Part:
         """The same stencil (rows, m) and weights (rows,) on the copies (nodes, m) of each node.
 
-        Rows of it that do the same to other components are next to each other.
+        Rows with equal coefficients for other components are neighbours.
         """
         per_node, m = stencil.shape
         r, c = np.nonzero(stencil)
@@ -340,7 +341,7 @@ class _Part:
 
 
 def _assemble(parts: list[_Part], shared: SharedEntries) -> Rows:
-    """Number the rows by node, then kind, then as their part says."""
+    """Number the rows by node, then by kind, then by `nth` of their part."""
     kind = np.concatenate([np.full(len(p.node), p.kind, np.int8) for p in parts])
     node = np.concatenate([p.node for p in parts])
     offsets = np.cumsum([0, *(len(p.node) for p in parts)])

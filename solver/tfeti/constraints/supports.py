@@ -14,9 +14,9 @@ class SupportRows:
 
     Attributes
     ----------
-    copies : one (k,) array a row
+    copies : one (k,) array per row
         Copies of nodes, by their number on this rank.
-    values : one (k, dimension) array a row
+    values : one (k, dimension) array per row
         Coefficients.
     """
 
@@ -24,6 +24,6 @@ class SupportRows:
     values: list[NDArray[np.float64]] = field(default_factory=list)
 
     def add(self, copies: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """Add a row."""
+        """Add a row with its copies (k,) and coefficients (k, dimension)."""
         self.copies.append(copies)
         self.values.append(values)

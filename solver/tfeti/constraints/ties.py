@@ -1,8 +1,8 @@
-"""Tied rows beside other rows: what says the same twice is left out.
+"""Redundant contact rows beside tied rows.
 
 A contact row that is a combination of the tied rows of one node is decided by them, as at the edge
-where a tied and a contact boundary of the same bodies meet. If it stayed it would make F singular
-on active sets that contain it.
+where a tied and a contact boundary of the same bodies meet. If the contact row stayed, F would be
+singular on active sets that contain it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SAME = 1e-10
 
 
 def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> NDArray[np.bool_]:
-    """Contact rows that no node's tied rows contain, (contact rows,) (collective).
+    """Mask (contact rows,) of rows that the tied rows of a node do not determine (collective).
 
     Surfaces are small beside bodies: every rank compares its contact rows with all tied rows.
     """

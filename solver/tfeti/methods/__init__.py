@@ -1,7 +1,7 @@
-"""Ways to solve a dual problem to a certified answer.
+"""Methods that solve a dual problem to a certified answer.
 
-`by_mprgp` serves problems without a coarse problem or without contact rows, `by_active_sets` all
-others, and `by_smalbe` those whose active sets do not settle, or the paper's algorithm. Each takes
-a `task.Task` and ends with a `Solution`; `answers` recovers displacements and certifies them.
+`by_mprgp` solves problems without a coarse problem or without contact rows, and `by_active_sets`
+all others. `by_smalbe` goes on where active sets do not settle, and has the paper's algorithm. Each
+takes a `task.Task` and ends with a `Solution`; `answers` recovers displacements and certifies them.
 `solver.driver` chooses.
 """

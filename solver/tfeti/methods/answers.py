@@ -22,12 +22,12 @@ def answer_of_iterate(
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,
 ) -> Solution:
-    """`certified_answer` held against what a stopping rule asks for now."""
+    """The `certified_answer` of an iterate, judged by a stopping rule."""
     return certified_answer(problem, x, equality_force, rule.tolerance, rule.relaxations)
 
 
 def answer_of_state(problem: DualProblem, rule: StoppingRule, state: State) -> Solution:
-    """The answer that the solution on an active set stands for, judged."""
+    """The certified answer of the solution on an active set, judged by a stopping rule."""
     multiplier = feasible_multiplier(problem, state.multiplier, state.active)
     return rule.judge(
         _certified(problem, multiplier, state.motions, rule.tolerance, rule.relaxations)
@@ -41,16 +41,16 @@ def certified_answer(
     tolerance: float,
     relaxations: int = 0,
 ) -> Solution:
-    """Recover and certify what an iterate of the solver stands for.
+    """Recover the displacements of an iterate of the solver and certify them (collective).
 
-    Contact rows above their bound carry force.
+    Contact rows whose x exceeds its bound carry force.
 
     Parameters
     ----------
     tolerance
-        What the certificate is held against.
+        Limit of the numbers of the certificate.
     relaxations
-        Of the certificate: steps that sharpen the duality gap.
+        Number of steps that sharpen the duality gap of the certificate.
     """
     balanced = x.copy()
     if problem.coarse is not None:

@@ -36,42 +36,51 @@ from solver.tfeti.winkler import gaps_are_zero, winkler_contact
 METHOD = "active-set"
 
 ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
-"""Why active sets end a solve; for other reasons SMALBE-M may go on."""
+"""Reasons for which active sets end a solve; after other reasons SMALBE-M may go on."""
 
 FRICTION = 1
-"""Active sets that are tried with friction, over those without: slip limits take their own."""
+"""Factor on the largest number of active sets with friction: slip limits take further sets."""
 
 PATIENCE = 12
-"""Sets with friction after which each is solved further before it decides: 300 sets of a cube of
-20³ cells on a rough wall wandered, decided at a tenth of their error. Six took 5 % more operator
-applications (`contact_app.studies.friction_cost`), none at all as many."""
+"""Number of sets with friction after which each set is solved more accurately before it changes.
+
+Without this, 300 sets of a cube of 20³ cells on a rough wall did not settle. Six took 5 % more
+operator applications (`contact_app.studies.friction_cost`).
+"""
 
 GIVE = 0.03
-"""Compliance of a point that sticks while its node is closed in another contact, over that of the
-node: slips of others fall to about that share in each set."""
+"""Compliance of a point that sticks while its node is closed in another contact.
+
+Relative to the compliance of the node. Slips fall to about this share in each set.
+"""
 
 LARGEST_ERROR = 0.3
-"""Error at which sets with friction decide nothing: rows of sliding points with small slip limits
-have large compliances, in which a small residual leaves a large error."""
+"""Error above which the answer on a set with friction does not change the set.
+
+Rows of sliding points with small slip limits have large compliances, so that a small residual
+leaves a large error.
+"""
 
 SURE = 0.3
-"""Share of the tolerance below which the certificate's numbers of friction have to be before it is
-worth trying. It bounds them by the load, and the answer follows them: displacements of answers at
-1e-6 were right to 9e-7, with 1 to 3e-6 only. Histories begin with the last answer, too."""
+"""Share of the tolerance below which the friction numbers have to be before an answer is certified.
+
+Displacements of answers at a tolerance of 1e-6 were right to 9e-7 with this share, and to 3e-6 with
+a share of one. Load histories also begin with the last answer.
+"""
 
 LOOSE = 1e-2
-"""Share of an iterate's jumps that is left where its duality gap only tells how far it is."""
+"""Share of an iterate's jumps that may remain in û where the duality gap is only an estimate."""
 
 
 def solve_from_first_set(
     task: Task, restart: Restart | None, saver: Saver, guess: NDArray[np.float64] | None
 ) -> tuple[Outcome[State], Solution | None]:
-    """Active sets from an initial one on, or from where a stopped solve had come to (collective).
+    """Solve by active sets, from an initial set or the state of an interrupted solve (collective).
 
-    The initial active set is that of the compressive multipliers of a guess. Without a guess it is
-    every contact row if all gaps are zero, since rigid subdomains do not bulge, and otherwise the
-    contact of rigid subdomains on a Winkler foundation. A guess that does not hold some body is
-    given up.
+    The initial active set has the rows with compressive multipliers of a guess. Without a guess it
+    is every contact row if all gaps are zero, since rigid subdomains do not bulge, and otherwise
+    the contact of rigid subdomains on a Winkler foundation. A guess that does not hold some body is
+    dropped.
 
     Returns
     -------
@@ -90,7 +99,7 @@ def solve_from_first_set(
 def _solve(
     task: Task, restart: Restart | None, saver: Saver, guess: NDArray[np.float64] | None
 ) -> tuple[Outcome[State], Solution | None]:
-    """As `solve_from_first_set`, for one initial set."""
+    """Run `solve_from_first_set` for one initial set."""
     start, before = initial_active_set(task.problem, guess), Counts()
     if restart is not None:
         active = task.problem.inequality & (restart.multiplier > 0.5)
@@ -105,12 +114,12 @@ def _solve(
 
 
 def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) -> Start:
-    """Where the loop begins (collective).
+    """The initial data of the loop (collective).
 
     Parameters
     ----------
     guess : (dual,)
-        Multipliers of a problem that is nearly the same, None if there is none.
+        Multipliers of a nearly equal problem; None if there is none.
     """
     if guess is not None:
         return Start(problem.inequality & (guess > 0.0), guess)
@@ -126,8 +135,8 @@ def solve_from(
 
     Returns
     -------
-    The outcome, and the certified answer, or the best one where the loop was stopped; None where
-    the sets did not settle.
+    The outcome and the certified answer (the best one if the loop was stopped); None where the sets
+    did not settle.
     """
     test = _CertificateTest(task.problem, task.rule)
     asks = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
@@ -147,7 +156,7 @@ def solve_from(
 
 
 def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOptions:
-    """Those of the loop, with what friction changes of them."""
+    """The options of the loop, changed for problems with friction."""
     if problem.friction is None:
         return options
     return replace(
@@ -171,12 +180,12 @@ def contact_law(problem: DualProblem) -> ContactLaw:
 
 
 class _CertificateTest:
-    """Certifies answers of active sets, and tells how far a state is from a certificate.
+    """Certify answers of active sets, and estimate how far a state is from a certificate.
 
     Attributes
     ----------
     answer
-        The last answer that was certified.
+        The last certified answer.
     """
 
     def __init__(self, problem: DualProblem, rule: StoppingRule) -> None:
@@ -185,13 +194,13 @@ class _CertificateTest:
         self._certified: State | None = None
 
     def accept(self, state: State) -> bool:
-        """Whether the answer of a state passes (collective)."""
+        """Whether the certificate of a state's answer passes (collective)."""
         self.answer = answer_of_state(self._problem, self._rule, state)
         self._certified = state
         return self.answer.converged
 
     def required_reduction(self, state: State) -> float:
-        """Factor by which the error has to fall before a certificate is worth it (collective)."""
+        """Factor by which the error has to fall before an answer is certified (collective)."""
         problem, rule = self._problem, self._rule
         worst = state.worst(problem)
         multiplier = state.multiplier.copy()
@@ -205,6 +214,6 @@ class _CertificateTest:
         worst = max(worst, friction_residual(problem, multiplier, state.jumps, lengths) / SURE)
         required = rule.required_reduction(worst, state.strained, gap)
         if state is self._certified and self.answer is not None:
-            # the certificate knows more than the jumps
+            # the certificate tells more than the jumps
             required = max(required, rule.required_of_certified(self.answer))
         return required

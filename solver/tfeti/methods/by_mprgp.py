@@ -1,4 +1,4 @@
-"""MPRGP alone to a certified answer, where no equality is left beside the projector."""
+"""MPRGP alone to a certified answer, for problems without equalities besides the projector."""
 
 from __future__ import annotations
 
@@ -19,22 +19,25 @@ from solver.tfeti.methods.task import Task
 METHOD = "mprgp"
 
 STEPS_PER_ROW, FEWEST_STEPS = 2, 1000
-"""Steps on the contact rows of whole bodies after which rounding errors hold the solve up: MPRGP
-ends within two steps a row on random scenes, and never on a body 500 times as long as thick."""
+"""Steps for undecomposed bodies after which rounding errors stop the solve: per row, and at least.
+
+MPRGP takes at most two steps per row on random scenes, and does not end on a body 500 times as long
+as thick.
+"""
 
 
 def solve_by_mprgp(
     task: Task, start: NDArray[np.float64] | None, accelerated: bool = True
 ) -> Solution:
-    """MPRGP; without contact rows it is the conjugate gradient method (collective).
+    """Solve by MPRGP; without contact rows it is the conjugate gradient method (collective).
 
     Parameters
     ----------
     start : (dual,)
-        Multipliers to begin with.
+        Initial multipliers.
     accelerated
-        Whether contact rows of whole bodies begin with columns of F, and give up where rounding
-        errors hold them up; the paper's algorithm does neither.
+        Whether the solve of undecomposed bodies begins with columns of F, and stops at rounding
+        errors; the paper's algorithm does neither.
     """
     problem, rule, checkpoint = task.problem, task.rule, task.checkpoint
     qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0

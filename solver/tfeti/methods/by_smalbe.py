@@ -1,15 +1,15 @@
 """SMALBE-M around MPRGP to a certified answer.
 
-Two ways. `solve_as_in_the_paper` is the algorithm of Kružík et al. (2020): the rules of its section
-5.1, MPRGP with the named expansion, from zero, no preconditioner. `solve_by_smalbe` goes on where
-active sets do not settle, from where they stand, with this solver's own rules and with the
-preconditioner of the active sets; its active sets are tried once more on the way.
+`solve_as_in_the_paper` is the algorithm of Kružík et al. (2020): the rules of its section
+5.1, MPRGP with the named expansion, from zero, no preconditioner. `solve_by_smalbe` goes on from
+the last active set where active sets do not settle. It uses rules of this solver and the
+preconditioner of the active sets, and tries active sets once more between its outer iterations.
 
-With friction the friction forces lie in discs whose radii are the slip limits. Given limits are a
-convex problem like that without friction. The limits of Coulomb's law are those of the contact
-forces: an outer iteration begins with new ones as soon as the contact forces under the present
-ones are known well enough (`solver.contact.slip_limits`). The certificate of the answer is judged
-by the limits of the answer itself.
+With friction the friction forces lie in discs whose radii are the slip limits. With given limits
+the problem is convex, as without friction. The limits of Coulomb's law follow from the contact
+forces: an outer iteration begins with new limits once the contact forces under the present limits
+are accurate enough (`solver.contact.slip_limits`). The certificate of the answer is judged by the
+limits of the answer itself.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 METHOD = "smalbe"
 
 NORM_ACCURACY = 1e-2
-"""Relative change at which the power method for ‖PFP‖ ends; penalty and M need no better."""
+"""Relative change at which the power method for ‖PFP‖ ends; accurate enough for penalty and M."""
 
 KNOWN = 0.2
-"""Change of μ λ_n in an outer iteration, over what the slip limits lack, at which they follow."""
+"""The slip limits s are updated once μ λ_n changes by less than this share of |s - μ λ_n|."""
 
 PATIENCE = 16
-"""Outer iterations after which a slow SMALBE hands its active set over once more."""
+"""Outer iterations after which active sets are tried once more."""
 
 
 def solve_as_in_the_paper(task: Task) -> Solution:
-    """The paper's algorithm from zero, or from where a stopped solve had come to (collective)."""
+    """The paper's algorithm from zero, or from the state of an interrupted solve (collective)."""
     problem = task.problem
     assert problem.coarse is not None
     norm, multiplications = estimate_norm(problem.projected)
@@ -72,12 +72,12 @@ def solve_as_in_the_paper(task: Task) -> Solution:
 
 
 def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart | None) -> Solution:
-    """Go on where active sets did not settle, or where a stopped SMALBE had come to (collective).
+    """Go on where active sets did not settle, or from an interrupted SMALBE (collective).
 
     Parameters
     ----------
     before
-        What the active sets came to, and their work.
+        Last state of the active sets, and their work.
     """
     problem = task.problem
     assert problem.coarse is not None
@@ -107,7 +107,7 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
 
 
 class _Frozen:
-    """The quadratic programs of a problem: one without friction, else one for each slip limits."""
+    """The quadratic programs of a problem: one without friction, otherwise one per slip limits."""
 
     def __init__(
         self, problem: DualProblem, rules: SMALBE, equality: ProjectorEquality, hooks: Hooks
@@ -122,7 +122,7 @@ class _Frozen:
         multiplier0: NDArray[np.float64] | None,
         restart: Restart | None,
     ) -> OuterIterations:
-        """Outer iterations from a first iterate, whose contact forces set the limits."""
+        """Outer iterations from an initial iterate, whose contact forces give the slip limits."""
         problem = self._problem
         if problem.friction is not None:
             first = x0 if restart is None else restart.x
@@ -131,7 +131,7 @@ class _Frozen:
         return self._program(x0, multiplier0, restart)
 
     def following(self, iterations: OuterIterations, state: OuterState) -> OuterIterations | None:
-        """Outer iterations with the next slip limits, where it is time for them (collective)."""
+        """Outer iterations with the next slip limits, if these are due (collective)."""
         limits, problem = self._limits, self._problem
         if limits is None or not limits.follow:
             return None
@@ -158,12 +158,12 @@ class _Frozen:
 def _to_a_certificate(
     task: Task, frozen: _Frozen, iterations: OuterIterations, sets: _ActiveSetsBetween | None
 ) -> Solution:
-    """Outer iterations until an answer is certified, or active sets between them find one.
+    """Run outer iterations until their answer, or that of active sets between them, is certified.
 
     Parameters
     ----------
     sets
-        Active sets that are tried between outer iterations; None where none are.
+        Active sets to try between outer iterations; None for none.
     """
     judge, reason = _Judge(task), Reason.MAX_OUTER_ITERATIONS
     spent = Counts()
@@ -192,10 +192,9 @@ def _to_a_certificate(
 
 
 class _Judge:
-    """Certifies answers of outer iterations.
+    """Certify answers of outer iterations.
 
-    An answer is certified where its jumps and its penetration are small enough for a certificate
-    to have a chance.
+    An answer is certified only if its jumps and its penetration are small enough.
 
     Attributes
     ----------
@@ -210,7 +209,7 @@ class _Judge:
         self._next_certificate = self._failures = 0
 
     def certify(self, x: NDArray[np.float64], force: NDArray[np.float64]) -> Solution:
-        """The answer that an iterate and its force Cᵀ μ stand for."""
+        """The certified answer of an iterate and its force Cᵀ μ."""
         answer = answer_of_iterate(self._problem, self._rule, x, force)
         self._lengths = body_lengths(
             self._problem.bodies, answer.measures.deformations, self._problem.free_lengths
@@ -245,15 +244,15 @@ class _Judge:
 
 
 class _ActiveSetsBetween:
-    """Active sets that begin with the one of an outer iteration.
+    """Active sets that begin with the active set of an outer iteration.
 
-    They are tried after the first outer iteration where contact alone holds a body, for which the
-    sets tried before began with a guess, and later where SMALBE is slow.
+    They are tried after the first outer iteration if contact alone holds a body (the sets before
+    had begun with a guess), and later if SMALBE is slow.
 
     Attributes
     ----------
     spent
-        Their work so far.
+        Work of the active sets so far.
     """
 
     def __init__(self, task: Task, saver: Saver) -> None:
@@ -262,14 +261,14 @@ class _ActiveSetsBetween:
         self._residuals: list[float] = []
 
     def are_due(self, state: OuterState) -> bool:
-        """Whether to try them after this outer iteration."""
+        """Whether to try active sets after this outer iteration."""
         self._residuals.append(state.residual_norm)
         sizes, outer = self._residuals, len(self._residuals)
         slow = outer % PATIENCE == 0 and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]
         return slow or (outer == 1 and not self._task.problem.held_without_contact)
 
     def solve_from(self, state: OuterState) -> tuple[Outcome[State], Solution | None]:
-        """The outcome of active sets, and the answer if they settle (collective)."""
+        """The outcome of the active sets, and the answer if they settle (collective)."""
         problem = self._task.problem
         assert problem.lower is not None
 

@@ -1,4 +1,4 @@
-"""The arguments of a solve, handed from the driver to its algorithms."""
+"""The arguments of a solve, which the driver passes to its algorithms."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from solver.tfeti.dual import DualProblem
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A dual problem, when its answer is good enough, and who listens.
+    """A dual problem with the stopping rule, the options and the callbacks of its solve.
 
     Attributes
     ----------
     rule
-        Decides when an answer is good enough; it may tighten its tolerance during a solve.
+        Stopping rule; it may tighten its tolerance during a solve.
     inner
-        MPRGP with the options of the user; limits the iterations of all algorithms together.
+        MPRGP with the options of the user; its limit is for the iterations of all algorithms
+        together.
     monitor
-        Sees each step; may stop the solve.
+        Called with each step; may stop the solve.
     checkpoint
-        Where the state is saved, and where a stopped solve goes on from.
+        Checkpoint to save the state to, and to resume from.
     active_sets
         Options of the active-set loop.
     """

@@ -1,5 +1,5 @@
 """Subdomains: stiffness, kernel, generalised inverse.
 
-Congruent subdomains share one factorisation (`classes`, `generalised_inverse`), mirror images of
-one as well (`reflections`). `kernels` are the rigid motions, `costs` predicts seconds and bytes.
+Congruent subdomains share one factorisation (`classes`, `generalised_inverse`), and so do mirror
+images (`reflections`). `kernels` are the rigid motions, `costs` predicts seconds and bytes.
 """

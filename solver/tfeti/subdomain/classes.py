@@ -34,10 +34,10 @@ from solver.tfeti.subdomain.reflections import find_symmetry
 from solver.tfeti.subdomain.rigid import ZeroInverse
 
 DENSE_GAIN = 20.0
-"""How many times faster a dense product runs, a multiplication, than a sparse one."""
+"""Speed of a dense product over that of a sparse one, per multiplication."""
 
 MEMBERS_AT_ONCE = 128
-"""Members whose full vectors are worked on together."""
+"""Number of members whose full vectors are processed together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +51,17 @@ class SubdomainClass:
     kernel : (n, k)
         Orthonormal rigid motions R; k = 0 where held unknowns are eliminated instead.
     motions : (n, r)
-        The same where held unknowns are eliminated, too.
+        Orthonormal rigid motions, also where held unknowns are eliminated.
     free : (m,)
-        Unknowns that are solved for; all of them unless held ones are eliminated.
+        Unknowns that are solved for; all unknowns unless held ones are eliminated.
     interface : (i,)
-        Unknowns that B touches in some member, in the order in which K⁺ takes them.
+        Unknowns with entries in B in some member, in the order of vectors for K⁺.
     members
-        How many subdomains share all this.
+        Number of subdomains in the class.
     inverse
         K⁺ on the free unknowns; None where the class is not factored.
     block : (i, i) or None
-        K⁺ between interface unknowns, where that pays.
+        K⁺ between interface unknowns; None where it does not pay.
     relaxes
         Whether a preconditioner of Schur complements pays.
     """
@@ -118,16 +118,16 @@ class SubdomainClass:
 
     @cached_property
     def schur_complement(self) -> Block | None:
-        """K on the interface with all other unknowns relaxed; None where it does not pay."""
+        """Schur complement of K on the interface, (i, i); None where it does not pay."""
         if self.block is None or not self.relaxes:
             return None
         try:
             return self.block.schur_complement(self.kernel[self.interface])
-        except np.linalg.LinAlgError:  # a body so slender that its block has no digits left
+        except np.linalg.LinAlgError:  # a body so slender that its block has no correct digits
             return None
 
     def batches(self) -> Iterator[slice]:
-        """Members a few at a time, for work whose temporaries should stay small."""
+        """Slices of members, for operations whose temporary arrays should stay small."""
         for begin in range(0, self.members, MEMBERS_AT_ONCE):
             yield slice(begin, min(begin + MEMBERS_AT_ONCE, self.members))
 
@@ -141,7 +141,7 @@ class SubdomainClass:
         return result
 
     def apply_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """K⁺ on interface vectors, one row a member: (s, i) to (s, i)."""
+        """K⁺ on interface vectors, one row per member: (s, i) to (s, i)."""
         if self.block is not None:
             self.block.apply(loads, out)
             return
@@ -152,7 +152,7 @@ class SubdomainClass:
 
     @cached_property
     def _place(self) -> NDArray[np.int64]:
-        """Of the interface among the free unknowns."""
+        """Places of the interface unknowns among the free unknowns."""
         return np.searchsorted(self.free, self.interface)
 
 
@@ -204,12 +204,12 @@ def subdomain_class(
         K; unknown ``node * dimension + component``.
     points : (nodes, 3)
     touched
-        Unknowns B touches in some member. Their mirror images join the interface where the class
-        is symmetric.
+        Unknowns with entries in B in some member. Their mirror images join the interface if the
+        class is symmetric.
     eliminated
         Held unknowns that are eliminated; None where the members float.
     sharing
-        All ranks, where all make this class now, with the same `touched`: they share the work.
+        All ranks, if all build this class now with the same `touched`: they share the work.
     kernel : (n, k)
         Basis of the kernel of K; the rigid motions of the points unless given.
 
@@ -222,7 +222,7 @@ def subdomain_class(
     """
     if stiffness.nnz == 0:
         return _rigid_class(stiffness, members, eliminated)
-    # what is decided here is decided alike on all ranks that share
+    # all ranks that share the work decide alike here
     most = sharing.allreduce(members, op=MPI.MAX) if sharing else members
     rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
     check_kernel(stiffness, rigid)
@@ -267,7 +267,7 @@ def subdomain_class(
 def _rigid_class(
     stiffness: sparse.csr_matrix, members: int, eliminated: NDArray[np.int64] | None
 ) -> SubdomainClass:
-    """The class of rigid bodies: all unknowns are on the interface, the free ones are kernel."""
+    """The class of rigid bodies: all unknowns are on the interface, and free ones are kernel."""
     every = np.arange(stiffness.shape[0])
     free = every if eliminated is None else np.setdiff1d(every, eliminated)
     unit, inverse = np.eye(len(every)), ZeroInverse()

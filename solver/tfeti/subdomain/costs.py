@@ -1,8 +1,8 @@
-"""The time that subdomains cost, and the choices that follow: how they are made and applied.
+"""A cost model of subdomains, and the choices that follow from it.
 
 Seconds on one machine of two cores, fitted to some seventy runs of the shipped scenes and of cubes
 of 10³ to 60³ hexahedra, each in several decompositions; choices depend on their ratios only. A
-subdomain whose reflections form a group of `order` elements is factored and applied in as many
+subdomain whose reflections form a group of `order` elements is factored and applied in `order`
 blocks.
 """
 
@@ -13,51 +13,51 @@ from dataclasses import dataclass
 from enum import Enum
 
 APPLICATIONS = 50
-"""Applications of the dual operator a solve is expected to need; weighs what is done once."""
+"""Expected applications of the dual operator in a solve; weighs them against set-up."""
 
 BLOCK_LIMIT = 3e9
 """Largest dense block, in bytes."""
 
 PRODUCT_RATE = 3.5e10
-"""Dense products, in floating-point operations a second."""
+"""Speed of dense products, in floating-point operations per second."""
 
 SINGLE = 0.65
-"""Time of a product in single precision, which a preconditioner takes, over one in double."""
+"""Time of a product in single precision (in a preconditioner) over one in double precision."""
 
 SPLIT_SECONDS = 8e-9
-"""Change to the coordinates of the characters and back, for each unknown."""
+"""Seconds of the transform to the coordinates of the characters and back, per unknown."""
 
 SPARSE_SECONDS = 2e-8
-"""The lumped preconditioner's product with a sparse matrix, for each interface unknown."""
+"""Seconds of the lumped preconditioner's product with a sparse matrix, per interface unknown."""
 
 ROW_SECONDS = 4e-8
-"""Products with B, projections and vector work of an iteration, for each row of B."""
+"""Seconds of products with B, projections and vector operations of an iteration, per row of B."""
 
 CLASS_SECONDS = 1.3e-2
-"""Mesh, forms and calls for a class, whatever its size; and for each operator application:"""
+"""Seconds of mesh, forms and calls per class of any size; and per operator application:"""
 
 CALL_SECONDS = 1.5e-4
 
 ASSEMBLY_SECONDS = {2: 8e-7, 3: 3.8e-6}
-"""Assembly, for each unknown of a class, by dimension."""
+"""Seconds of assembly per unknown of a class, by dimension."""
 
 UNKNOWN_SECONDS = 3e-7
-"""Numbering, conditions and loads, for each unknown of the whole; for each subdomain:"""
+"""Seconds of numbering, conditions and loads, per unknown of all subdomains; per subdomain:"""
 
 SUBDOMAIN_SECONDS = 1.2e-4
 
 COARSE_ROW_SECONDS = 1.7e-6
-"""B, G and G Gᵀ, for each row of B."""
+"""Seconds of B, G and G Gᵀ per row of B."""
 
 SETS = 5.0
-"""Active sets of a solve, each with a coarse problem to factor."""
+"""Expected active sets of a solve, each with a coarse problem to factor."""
 
 SET_SECONDS = {2: 5e-4, 3: 5e-3}
-"""Calls of an active set, by dimension."""
+"""Seconds of the calls of an active set, by dimension."""
 
 
 class BlockKind(Enum):
-    """How a class applies K⁺ on its interface."""
+    """Representation of K⁺ on the interface of a class."""
 
     NONE = "sparse solves"
     DENSE = "one dense block"
@@ -66,16 +66,16 @@ class BlockKind(Enum):
 
 @dataclass(frozen=True)
 class Group:
-    """Subdomains that are alike.
+    """A group of equal subdomains.
 
     Attributes
     ----------
     dimension, unknowns, interface
-        Of one member; unknowns of the interface.
+        Dimension, unknowns and interface unknowns of one member.
     members
-        How many there are.
+        Number of subdomains.
     order
-        Reflections, their products and the identity.
+        Number of reflections, their products and the identity.
     """
 
     dimension: int
@@ -86,21 +86,21 @@ class Group:
 
     @property
     def kind(self) -> BlockKind:
-        """How K⁺ is applied."""
+        """Representation of K⁺ on the interface."""
         return choose_block(self.unknowns, self.interface, self.members, self.order, self.dimension)
 
 
 def run_seconds(
     groups: Sequence[Group], rows: int, applications: float, glued: bool = True
 ) -> float:
-    """Set-up, assembly, factors and solve.
+    """Seconds of a run: set-up, assembly, factors and solve.
 
     Parameters
     ----------
     rows
-        Of B.
+        Number of rows of B.
     applications
-        Of the dual operator.
+        Number of applications of the dual operator.
     glued
         Whether there is a coarse problem.
     """
@@ -128,14 +128,14 @@ def run_seconds(
 
 
 def factor_seconds(unknowns: float, order: int, dimension: int = 3) -> float:
-    """Sparse factors of a body of so many unknowns."""
+    """Seconds of the sparse factors of a body with so many unknowns."""
     if dimension == 2:
         return 3.5e-6 * unknowns
     return order * 1e-9 * (unknowns / order) ** 2
 
 
 def solve_seconds(unknowns: float, order: int = 1, dimension: int = 3) -> float:
-    """One right-hand side through the sparse factors."""
+    """Seconds of one right-hand side with the sparse factors."""
     if dimension == 2:
         return 6e-8 * unknowns
     return order * 1.2e-8 * (unknowns / order) ** (4.0 / 3.0)
@@ -144,7 +144,7 @@ def solve_seconds(unknowns: float, order: int = 1, dimension: int = 3) -> float:
 def apply_seconds(
     kind: BlockKind, unknowns: int, interface: int, order: int, dimension: int = 3
 ) -> float:
-    """K⁺ on the interface of one member."""
+    """Seconds of K⁺ on the interface of one member."""
     if kind is BlockKind.NONE:
         return solve_seconds(unknowns, order, dimension)
     if kind is BlockKind.DENSE:
@@ -155,11 +155,14 @@ def apply_seconds(
 def build_seconds(
     kind: BlockKind, unknowns: int, interface: int, order: int, dimension: int = 3
 ) -> float:
-    """The block, once K is factored: a solve for each interface unknown, many at once."""
+    """Seconds to build the block from the factor of K.
+
+    One solve per interface unknown, many at once.
+    """
     if kind is BlockKind.NONE:
         return 0.0
     solves = 0.35 * interface * solve_seconds(unknowns / order, 1, dimension)
-    if kind is BlockKind.DENSE and order > 1:  # put together from the blocks of the characters
+    if kind is BlockKind.DENSE and order > 1:  # assembled from the blocks of the characters
         solves += interface * apply_seconds(BlockKind.SPLIT, unknowns, interface, order)
     return solves
 
@@ -167,8 +170,8 @@ def build_seconds(
 def relaxing_pays(interface: int, members: int, order: int) -> bool:
     """Whether a preconditioner of Schur complements beats one of plain stiffnesses.
 
-    It costs an inverse of the block and as much as the block to apply, and saves iterations: the
-    more, the more cells a subdomain has along an edge.
+    It costs an inverse of the block, and an application costs as much as that of the block. It
+    saves iterations: the more cells a subdomain has along an edge, the more.
     """
     kind = BlockKind.SPLIT if order > 1 else BlockKind.DENSE
     block = apply_seconds(kind, 0, interface, order)
@@ -187,12 +190,12 @@ def relaxed_share(interface: int) -> float:
 
 
 def coarse_seconds(subdomains: int) -> float:
-    """One solve with G Gᵀ."""
+    """Seconds of one solve with G Gᵀ."""
     return 1.5e-7 * subdomains ** (4.0 / 3.0)
 
 
 def coarse_factor_seconds(subdomains: int, dimension: int = 3) -> float:
-    """The factor of G Gᵀ."""
+    """Seconds of the factor of G Gᵀ."""
     if dimension == 2:
         return 5e-6 * subdomains**1.5
     return max(8e-6 * subdomains**1.17, 2e-8 * subdomains**2.0)
@@ -201,7 +204,7 @@ def coarse_factor_seconds(subdomains: int, dimension: int = 3) -> float:
 def choose_block(
     unknowns: int, interface: int, members: int, order: int, dimension: int = 3
 ) -> BlockKind:
-    """The cheapest way over a whole run, within `BLOCK_LIMIT`."""
+    """The cheapest representation of K⁺ for a whole run, within `BLOCK_LIMIT`."""
     if interface == 0:
         return BlockKind.NONE
     kinds = [BlockKind.NONE]

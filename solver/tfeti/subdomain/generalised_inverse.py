@@ -8,8 +8,8 @@ zeros elsewhere,
     K_ρ = K + ρ N (Nᵀ N)⁻¹ Nᵀ
 
 is positive definite, and K_ρ x = K u implies Rᵀ N (Nᵀ N)⁻¹ Nᵀ x = Nᵀ x = 0, hence K x = K u:
-K K_ρ⁻¹ K = K exactly, whatever ρ. Where the subdomain has reflections and the fixing nodes keep
-them, K_ρ falls into one block for each character, and so does everything made of it.
+K K_ρ⁻¹ K = K exactly, whatever ρ. If the subdomain has reflections and the fixing nodes have them,
+too, K_ρ splits into one block per character, and so do its factor and its inverse.
 """
 
 from __future__ import annotations
@@ -31,11 +31,14 @@ from solver.tfeti.subdomain.sharing import made_together
 from solver.vectors import on_arrays
 
 COLUMNS_AT_ONCE = 256
-"""Right-hand sides a sparse solve takes at once; more only cost memory."""
+"""Number of right-hand sides of one sparse solve; more only cost memory."""
 
 SINGLE_CONDITION = 1e5
-"""Condition up to which a preconditioner's matrices are kept in single precision: its products are
-twice as fast then, and their errors, 1e-7, stay far below its smallest eigenvalues."""
+"""Condition number up to which the matrices of a preconditioner are stored in single precision.
+
+Its products are then twice as fast, and their errors of 1e-7 are far below its smallest
+eigenvalues.
+"""
 
 NO_FACTOR = (
     "a subdomain's stiffness has no Cholesky factor once its rigid motions are fixed: it has "
@@ -61,19 +64,19 @@ class Block(Protocol):
     Attributes
     ----------
     order : int
-        Blocks on its diagonal once vectors are split by reflections; 1 where they are not.
+        Number of diagonal blocks after the split by reflections; 1 without reflections.
     """
 
     order: int
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """One row a member: (s, m) to (s, m)."""
+        """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
 
     def toarray(self) -> NDArray[np.float64]:
         """The block as one matrix, (m, m)."""
 
     def schur_complement(self, kernel: NDArray[np.float64]) -> Block:
-        """The stiffness between the same unknowns with all others relaxed.
+        """The Schur complement of the stiffness on the same unknowns, (m, m).
 
         Parameters
         ----------
@@ -87,12 +90,12 @@ class Block(Protocol):
         """
 
     def in_single(self, inverse: Self) -> Block:
-        """The same stiffness in single precision where its condition allows that, or itself.
+        """The same stiffness in single precision where its condition allows it, otherwise itself.
 
         Parameters
         ----------
         inverse
-            The part of K⁺ that it was made of.
+            The part of K⁺ from which this stiffness was computed.
         """
 
 
@@ -109,7 +112,7 @@ class CholeskyFactor:
         rows = matrix.tocsr()
         rows.sort_indices()
         self.size = rows.shape[0]
-        if not self.size:  # all is held: PETSc factors no empty matrix
+        if not self.size:  # all unknowns are held: PETSc factors no empty matrix
             return
         petsc = PETSc.Mat().createAIJWithArrays(
             rows.shape,
@@ -127,7 +130,7 @@ class CholeskyFactor:
         except PETSc.Error as error:
             raise ArithmeticError(NO_FACTOR) from error
         self._factor = self._pc.getFactorMatrix()
-        # their own arrays are never touched: they only lend their shape
+        # only the shapes of these vectors are used, never their arrays
         self._source, self._target = (
             PETSc.Vec().createWithArray(np.empty(self.size), comm=PETSc.COMM_SELF) for _ in range(2)
         )
@@ -137,7 +140,7 @@ class CholeskyFactor:
         result = np.empty(loads.shape, order="F")
         loads = np.asfortranarray(loads)
         if loads.shape[1] == 1 and self.size:
-            # without matrices made about it
+            # without temporary matrices
             on_arrays(self._factor.solve, self._source, loads[:, 0], self._target, result[:, 0])
             return result
         for begin in range(0, loads.shape[1] if self.size else 0, COLUMNS_AT_ONCE):
@@ -204,8 +207,8 @@ class GeneralisedInverse:
 class SymmetricInverse:
     """K⁺ of a subdomain with reflections: one factor for each character (protocol `Inverse`).
 
-    Parameters and errors are those of `GeneralisedInverse`; `fixing` may be any set, its mirror
-    images are added. Ranks that have the same class share the work on its blocks through `comm`.
+    Parameters and errors are those of `GeneralisedInverse`; `fixing` may be any set; its mirror
+    images are added. Ranks with the same class share the work on its blocks through `comm`.
     """
 
     def __init__(
@@ -242,7 +245,7 @@ class SymmetricInverse:
         return result
 
     def restricted(self, unknowns: NDArray[np.int64]) -> SymmetricBlock:
-        """K⁺ between some unknowns, which are in the order of a split."""
+        """K⁺ between some unknowns, in the order of a split."""
         inside = np.zeros(len(self._split.unknowns), bool)
         inside[unknowns] = True
         chosen = [np.flatnonzero(inside[first]) for first, _ in self._split.orbits]
@@ -255,7 +258,7 @@ class SymmetricInverse:
 
 
 class DenseBlock:
-    """A dense part of K⁺ as one matrix (protocol `Block`), in whose precision it is applied."""
+    """A dense part of K⁺ as one matrix (protocol `Block`), applied in its precision."""
 
     order = 1
 
@@ -263,7 +266,7 @@ class DenseBlock:
         self.matrix = matrix
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """One row a member: (s, m) to (s, m)."""
+        """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
         if self.matrix.dtype == out.dtype:
             np.matmul(loads, self.matrix, out=out)
         else:
@@ -274,11 +277,11 @@ class DenseBlock:
         return self.matrix.astype(np.float64, copy=False)
 
     def schur_complement(self, kernel: NDArray[np.float64]) -> DenseBlock:
-        """The stiffness between the same unknowns with all others relaxed."""
+        """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         return DenseBlock(_relaxed(self.matrix, _range(kernel, np.linalg.norm(kernel))))
 
     def in_single(self, inverse: DenseBlock) -> DenseBlock:
-        """The same in single precision, where its inverse says that it may be."""
+        """The block in single precision where its condition allows it, otherwise itself."""
         fits = _fits_single(inverse.matrix, self.matrix, np.ones(len(self.matrix)))
         return DenseBlock(self.matrix.astype(np.float32)) if fits else self
 
@@ -288,7 +291,7 @@ class SymmetricBlock:
 
     Parameters
     ----------
-    blocks : one (m_χ, m_χ) array a character
+    blocks : one (m_χ, m_χ) array per character
         (V_χᵀ K V_χ)⁻¹ between coordinates of the interface; applied in their precision.
     split
         The coordinates; loads and displacements are in the order of its unknowns.
@@ -297,7 +300,10 @@ class SymmetricBlock:
     """
 
     MEMBERS_AT_ONCE = 128
-    """Members transformed together: few enough for small temporaries, enough for a fast product."""
+    """Number of members transformed together.
+
+    Few enough for small temporary arrays, many enough for a fast product.
+    """
 
     def __init__(
         self,
@@ -311,7 +317,7 @@ class SymmetricBlock:
         self.order = split.order
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """One row a member: (s, m) to (s, m)."""
+        """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
         for begin in range(0, len(loads), self.MEMBERS_AT_ONCE):
             members = slice(begin, begin + self.MEMBERS_AT_ONCE)
             coordinates = self.split.forward(loads[members].astype(self._precision, copy=False))
@@ -332,7 +338,7 @@ class SymmetricBlock:
         return result
 
     def schur_complement(self, kernel: NDArray[np.float64]) -> SymmetricBlock:
-        """The stiffness between the same unknowns with all others relaxed."""
+        """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
         makers = []
         for block, place, (_, orbit) in zip(
@@ -345,7 +351,7 @@ class SymmetricBlock:
         return SymmetricBlock(made_together(self._comm, makers, shapes), self.split, self._comm)
 
     def in_single(self, inverse: SymmetricBlock) -> SymmetricBlock:
-        """The same in single precision, where its inverse says that it may be."""
+        """The block in single precision where its condition allows it, otherwise itself."""
         orbits = [orbit.astype(np.float64) for _, orbit in self.split.orbits]
         if not all(map(_fits_single, inverse.blocks, self.blocks, orbits)):
             return self
@@ -354,12 +360,12 @@ class SymmetricBlock:
 
 
 def _fits_single(inverse: Matrix, stiffness: Matrix, scale: NDArray[np.float64]) -> bool:
-    """Whether rounding to single precision leaves a stiffness definite, by its condition.
+    """Whether a stiffness stays definite in single precision, by its condition number.
 
     Parameters
     ----------
     inverse
-        On the same coordinates, whose squares are `scale`.
+        Its inverse on the same coordinates, whose squared lengths are `scale`.
     """
     if not len(scale):
         return True
@@ -380,8 +386,8 @@ def _relaxed(
     Parameters
     ----------
     weights : (m,)
-        Scale of the result on both sides, where coordinates are not normalised; R is given in
-        them as a force is.
+        Scale of the result on both sides, for coordinates that are not normalised. R is given in
+        the coordinates of forces.
     """
     inverse, failed = lapack.dpotrf(block, lower=0, clean=1)
     if not failed:

@@ -1,6 +1,6 @@
 """Reflection symmetry of a subdomain, which splits its inverse into small independent blocks.
 
-A box of equal cells looks the same in the mirror: with S_a the signed permutation that reflects
+A box of equal cells is its own mirror image: with S_a the signed permutation that reflects
 along axis a (nodes change places, the component along a changes sign), S_a K S_aᵀ = K. The
 reflections a subdomain has commute and form a group H of at most 2^d elements. For each character
 χ of H, the displacements with S_h u = χ(h) u are a subspace that K maps into itself; orthonormal
@@ -27,7 +27,7 @@ from solver.vectors import runs
 Vectors = NDArray[np.floating[Any]]
 
 TOLERANCE = 1e-10
-"""Relative difference at which two coordinates, or two products with K, are the same."""
+"""Relative difference up to which two coordinates, or two products with K, count as equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +37,12 @@ class Symmetry:
     Attributes
     ----------
     images : (2^g, n)
-        Where each element of the group takes each unknown; element h is the product of the
+        Image of each unknown under each element of the group; element h is the product of the
         generators whose bit is set in h, element 0 the identity.
     signs : (2^g, n)
-        The sign it takes there, the same for a component at all nodes.
+        Sign of the image, equal for a component at all nodes.
     dimension
-        Unknowns of a node.
+        Number of unknowns of a node.
     """
 
     images: NDArray[np.int64]
@@ -51,7 +51,7 @@ class Symmetry:
 
     @property
     def order(self) -> int:
-        """Elements of the group."""
+        """Number of elements of the group."""
         return len(self.images)
 
     def closure(self, unknowns: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -93,12 +93,12 @@ class Symmetry:
         return result
 
     def split(self, unknowns: NDArray[np.int64]) -> Split:
-        """How vectors on some unknowns, closed under reflection, fall into characters."""
+        """The split into characters of vectors on unknowns that are closed under reflection."""
         inside = np.zeros(self.images.shape[1], bool)
         inside[unknowns] = True
         first = np.flatnonzero(inside & (self.images.min(axis=0) == np.arange(len(inside))))
         fixed = self.images[:, first] == first
-        # which elements leave an unknown where it is, and the signs of all, as bits of one number
+        # elements that leave an unknown in place, and the signs of all elements, as bits
         bits = 1 << np.arange(self.order)
         kind = np.stack([bits @ fixed, bits @ (self.signs[:, first] > 0)], axis=1)
         families = []
@@ -109,10 +109,10 @@ class Symmetry:
         return Split(tuple(families), self.order)
 
     def _family(self, first: NDArray[np.int64]) -> Family:
-        """Orbits that the group treats alike, from their first unknowns."""
+        """Orbits on which the group acts alike, from their first unknowns."""
         one, elements = first[0], range(self.order)
         stays = [h for h in elements if self.images[h, one] == one]
-        moves: list[int] = []  # a basis of the group over those that stay
+        moves: list[int] = []  # a basis of the quotient group
         reached = set(stays)
         for h in elements:
             if h not in reached:
@@ -131,7 +131,7 @@ class Symmetry:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Orbits of unknowns that the group treats alike.
+    """Orbits of unknowns on which the group acts alike.
 
     Attributes
     ----------
@@ -147,18 +147,18 @@ class Family:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """The change to one coordinate an orbit and character, and back.
+    """The transform to one coordinate per orbit and character, and back.
 
     Coordinates are Σ_β (-1)^{β·γ} u_β over the images of an unknown (a Walsh-Hadamard transform);
     they are orthogonal but not normalised. Orbits of one size are transformed together, and the
-    coordinates then put in the order of the characters.
+    coordinates are then sorted by character.
 
     Attributes
     ----------
     families
-        Orbits by the way the group acts on them, those of one size one after another.
+        Orbits, grouped by the action of the group; orbits of one size follow one another.
     order
-        Characters.
+        Number of characters.
     """
 
     families: tuple[Family, ...]
@@ -166,17 +166,17 @@ class Split:
 
     @cached_property
     def unknowns(self) -> NDArray[np.int64]:
-        """The unknowns in the order in which vectors are taken, (m,).
+        """The unknowns in the order of the vectors, (m,).
 
-        Components of a node that are all there follow one another.
+        If all components of a node are in the vectors, they follow one another.
         """
         return np.concatenate([unknowns.ravel() for _, unknowns, _ in self._groups])
 
     @cached_property
     def _groups(self) -> list[tuple[list[Family], NDArray[np.int64], NDArray[np.int64]]]:
-        """Families with orbits of one size, their unknowns (2^k, orbits), and where each orbit is.
+        """Families with orbits of one size, their unknowns (2^k, orbits), and places of the orbits.
 
-        Orbits are in the order of their first unknowns, whatever their family.
+        Orbits are sorted by their first unknowns, across families.
         """
         result = []
         for _, group in groupby(self.families, lambda f: len(f.unknowns)):
@@ -218,13 +218,13 @@ class Split:
 
     @cached_property
     def places(self) -> list[slice]:
-        """Where the coordinates of each character are."""
+        """Slice of the coordinates of each character."""
         ends = np.cumsum([0, *self.sizes])
         return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     @cached_property
     def sizes(self) -> list[int]:
-        """Coordinates of each character, m_χ."""
+        """Number of coordinates of each character, m_χ."""
         sizes = [0] * self.order
         for family in self.families:
             for character in family.characters:
@@ -233,7 +233,7 @@ class Split:
 
     @cached_property
     def orbits(self) -> list[NDArray[np.int64]]:
-        """First unknown and size of the orbit of each coordinate, (2, m_χ) a character."""
+        """First unknown and size of the orbit of each coordinate, (2, m_χ) for each character."""
         parts: list[list[NDArray[np.int64]]] = [[] for _ in range(self.order)]
         for family in self.families:
             first = family.unknowns[0]
@@ -244,7 +244,7 @@ class Split:
         return [np.concatenate([np.zeros((2, 0), np.int64), *p], axis=1) for p in parts]
 
     def bases(self, size: int) -> list[sparse.csc_matrix]:
-        """V_χ, whose transpose makes the coordinates of vectors on all `size` unknowns."""
+        """V_χ, whose transpose maps vectors on all `size` unknowns to coordinates."""
         result = []
         for character, columns in enumerate(self.sizes):
             rows, place, values, start = [], [], [], 0
@@ -284,10 +284,10 @@ class Split:
 def find_symmetry(
     points: NDArray[np.float64], dimension: int, stiffness: sparse.csr_matrix
 ) -> Symmetry | None:
-    """Reflections along the axes, and their products, under which a stiffness does not change.
+    """Reflections along the axes, and their products, that leave a stiffness unchanged.
 
-    They are looked for about the middle of the nodes, and tried on the stiffness with random
-    displacements. None where there are none.
+    They are sought about the centre of the nodes, and tested on the stiffness with random
+    displacements. Returns None without reflections.
 
     Parameters
     ----------
@@ -340,5 +340,5 @@ def find_symmetry(
 
 @cache
 def _characters(order: int) -> NDArray[np.float64]:
-    """Value of each character, by row, on each element of a group of so many: -1 or 1."""
+    """Value, -1 or 1, of each character (rows) on each element (columns) of a group."""
     return np.asarray(hadamard(order, dtype=float))

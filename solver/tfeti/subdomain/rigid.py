@@ -1,8 +1,8 @@
-"""A rigid body as a subdomain: its stiffness is zero and all of it is kernel.
+"""A rigid body as a subdomain: its stiffness is zero, and all its free unknowns are kernel.
 
 The unknowns of a rigid body are its translation and its rotation. No displacement of them takes
-energy, so K = 0, every unknown that is free is a column of R, and K⁺ = 0: the dual operator gets
-nothing from a rigid body, the coarse problem its equilibrium,
+energy, so K = 0, every unknown that is free is a column of R, and K⁺ = 0. A rigid body adds nothing
+to the dual operator. It adds its equilibrium to the coarse problem:
 
     Rᵀ (f - Bᵀ λ) = 0,
 
@@ -21,7 +21,7 @@ class ZeroInverse:
     """K⁺ of a rigid body (protocol `Inverse`)."""
 
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Zeros: no load strains it."""
+        """Zeros: no load strains a rigid body."""
         return np.zeros(loads.shape, order="F")
 
     def restricted(self, unknowns: NDArray[np.int64]) -> ZeroBlock:

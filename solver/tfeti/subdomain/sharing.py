@@ -1,4 +1,4 @@
-"""Work that every rank needs the result of, done once: each rank a part, then all tell all."""
+"""Shared work: each rank computes a part of arrays that all ranks need, then all are exchanged."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ Make = Callable[[], NDArray[np.float64]]
 def made_together(
     comm: MPI.Intracomm | None, makers: Sequence[Make], shapes: Sequence[tuple[int, ...]]
 ) -> list[NDArray[np.float64]]:
-    """Arrays that are the same on all ranks, made in turns (collective).
+    """Arrays that are equal on all ranks, each computed by one rank in turn (collective).
 
     Parameters
     ----------
     comm
-        The ranks that make the same; None where this one is alone.
+        The ranks that share the work; None for this rank alone.
     makers, shapes
-        How each array is made, and its shape.
+        Function that computes each array, and its shape.
 
     Raises
     ------
     ArithmeticError, numpy.linalg.LinAlgError
-        A maker did, here or, as a LinAlgError, on another rank.
+        If a maker raised it, on this rank or (as a LinAlgError) on another rank.
     """
     if comm is None or comm.size == 1:
         return [make() for make in makers]
@@ -38,7 +38,7 @@ def made_together(
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         failure = error
     if comm.allreduce(int(failure is not None)):
-        raise failure or np.linalg.LinAlgError("another rank's block could not be made")
+        raise failure or np.linalg.LinAlgError("the block of another rank could not be computed")
     result = []
     for k, shape in enumerate(shapes):
         array = made[k] if k in made else np.empty(shape)
