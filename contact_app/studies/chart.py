@@ -85,6 +85,11 @@ class Variant:
         return f"{self.method} {kind}".strip()
 
     @property
+    def kind(self) -> Variant:
+        """What takes too long on finer meshes where it does on one."""
+        return replace(self, factor=Fraction(1), tolerance=USUAL)
+
+    @property
     def halvings(self) -> int:
         """How often edges of meshes from files are halved."""
         return int(math.log2(self.factor))
@@ -152,6 +157,8 @@ class Sweep:
         What the scene does not allow, a sentence each.
     refine
         How often the scene itself halves the edges of each body's mesh from a file.
+    parallel
+        Give this application a rank on each core, not the threads of BLAS.
     """
 
     scene: Scene
@@ -159,6 +166,7 @@ class Sweep:
     references: tuple[Variant, ...]
     left_out: tuple[str, ...]
     refine: tuple[int, ...] = ()
+    parallel: bool = False
 
     def overrides(self, variant: Variant) -> list[str]:
         """Changes of the scene's file that make a variant."""
@@ -352,8 +360,7 @@ def chart(
             for number, variant in enumerate(sweep.variants):
                 name = variant.describe(sweep.scene)
                 head = f"[{number + 1}/{len(sweep.variants)}] {name}"
-                kind = replace(variant, factor=Fraction(1), tolerance=USUAL)
-                if kind in slow:
+                if variant.kind in slow:
                     yield Progress(f"{head}: left out after a coarser mesh")
                     continue
                 if name not in stored.points:
@@ -371,7 +378,7 @@ def chart(
                         else Progress(head, point)
                     )
                 if isinstance(stored.points[name], str):
-                    slow.add(kind)
+                    slow.add(variant.kind)
                 write(stored.rows(), output / "frontier.csv")
     finally:
         rows = stored.rows()
@@ -393,7 +400,10 @@ def solve_reference(
             settings = [*overrides, *sweep.overrides(variant)]
             new = file.with_suffix(".new.npz")
             try:
-                run_one(OURS, config, settings, variant.tolerance, fields=new)
+                run_one(
+                    OURS, config, settings, variant.tolerance, fields=new,
+                    parallel=sweep.parallel,
+                )  # fmt: skip
             except RunError as error:
                 raise ConfigurationError(f"{config}: the reference failed: {error}") from error
             new.replace(file)
@@ -416,7 +426,9 @@ def solve_point(
 ) -> dict[str, Any]:
     """Run one variant and measure its errors."""
     settings = [*overrides, *sweep.overrides(variant)]
-    found = run_one(variant.method, config, settings, variant.tolerance, limit, file)
+    found = run_one(
+        variant.method, config, settings, variant.tolerance, limit, file, sweep.parallel
+    )
     fields = Fields.load(str(file))
     errors = reference.errors(reference.ruler.sample(fields))
     return {

@@ -324,16 +324,36 @@ def chart(
     ] = 250_000,
     limit: Annotated[float, typer.Option(help="Seconds a point may take.")] = 30.0,
     peers: Annotated[bool, typer.Option(help="Run PETSc's solvers, too.")] = True,
+    meshes: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Directory with the meshes of the scene, drawn before; repeated, coarse to fine. "
+            "Instead of halving cells.",
+            show_default=False,
+        ),
+    ] = None,
+    references: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="With --meshes: three directories for the reference, cells half as long from one "
+            "to the next.",
+            show_default=False,
+        ),
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Keep the points of an earlier run and go on.")
     ] = False,
 ) -> None:
     """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, peers."""
     from contact_app.studies import chart as study
+    from contact_app.studies.chart_meshes import plan_meshes
 
     directory = output or Path("results") / f"chart-{config.stem}"
     changes = overrides or []
-    sweep = study.plan(config, changes, largest, peers)
+    if meshes:
+        sweep = plan_meshes(config, changes, meshes, references or [], largest, peers)
+    else:
+        sweep = study.plan(config, changes, largest, peers)
     for progress in study.chart(config, directory, sweep, changes, limit, resume):
         row = progress.row
         if row is None:

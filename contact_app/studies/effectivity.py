@@ -159,7 +159,9 @@ class AnswerOnMesh:
     @cached_property
     def fields(self) -> Fields:
         """Nodes, cells and displacements."""
-        return fields_of(self.solved)
+        found = fields_of(self.solved)
+        assert found is not None  # one rank
+        return found
 
     @property
     def displacement(self) -> Array:

@@ -36,12 +36,11 @@ from mpi4py import MPI
 from contact_app.machine.environment import peak_rss_gb
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.scene.yaml_reader import read
 from contact_app.studies.fused import fused_scene, mesh_of
 from contact_app.studies.glued import glued_matrix, hold_bounds
+from contact_app.studies.last_case import scene_of
 from contact_app.studies.peers import METHODS, linear_solve, set_options, solve
 from contact_app.studies.undecomposed import UnsuitableError, assemble
 from solver.driver import solve as solve_problem
@@ -60,12 +59,6 @@ class _Clock:
         """Both (collective)."""
         wall, cpu = time.perf_counter() - self._wall, time.process_time() - self._cpu
         return wall, float(MPI.COMM_WORLD.allreduce(cpu))
-
-
-def scene_of(path: Path, overrides: Sequence[str]) -> Scene:
-    """A scene; with load cases its last one."""
-    scene = build_scene(load(path, overrides))
-    return scene.under(scene.cases[-1]) if scene.cases else scene
 
 
 def ours(

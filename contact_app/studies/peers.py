@@ -35,13 +35,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from contact_app.machine.environment import peak_rss_gb
 from contact_app.scene.scene import Scene
-from contact_app.studies.reference import Fields
 from contact_app.studies.undecomposed import WholeSystem, assemble
 
 Answer = tuple[PETSc.Vec, int, int, bool]
@@ -190,6 +188,7 @@ def solve(
     tolerance: float,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     change: Callable[[WholeSystem], None] | None = None,
+    nodal: bool = False,
 ) -> tuple[dict[str, Any], WholeSystem, PETSc.Vec]:
     """Solve a scene by one method; its row, seconds from mesh to solution (collective).
 
@@ -197,12 +196,14 @@ def solve(
     ----------
     change
         Changes the system in place before it is solved.
+    nodal
+        Bound nodes also where this application keeps contact in the mean about vertices.
     """
     chosen = METHODS[method]
     set_options(method)
     comm.barrier()
     begin = time.perf_counter()
-    system = assemble(scene, comm, nodal=not chosen.contact)
+    system = assemble(scene, comm, nodal=nodal or not chosen.contact)
     if change is not None:
         change(system)
     assembled = time.perf_counter()
@@ -226,31 +227,10 @@ def solve(
     return row, system, x
 
 
-def _save(scene: Scene, system: WholeSystem, x: PETSc.Vec, path: Path) -> None:
-    """Write the fields at the nodes, gathered on rank 0 (collective)."""
-    watched = np.zeros(len(system.points), bool)
-    watched[system.contact // system.dimension] = True
-    mine = system.points, system.displacement(x), system.pressure(x), watched
-    gathered = MPI.COMM_WORLD.gather(mine)
-    if gathered is not None:
-        points, displacement, pressure, watched = (
-            np.concatenate(part) for part in zip(*gathered, strict=True)
-        )
-        Fields(
-            points=points,
-            displacement=displacement,
-            pressure=pressure,
-            watched=watched,
-            first_node=np.array([0, len(points)]),
-            degree=np.array([body.degree for body in scene.bodies]),
-            cell=np.array([body.mesh.cell for body in scene.bodies]),
-        ).save(path)
-
-
 def main() -> None:
     """Run one method and print its row."""
-    from contact_app.scene.build import build_scene
-    from contact_app.scene.configuration import load
+    from contact_app.studies.last_case import scene_of
+    from contact_app.studies.peer_fields import fields_of_peer
 
     parser = argparse.ArgumentParser()
     parser.add_argument("method", choices=METHODS)
@@ -262,10 +242,12 @@ def main() -> None:
     arguments = parser.parse_args()
     for pair in arguments.petsc:
         PETSc.Options().setValue(*pair.split("=", 1))
-    scene = build_scene(load(arguments.config, arguments.overrides))
-    row, system, x = solve(scene, arguments.method, arguments.tolerance)
+    scene = scene_of(arguments.config, arguments.overrides)
+    row, system, x = solve(scene, arguments.method, arguments.tolerance, nodal=True)
     if arguments.fields:
-        _save(scene, system, x, arguments.fields)
+        fields = fields_of_peer(scene, system, x)
+        if fields is not None:
+            fields.save(arguments.fields)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(row), flush=True)
 

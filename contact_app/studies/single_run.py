@@ -1,8 +1,8 @@
 """One run of this application for a study, in a process of its own.
 
 ``python -m contact_app.studies.single_run SCENE.yaml`` solves and prints ``summary.json`` in one
-line; nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``, one
-rank).
+line; nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``). A
+scene with load cases is taken in its last one.
 """
 
 from __future__ import annotations
@@ -13,49 +13,70 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.boundaries import facets_of
+from contact_app.model.model import Model
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
+from contact_app.studies.last_case import scene_of
 from contact_app.studies.reference import Fields
 
 
-def fields_of(solved: SolvedScene) -> Fields:
-    """The answer at the nodes of all bodies, with their cells (one rank)."""
+def fields_of(solved: SolvedScene) -> Fields | None:
+    """The answer at the nodes of all bodies, with their cells; on rank 0 alone (collective)."""
     nodes, model = solved.nodes, solved.model
-    scene, partition = model.scene, model.partition
-    cells, tags, facets = [], [], []
-    for b in range(len(scene.bodies)):
-        first = partition.first_node[b]
-        mine = [s for s in partition.subdomains if s.body == b]
-        cells.append(np.concatenate([s.nodes[s.reference.cells] for s in mine]) - first)
-        tags.append(np.concatenate([s.reference.tags for s in mine]))
-        touching = [np.zeros((0, mine[0].reference.facets.shape[1]), np.int64)]
-        for contact in scene.touching:
-            if contact.body == b:
-                chosen = facets_of(scene, partition, b, contact.boundary)
-                touching += [
-                    s.nodes[s.reference.facets[rows]] - first
-                    for s, rows in zip(partition.subdomains, chosen, strict=True)
-                    if len(rows)
-                ]
-        facets.append(np.concatenate(touching))
+    at_nodes = nodes.points, nodes.displacement, nodes.contact_pressure, ~np.isnan(nodes.gap)
+    gathered = model.comm.gather(
+        (at_nodes, [_cells(model, b) for b in range(len(model.scene.bodies))])
+    )
+    if gathered is None:
+        return None
+    points, displacement, pressure, watched = (
+        np.concatenate(part) for part in zip(*(rank[0] for rank in gathered), strict=True)
+    )
+    bodies = [
+        [
+            np.concatenate(part)
+            for part in zip(*(rank[1][b] for rank in gathered if len(rank[1][b])), strict=True)
+        ]
+        for b in range(len(model.scene.bodies))
+    ]
+    cells, tags, facets = (list(part) for part in zip(*bodies, strict=True))
     return Fields(
-        points=nodes.points,
-        displacement=nodes.displacement,
-        pressure=nodes.contact_pressure,
-        watched=~np.isnan(nodes.gap),
-        first_node=partition.first_node,
-        degree=np.array([body.degree for body in scene.bodies]),
-        cell=np.array([body.mesh.cell for body in scene.bodies]),
+        points=points,
+        displacement=displacement,
+        pressure=pressure,
+        watched=watched,
+        first_node=model.partition.first_node,
+        degree=np.array([body.degree for body in model.scene.bodies]),
+        cell=np.array([body.mesh.cell for body in model.scene.bodies]),
         cells=cells,
         tags=tags,
         facets=facets,
     )
+
+
+def _cells(model: Model, body: int) -> tuple[NDArray, ...]:
+    """Cells of a body on this rank, their tags and its contact facets; empty where it has none."""
+    partition, first = model.partition, model.partition.first_node[body]
+    mine = [s for s in partition.subdomains if s.body == body]
+    if not mine:
+        return ()
+    cells = np.concatenate([s.nodes[s.reference.cells] for s in mine]) - first
+    tags = np.concatenate([s.reference.tags for s in mine])
+    touching = [np.zeros((0, mine[0].reference.facets.shape[1]), np.int64)]
+    for contact in model.scene.touching:
+        if contact.body == body:
+            chosen = facets_of(model.scene, partition, body, contact.boundary)
+            touching += [
+                s.nodes[s.reference.facets[rows]] - first
+                for s, rows in zip(partition.subdomains, chosen, strict=True)
+                if len(rows)
+            ]
+    return cells, tags, np.concatenate(touching)
 
 
 def main() -> None:
@@ -65,7 +86,7 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--fields", type=Path)
     arguments = parser.parse_args()
-    scene = build_scene(load(arguments.config, arguments.overrides))
+    scene = scene_of(arguments.config, arguments.overrides)
     if scene.accuracy is None:
         solved = solve_scene(scene)
         summary = solved.summary
@@ -74,7 +95,9 @@ def main() -> None:
         solved = refined.solved
         summary = with_levels(solved.summary, refined)
     if arguments.fields:
-        fields_of(solved).save(arguments.fields)
+        fields = fields_of(solved)
+        if fields is not None:
+            fields.save(arguments.fields)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(summary), flush=True)
 

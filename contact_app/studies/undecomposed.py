@@ -89,12 +89,18 @@ class WholeSystem:
         u = x if self.turn is None else self.turn * x
         return u.array.reshape(-1, self.dimension).copy()
 
-    def pressure(self, x: PETSc.Vec) -> NDArray[np.float64]:
-        """Contact force over area at this rank's nodes, (nodes,) (collective)."""
-        force = np.abs((self.load - self.matrix * x).array[self.contact])
+    def force(self, x: PETSc.Vec) -> NDArray[np.float64]:
+        """Contact force at this rank's nodes, (nodes,) (collective)."""
         result = np.zeros(len(self.points))
-        some = self.area > 0.0
-        result[self.contact[some] // self.dimension] = force[some] / self.area[some]
+        force = (self.load - self.matrix * x).array[self.contact]
+        result[self.contact // self.dimension] = np.abs(force)
+        return result
+
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """Area of the contact boundary at this rank's nodes, (nodes,)."""
+        result = np.zeros(len(self.points))
+        result[self.contact // self.dimension] = self.area
         return result
 
 

@@ -17,6 +17,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.material import Material
 from contact_app.studies import chart
+from contact_app.studies.chart_meshes import PEERS, plan_meshes
 from contact_app.studies.chart_store import StoredPoints
 from contact_app.studies.fields_on_boxes import Mesh, PointsOfBox
 from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
@@ -361,7 +362,69 @@ def test_peers_solve_scenes_with_turned_frames(name: str, cells: str) -> None:
     order, other = (np.lexsort(p.round(9).T) for p in (system.points, expected.points))
     size = np.abs(expected.u).max()
     assert system.displacement(x)[order] == pytest.approx(expected.u[other], abs=1e-7 * size)
-    assert system.pressure(x).max() > 0.0
+    assert system.force(x).max() > 0.0
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_fields_of_a_peer_are_those_of_the_mesh_in_the_file(tmp_path: Path, degree: int) -> None:
+    """A block of tetrahedra pressed on a floor without friction: the pressure is uniform.
+
+    Nodal forces of degree 2 are zero at vertices; the pressure there comes from those about them.
+    """
+    from contact_app.studies.peer_fields import about_vertices, fields_of_peer
+    from contact_app.studies.peers import solve
+
+    file = meshfiles.write(meshfiles.block("tetrahedron", 4), tmp_path / "block.msh")
+    made = scenes.config(
+        "tetrahedron",
+        [{"name": "block", "mesh": {"file": str(file)}, "degree": degree,
+          "material": {"young": 100.0, "poisson": 0.0}}],
+        [{"on": "block.x-", "displacement": [0, None, None]},
+         {"on": "block.y-", "displacement": [None, 0, None]},
+         {"on": "block.z+", "displacement": [None, None, -0.02]}],
+        [{"on": "block.z-", "obstacle": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}}],
+    )  # fmt: skip
+    scene = scenes.build(made)
+    row, system, x = solve(scene, "snes-vi-cholmod", 1e-12, nodal=True)
+    fields = fields_of_peer(scene, system, x)
+    assert fields is not None
+    assert row["converged"]
+    shape = scene.bodies[0].mesh.shape(degree)
+    assert fields.points == pytest.approx(shape.points, abs=1e-12)
+    assert fields.displacement[:, 2] == pytest.approx(-0.02 * shape.points[:, 2], abs=1e-9)
+    corners = np.isin(np.arange(shape.nodes), shape.cells[:, :4])
+    pressed = corners & (shape.points[:, 2] < 1e-9)
+    assert fields.pressure[pressed] == pytest.approx(2.0, rel=1e-6)
+    assert not fields.pressure[~pressed].any()
+    assert (fields.watched == pressed).all()
+    assert (fields.nodes(0).cells == shape.cells).all()
+    if degree == 2:
+        ones = np.ones(shape.nodes)
+        assert about_vertices(shape, ones).sum() == pytest.approx(shape.nodes)
+        assert not about_vertices(shape, ones)[~corners].any()
+
+
+def test_a_chart_of_drawn_meshes_runs_each_with_both_degrees(tmp_path: Path) -> None:
+    config = CONFIGS / "pillow_block.yaml"
+    shipped = CONFIGS.parent / "meshes" / "samples"
+    sweep = plan_meshes(config, [], [shipped], [shipped] * 3, largest=20_000)
+    own = {(v.degree, v.method) for v in sweep.variants}
+    assert own == {(p, m) for p in (1, 2) for m in ("contact-app", *PEERS)}
+    assert sweep.variants[0].kind == replace(sweep.variants[0], settings=()).kind
+    assert sweep.scene.title.endswith("case pushed")  # the last load case
+    settings = sweep.overrides(sweep.variants[0])
+    assert "bodies.0.degree=1" in settings
+    assert f"bodies.0.mesh.file={shipped.resolve()}/pillow_block.msh" in settings
+    assert {v.degree for v in sweep.references} == {2}
+    few = plan_meshes(config, [], [shipped], [shipped] * 3, largest=5_000, peers=False)
+    assert [v.degree for v in few.variants] == [1]
+    for wrong, most, reason in (
+        ([shipped] * 2, 20_000, "3 references"),
+        ([tmp_path / "none"] * 3, 20_000, "no such directory"),
+        ([shipped] * 3, 100, "more than 100"),
+    ):
+        with pytest.raises(ConfigurationError, match=reason):
+            plan_meshes(config, [], [shipped], wrong, largest=most)
 
 
 def test_peers_refuse_two_bodies() -> None:

@@ -1,0 +1,16 @@
+"""The scene that a study solves where a file has load cases: its last one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Scene
+
+
+def scene_of(path: Path, overrides: Sequence[str] = ()) -> Scene:
+    """A scene; with load cases its last one."""
+    scene = build_scene(load(path, overrides))
+    return scene.under(scene.cases[-1]) if scene.cases else scene

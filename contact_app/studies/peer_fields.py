@@ -1,0 +1,80 @@
+"""Fields of a peer's answer at the nodes, for a chart.
+
+On a mesh from a file they are in the order of the file's nodes and come with its cells. Contact
+forces of second-order tetrahedra are nodal ones, zero at vertices where the pressure is constant:
+the pressure at vertex j is
+
+    p_j = Σ_i ψ_j(x_i) f_i / Σ_i ψ_j(x_i) A_i,
+
+ψ_j the hat function of the vertex, f_i the force and A_i the area of node i. Both sums are
+integrals with ψ_j, for ψ_j = Σ_i ψ_j(x_i) φ_i.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy.spatial import cKDTree
+
+from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.scene.scene import Scene
+from contact_app.studies.reference import Fields
+from contact_app.studies.undecomposed import WholeSystem
+from meshes.quadratic import VERTICES, node_vertices
+from meshes.unstructured import CellMesh
+
+Array = NDArray[np.float64]
+
+
+def fields_of_peer(scene: Scene, system: WholeSystem, x: PETSc.Vec) -> Fields | None:
+    """Fields at all nodes on rank 0, None on the others (collective)."""
+    watched = np.zeros(len(system.points), bool)
+    watched[system.contact // system.dimension] = True
+    mine = (system.points, system.displacement(x), system.force(x), system.areas, watched)
+    gathered = MPI.COMM_WORLD.gather(mine)
+    if gathered is None:
+        return None
+    points, displacement, force, area, watched = (
+        np.concatenate(part) for part in zip(*gathered, strict=True)
+    )
+    (body,) = scene.bodies
+    cells, tags = [], []
+    if isinstance(body.mesh, CellMesh):
+        shape = body.mesh.shape(body.degree)
+        missing = ((0, 0), (0, 3 - shape.dimension))
+        order = cKDTree(points).query(np.pad(shape.points, missing))[1]
+        points, displacement, force, area, watched = (
+            values[order] for values in (points, displacement, force, area, watched)
+        )
+        cells, tags = [shape.cells], [shape.tags]
+        if has_averaged_rows(body):
+            force, area = (about_vertices(shape, values) for values in (force, area))
+            watched &= area > 0.0
+    some = area > 0.0
+    return Fields(
+        points=points,
+        displacement=displacement,
+        pressure=np.where(some, force / np.where(some, area, 1.0), 0.0),
+        watched=watched,
+        first_node=np.array([0, len(points)]),
+        degree=np.array([body.degree]),
+        cell=np.array([body.mesh.cell]),
+        cells=cells,
+        tags=tags,
+    )
+
+
+def about_vertices(mesh: CellMesh, values: Array) -> Array:
+    """Σ_i ψ_j(x_i) v_i at the vertices j of a second-order mesh, zero at its other nodes."""
+    corners = VERTICES[mesh.cell]
+    result = np.zeros(len(values))
+    vertices = np.unique(mesh.cells[:, :corners])
+    result[vertices] = values[vertices]
+    middles, first = np.unique(mesh.cells[:, corners:], return_index=True)
+    row, place = np.divmod(first, mesh.cells.shape[1] - corners)
+    ends = np.array(node_vertices(mesh.cell)[corners:])[place]
+    for end in ends.T:
+        np.add.at(result, mesh.cells[row, end], 0.5 * values[middles])
+    return result
