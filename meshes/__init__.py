@@ -1,9 +1,8 @@
 """Meshes of the bodies, cut into subdomains: regular splits of boxes and graph partitions.
 
-Files are read by `read` and `repair`, which boxes do without. `contact_surface`, `facet_overlaps`,
-`mortar` and `ties` have the geometry of contact between meshes that do not match,
-`symmetric_half` cuts a mesh at a plane of symmetry, `dolfinx_compat` has what differs between
-releases of dolfinx.
+`read` and `repair` read mesh files. `contact_surface`, `facet_overlaps`, `mortar` and `ties` hold
+the geometry of contact between meshes that do not match. `symmetric_half` cuts a mesh at a plane of
+symmetry, and `dolfinx_compat` covers the differences between releases of dolfinx.
 """
 
 from meshes.box import BoxShape

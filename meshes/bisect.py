@@ -1,15 +1,15 @@
-"""Local refinement of triangles and tetrahedra: marked edges are halved, nothing hangs.
+"""Local refinement of triangles and tetrahedra: marked edges are halved, without hanging nodes.
 
-Edges have an order that all cells know: longer ones first, equal ones by the numbers of their ends.
-A cell with marked edges is cut in two at the first of them, each half at the first of those it has
-left, and so on; a facet that two cells share is cut by its own edges in the same order from either
-side, so that the halves meet. Before, edges are marked that keep shapes good: where a cell or one
-of its facets has a marked edge its longest one is marked as well (M. C. Rivara, *Algorithms for
+All edges have one order: longer ones first, equal ones by the numbers of their ends. A cell is cut
+in two at the first of its marked edges, each half at the first of its remaining marked edges, and
+so on. A facet between two cells is cut in the same order from both sides, so that the mesh stays
+conforming. To keep the shapes of cells good, further edges are marked before: if a cell or one of
+its facets has a marked edge, its longest edge is marked, too (M. C. Rivara, *Algorithms for
 refining triangular grids suitable for adaptive and multigrid techniques*, IJNME 20, 1984; A. Plaza,
 G. F. Carey, *Local refinement of simplicial grids based on the skeleton*, Appl. Numer. Math. 32,
 2000).
 
-New nodes lie amid straight edges: a curved boundary stays the polygon or polyhedron it was.
+New nodes are midpoints of straight edges: a boundary stays the same polygon or polyhedron.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from meshes.unstructured import CellMesh, Topology, matching_rows
 
 ALIKE = 1e-9
-"""Relative difference of lengths that are taken to be equal."""
+"""Relative difference up to which lengths count as equal."""
 
 Ints = NDArray[np.int64]
 
 
 def bisected(mesh: CellMesh, marked: Ints) -> CellMesh:
-    """The mesh with all edges of some cells halved, and what else that asks for.
+    """The mesh with all edges of some cells halved, and further edges that keep it conforming.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def bisected(mesh: CellMesh, marked: Ints) -> CellMesh:
 
     Returns
     -------
-    Mesh whose groups and parts of the surface go on.
+    The refined mesh, with the groups and named boundaries of the old one.
     """
     if mesh.cell not in ("triangle", "tetrahedron") or mesh.degree != 1:
         raise ValueError("only first-order triangles and tetrahedra are bisected")
@@ -102,12 +102,12 @@ def _edges(cells: Ints) -> tuple[Ints, Ints]:
 
 
 def _cut(simplices: Ints, ends: Ints, middles: Ints) -> tuple[Ints, Ints]:
-    """Simplices (n, vertices) cut at edges, and which of the given ones each is part of.
+    """Simplices (n, vertices) cut at edges, and the given simplex of each part.
 
     Parameters
     ----------
     ends : (edges, 2)
-        In the order in which they are cut, ascending each.
+        Ends of each edge, ascending; edges in the order of the cuts.
     middles : (edges,)
         Their nodes.
     """

@@ -1,9 +1,9 @@
 """Boxes: lattices of equal cells, split regularly into congruent sub-boxes.
 
-The nodes of a box are a lattice, so the number of a node in the undecomposed mesh follows from
-its place by arithmetic and no mesh of the whole box is ever built. A split into nx × ny × nz
-sub-boxes has at most 2^d different shapes (sizes differ by one cell where the cells do not
-divide evenly), hence at most 2^d references.
+The nodes of a box are a lattice, so the number of a node in the undecomposed mesh follows from its
+place, and no mesh of the whole box is built. A split into nx × ny × nz sub-boxes has at most 2^d
+different shapes (sizes differ by one cell where the cells do not divide evenly), hence at most 2^d
+references.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class BoxShape:
     cell
         ``hexahedron``, ``tetrahedron``, ``quadrilateral`` or ``triangle``.
     degree
-        Of the displacement. The nodes of degree 2 are those of a lattice twice as fine: vertices
-        have even places, the middles of edges, faces and cells have an odd one among theirs, and
-        the cut of a cube into tetrahedra has an edge through each of these.
+        Degree of the displacement. The nodes of degree 2 form a lattice twice as fine: vertices
+        have even indices, and the middles of edges, faces and cells at least one odd index. If a
+        cube is cut into tetrahedra, each such middle lies on an edge.
     """
 
     lower: tuple[float, ...]
@@ -64,12 +64,12 @@ class BoxShape:
 
     @property
     def nodes(self) -> int:
-        """Nodes of the lattice."""
+        """Number of nodes of the lattice."""
         return int(np.prod([self.degree * n + 1 for n in self.cells], dtype=np.int64))
 
     @property
     def total_cells(self) -> int:
-        """Cells of the mesh."""
+        """Number of cells of the mesh."""
         return int(np.prod(self.cells, dtype=np.int64)) * CELLS_PER_CUBE[self.cell]
 
     @property
@@ -90,7 +90,7 @@ class BoxShape:
     def cell_mesh(self) -> CellMesh:
         """The whole box cell by cell, its nodes numbered by their place in the lattice.
 
-        dolfinx divides every brick of the lattice alike: one is made and repeated.
+        dolfinx divides all bricks of the lattice in the same way: one is divided and repeated.
         """
         upper = np.array(self.lower) + self.spacing
         brick = replace(self, upper=tuple(upper), cells=(1,) * self.dimension)
@@ -136,7 +136,7 @@ def sides_of(
 
 
 def split_points(cells: int, parts: int) -> NDArray[np.int64]:
-    """Where `cells` cells are cut into `parts` runs that differ by one cell at most."""
+    """Cut points of `cells` cells in `parts` runs whose lengths differ by at most one cell."""
     return np.arange(parts + 1, dtype=np.int64) * cells // parts
 
 
@@ -158,9 +158,9 @@ def split_regularly(
     first_number
         Number of this body's first subdomain; sub-boxes are numbered with x fastest.
     numbers
-        Subdomain numbers wanted (those of this rank).
+        Numbers of the wanted subdomains (of this rank).
     references
-        Shapes already meshed, by their key; filled on the way, so that bodies share them.
+        Shapes already meshed, by key; new ones are added, so that bodies share them.
     """
     cuts = [split_points(n, p) for n, p in zip(box.cells, parts, strict=True)]
     subdomains = []

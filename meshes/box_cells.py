@@ -1,4 +1,4 @@
-"""The cells of a box one by one, found by arithmetic: every brick of the lattice is cut alike."""
+"""The cells of a box one by one: every brick of the lattice is cut in the same way."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class BoxCells:
 
     @cached_property
     def _places(self) -> Ints:
-        """Of the nodes of a brick on its lattice, (nodes, dimension)."""
+        """Places of the nodes of a brick on its lattice, (nodes, dimension)."""
         return lattice_places([self.degree + 1] * self.box.dimension)
 
     @property
     def _each(self) -> int:
-        """Cells of a brick."""
+        """Number of cells of a brick."""
         return self._brick.total_cells
 
     @property
@@ -54,7 +54,10 @@ class BoxCells:
         return node + bricks * (self.degree * self.box.strides[-1])
 
     def centres(self) -> NDArray[np.float32]:
-        """Where cells are, from the lower corner of the box; equal along a plane of the lattice."""
+        """Centres of cells, from the lower corner of the box.
+
+        Equal within a plane of the lattice.
+        """
         box, d = self.box, self.box.dimension
         inside = self._places[self._brick.cells].mean(axis=1) / self.degree
         result = np.empty((d, *self._grid, self._each), np.float32)
@@ -66,7 +69,7 @@ class BoxCells:
         return result.reshape(d, -1)
 
     def nodes_at(self, rows: NDArray[Any]) -> Ints:
-        """Nodes of cells in VTK order, (rows, nodes a cell)."""
+        """Nodes of cells in VTK order, (rows, nodes per cell)."""
         bricks, which = np.divmod(rows, self._each)
         offsets = self._places[self._brick.cells] @ self.box.strides
         return self._first_nodes(bricks)[:, None] + offsets[which]
@@ -79,7 +82,7 @@ class BoxCells:
         return place * (box.spacing / self.degree) + np.array(box.lower)
 
     def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """A box has one material."""
+        """Numbers of materials: zero, since a box has one material."""
         return np.zeros(len(rows), np.int32)
 
     def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:
@@ -108,7 +111,7 @@ class BoxCells:
 
     @property
     def _across(self) -> list[tuple[int, int, int | None]]:
-        """A cell of a brick, a cell of the next along an axis with which it shares a facet."""
+        """Pairs of cells of neighbouring bricks along an axis that share a facet."""
         topology = self._brick.topology
         result: list[tuple[int, int, int | None]] = []
         for axis in range(self.box.dimension):

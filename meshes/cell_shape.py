@@ -1,4 +1,4 @@
-"""The shape of cells: lengths of their edges, Jacobians, whether they are folded."""
+"""The shape of cells: lengths of edges, Jacobians, and a test for folded cells."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from meshes.quadratic import EDGES
 from meshes.subdomains import vtk_shapes
 
 FOLDED = 1e-6
-"""Least over largest Jacobian of a curved cell that is allowed."""
+"""Smallest admissible ratio of the least to the largest Jacobian of a curved cell."""
 
 SAMPLES = {"triangle": 4, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 3}
-"""Points along an edge, less one, at which the Jacobian of curved cells is looked at."""
+"""Number of points along an edge, minus one, at which the Jacobian of curved cells is evaluated."""
 
 BATCH = 20_000
-"""Curved cells looked at at once."""
+"""Number of curved cells evaluated at once."""
 
 CORNERS = {
     "triangle": ((0, 1, 2),),
@@ -26,13 +26,13 @@ CORNERS = {
         (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
     ),
 }  # fmt: skip
-"""A vertex and its neighbours along the axes at which the Jacobian of a cell is looked at."""
+"""Vertices and their neighbours along the axes, at which the Jacobian of a cell is evaluated."""
 
 
 def folded_inside(
     points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, degree: int
 ) -> NDArray[np.bool_]:
-    """Whether the Jacobian of cells is not positive at every point of a grid, (cells,)."""
+    """Mask (cells,) of the cells whose Jacobian is not positive at some point of a grid."""
     slopes = vtk_shapes(cell, degree, _samples(cell))[1]
     folded = np.zeros(len(cells), bool)
     for i in range(0, len(cells), BATCH):
@@ -43,7 +43,7 @@ def folded_inside(
 
 
 def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Determinants of matrices (points, d, cells, d) of few rows, faster than by factors."""
+    """Determinants of small matrices (points, d, cells, d); faster than by factorisation."""
     if columns.shape[1] == 2:
         a, b = columns[:, 0], columns[:, 1]
         return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
@@ -52,7 +52,7 @@ def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Hexahedra so far from parallelepipeds that corners alone do not tell their Jacobian's sign.
+    """Mask of hexahedra whose corners do not decide the sign of the Jacobian inside.
 
     With m the mean of the four edges along each axis and d the largest deviation from it, the
     Jacobian is at least det m - (∏ (|m| + d) - ∏ |m|), by the multilinearity of determinants.
@@ -79,7 +79,10 @@ def _samples(cell: str) -> NDArray[np.float64]:
 
 
 def at_vertices(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Coordinates of the vertices of cells, (d, vertices, cells): passes over cells are long."""
+    """Coordinates of the vertices of cells, (d, vertices, cells).
+
+    Cells are contiguous in memory.
+    """
     return np.take(np.ascontiguousarray(points.T), cells.T, axis=1)
 
 

@@ -1,4 +1,4 @@
-"""What a body has to tell of its cells to be cut into subdomains: a lattice, or lists of cells."""
+"""The protocol of the cells of a body that is cut into subdomains: a lattice, or lists of cells."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Choose = Callable[[NDArray[Any], NDArray[Any]], NDArray[np.bool_]]
-"""Which pairs of cells are meant, by the labels of the first ones and of the others."""
+"""Mask of wanted pairs of cells, given the labels of the first and of the second cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +19,12 @@ class Skin:
 
     Attributes
     ----------
-    facets : (facets, nodes a facet)
-        Their nodes, vertices first.
+    facets : (facets, nodes per facet)
+        Nodes of each facet, vertices first.
     cells : (facets,)
-        The cell each of them belongs to.
+        Cell of each facet.
     sides
-        Which of them are on a part of the surface, (facets,), by its name.
+        Masks (facets,) of the facets on each named boundary.
     """
 
     facets: NDArray[np.int64]
@@ -33,7 +33,7 @@ class Skin:
 
 
 class Cells(Protocol):
-    """The cells of a body, asked for those that are wanted only."""
+    """The cells of a body; data are computed for the requested cells only."""
 
     @property
     def cell(self) -> str:
@@ -41,21 +41,24 @@ class Cells(Protocol):
 
     @property
     def degree(self) -> int:
-        """1 or 2: which nodes cells have."""
+        """Degree of the displacement, 1 or 2, which decides the nodes of cells."""
 
     @property
     def nodes(self) -> int:
-        """Nodes of the body."""
+        """Number of nodes of the body."""
 
     @property
     def total_cells(self) -> int:
-        """Cells of the body."""
+        """Number of cells of the body."""
 
     def centres(self) -> NDArray[np.float32] | None:
-        """About where cells are, (dimension, cells); None if they are not of much the same size."""
+        """Approximate centres of cells, (dimension, cells).
+
+        None if the cells differ much in size.
+        """
 
     def nodes_at(self, rows: NDArray[Any]) -> NDArray[np.int64]:
-        """Nodes of cells in VTK order, (rows, nodes a cell)."""
+        """Nodes of cells in VTK order, (rows, nodes per cell)."""
 
     def points_at(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
         """Coordinates of nodes, (nodes, dimension)."""

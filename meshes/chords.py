@@ -1,14 +1,14 @@
-"""The surface of a mesh as segments or plane triangles, with bounds of how far they are from it.
+"""The surface of a mesh as segments or plane triangles, with bounds on their distance from it.
 
 A straight facet is a segment, a triangle, or (a quadrilateral) two triangles. A facet with curved
-edges is divided into n along each edge, with its nodes on the true surface. With b the largest
+edges is divided into n parts along each edge, with nodes on the true surface. With b the largest
 distance of a node of second order from the middle of its vertices, the chords of a quadratic edge
 are b / n² away from it, the triangles of a quadratic patch at most 4/3 b / n², those of a
 biquadratic one at most 2 b / n² (its second derivatives are constant along an edge; the error of
 linear interpolation is h²/8 times that, in each direction). A bilinear quadrilateral whose corners
 a, b, c, d are not in one plane is |a - b + c - d| / (4 n²) from its triangles. n is chosen so that
-this deviation is `FINE` of the size of the facet at most, up to `MOST`. Facets joined by curved
-edges have one n, so that the surface stays closed.
+this deviation is at most `FINE` times the size of the facet, but n is at most `MOST`. Facets joined
+by curved edges have the same n, so that the surface stays closed.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from meshes.subdomains import VTK_ORDER, vtk_shapes
 from meshes.unstructured import FACETS, Topology
 
 FINE = 0.05
-"""Deviation of the chords over the size of a facet that is aimed at."""
+"""Target of the deviation of the chords over the size of a facet."""
 
 MOST = {2: 32, 3: 8}
-"""Divisions of a facet along an edge at most, by dimension."""
+"""Largest number of divisions along an edge of a facet, by dimension."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +48,9 @@ class Chords:
     simplices : (simplices, d)
         Rows of `places`; normals by the right-hand rule (in 2D to the right) point outward.
     facet : (simplices,)
-        Row of the facet each is part of.
+        Row of the facet of each simplex.
     deviation : (facets,)
-        Distance of the simplices from the facet at most.
+        Largest distance of the simplices from each facet.
     size : (facets,)
         The least of the heights of a facet over its edges (in 2D, its length) and of the height of
         its cell over it.
@@ -101,7 +101,7 @@ def chords(
 
 
 def local_facets(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.int64]:
-    """Which facet of its cell each facet on the surface is, (facets,)."""
+    """Local number, within its cell, of each facet on the surface, (facets,)."""
     own = cells[topology.facet_cells][:, np.array(FACETS[cell])]
     return np.asarray(np.argmax((own == topology.facets[:, None]).all(axis=2), axis=1))
 
@@ -114,7 +114,7 @@ def reference_vertices(cell: str) -> NDArray[np.float64]:
 def _sizes(
     points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, topology: Topology
 ) -> NDArray[np.float64]:
-    """See `Chords.size`; (facets,)."""
+    """Sizes (facets,) as in `Chords.size`."""
     x = points[topology.facets]
     corners = x.shape[1]
     sides = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2)
@@ -144,7 +144,7 @@ def _normals(
 
 
 def _twists(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far quadrilaterals (facets, 4, 3) are from their two triangles; 0 for other facets."""
+    """Distance of quadrilaterals (facets, 4, 3) from their two triangles; 0 for other facets."""
     if x.shape[1] < 4:
         return np.zeros(len(x))
     return np.linalg.norm(x[:, 0] - x[:, 1] + x[:, 2] - x[:, 3], axis=1) / 4.0
@@ -157,9 +157,9 @@ def _bulges(
     topology: Topology,
     local: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """How far nodes of second order are from the middle of their vertices, and curved edges.
+    """Distance of second-order nodes from the middle of their vertices, and the curved edges.
 
-    Returns the largest distance (facets,) and which edges of each are curved (facets, edges).
+    Returns the largest distance (facets,) and the mask of curved edges (facets, edges).
     """
     facets, v, on = topology.facets, VERTICES[cell], node_vertices(cell)
     corners = len(FACETS[cell][0])

@@ -13,12 +13,12 @@ from scipy.sparse.csgraph import connected_components
 def connected(
     ends: Sequence[NDArray[np.int64]] | NDArray[np.int64], count: int
 ) -> NDArray[np.int64]:
-    """Number of the component of each of some things, (count,).
+    """Number of the connected component of each vertex of a graph, (count,).
 
     Parameters
     ----------
     ends : (2, links)
-        The two things that each link connects.
+        The two vertices that each link connects.
     """
     if count == 0:
         return np.zeros(0, np.int64)

@@ -11,7 +11,7 @@ from meshes.quadratic import FACETS
 from meshes.smooth_surface import bulges
 
 STRAIGHT = 1e-9
-"""Distance of a middle from that of its vertices, over the size of facets, that is round-off."""
+"""Distance of a middle node from the middle of its vertices, over the size: round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,15 +22,17 @@ class Surface:
     ----------
     dimension
         2 for lines, 3 for triangles and quadrilaterals.
-    nodes : (facets, nodes a facet)
-        Global nodes: the vertices, anticlockwise seen from outside; of the second order also the
-        middles of the edges that start in each vertex, and of a quadrilateral its own.
-    points : (facets, nodes a facet, 3)
+    nodes : (facets, nodes per facet)
+        Global nodes: first the vertices, anticlockwise seen from outside. Facets of second order
+        then have the middles of the edges that start in each vertex, and quadrilaterals their own
+        middle.
+    points : (facets, nodes per facet, 3)
         Coordinates.
     normals : (facets, 3)
-        Outward unit normal of the vertices; of a warped quadrilateral that of its diagonals.
+        Outward unit normal of the plane of the vertices; for a warped quadrilateral normal to its
+        diagonals.
     bulge : (facets, v, v) or None
-        Where the facets stand for a smooth surface: its height over them is ½ φᵀ bulge φ.
+        If the facets stand for a smooth surface: its height over a facet is ½ φᵀ bulge φ.
     """
 
     dimension: int
@@ -52,7 +54,7 @@ class Surface:
         Parameters
         ----------
         nodes, points
-            As the attributes, the vertices first, otherwise in any order.
+            As the attributes; vertices first, otherwise in any order.
         inside : (facets, 3)
             A point of the body behind each facet.
         """
@@ -77,7 +79,7 @@ class Surface:
         )
 
     def smooth(self) -> Surface:
-        """The same with the heights of the smooth surface; as it is where edges are curved."""
+        """The surface with the heights of the smooth surface; unchanged where edges are curved."""
         v = self.vertices.shape[1]
         if is_curved(self.points, v):
             return self
@@ -131,7 +133,7 @@ def is_curved(nodes: NDArray[np.float64], v: int) -> bool:
 
 
 def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Order in which vertices (n, 4) go round: the one whose diagonals span most area."""
+    """Cyclic order of the vertices (n, 4): the order whose diagonals span the largest area."""
     orders = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]])
     turned = points[:, orders]
     diagonals = turned[:, :, 2:] - turned[:, :, :2]
@@ -140,7 +142,7 @@ def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _middles(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Which of the further nodes (n, m, 3) is in the middle of each edge, and of all."""
+    """Numbers of the further nodes (n, m, 3) in the middle of each edge, and of the facet."""
     wanted = 0.5 * (vertices + np.roll(vertices, -1, axis=1))
     wanted = np.concatenate([wanted, vertices.mean(axis=1, keepdims=True)], axis=1)
     wanted = wanted[:, [0] if vertices.shape[1] == 2 else range(points.shape[1])]

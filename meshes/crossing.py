@@ -3,8 +3,8 @@
 **Crossings.** Two segments cross, or an edge pierces a triangle, where the ends of either lie on
 different sides of the other: signs of determinants (O'Rourke, Computational Geometry in C, 1998,
 section 7.3 and 7.5). Two triangles that meet in more than a common node or edge and are not in one
-plane have an edge of one that pierces the other, so edges against triangles see all of them, also
-triangles that share one node.
+plane have an edge of one that pierces the other, so testing edges against triangles finds all
+crossings, also of triangles that share one node.
 
 **Winding number.** A ray from x upwards crosses simplices with outward normals n; the winding
 number is w(x) = Σ sign(n · ray). The surface is turned by a fixed angle first, so that rays run
@@ -36,13 +36,13 @@ TURN = {
         ]
     ),
 }
-"""What the surface is turned by before rays are cast along the last axis; angles of no meaning."""
+"""Rotation of the surface before rays are cast along the last axis; arbitrary angles."""
 
 PAIRS = 2_000_000
-"""Pairs of boxes looked at at once, about: memory."""
+"""Approximate number of pairs of boxes tested at once; limits the memory."""
 
 SOME = 200
-"""Boxes from which the number of pairs is estimated."""
+"""Number of boxes from which the number of pairs is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,9 @@ class Surface:
     simplices : (simplices, d)
         Rows of `places`; normals by the right-hand rule (in 2D to the right) point outward.
     touch : (simplices,)
-        Depth up to which two simplices merely touch: the smaller one of the two counts.
+        Depth up to which two simplices merely touch; the smaller value of the two applies.
     deviation : (simplices,)
-        Distance from what they stand for at most: the sum of the two counts.
+        Largest distance from the true surface; the sum of the two values applies.
     """
 
     places: NDArray[np.float64]
@@ -66,7 +66,7 @@ class Surface:
     deviation: NDArray[np.float64]
 
     def depth(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.float64]:
-        """How deep the simplices of pairs have to be in each other to cross, (pairs,)."""
+        """Depth (pairs,) from which on two simplices count as crossing."""
         deviation = self.deviation[i] + self.deviation[j]
         return np.asarray(np.minimum(self.touch[i], self.touch[j]) + deviation)
 
@@ -85,7 +85,7 @@ class Boxes:
 
     @classmethod
     def of(cls, places: NDArray[np.float64], simplices: NDArray[np.int64]) -> Boxes:
-        """Of simplices (simplices, nodes) on places (nodes, d)."""
+        """Boxes of simplices (simplices, nodes) with coordinates (nodes, d)."""
         lower = upper = places[simplices[:, 0]]
         for k in range(1, simplices.shape[1]):
             corner = places[simplices[:, k]]
@@ -94,7 +94,7 @@ class Boxes:
 
 
 def meeting(a: Boxes, b: Boxes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Pairs (rows of a, rows of b) of boxes that meet, each pair once, part by part."""
+    """Iterate over the pairs (rows of a, rows of b) of boxes that meet, each pair once."""
     size = [(box.upper - box.lower).max(axis=1) for box in (a, b)]
     unit = max(size[0].max(initial=0.0), size[1].max(initial=0.0), np.finfo(float).tiny)
     level = [np.frexp(np.maximum(s / unit, 2.0**-40))[1] for s in size]
@@ -108,7 +108,7 @@ def meeting(a: Boxes, b: Boxes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.
 def _near(
     a: Boxes, b: Boxes, rows: NDArray[np.int64], others: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """The pairs of some rows of a and of b; centres nearer than the sum of half their sizes."""
+    """Pairs among some rows of a and b with centres nearer than half the sum of their sizes."""
     if len(rows) == 0 or len(others) == 0:
         return
     reach = sum(
@@ -163,7 +163,7 @@ def _beside(
 def _apart(
     first: NDArray[np.float64], second: NDArray[np.float64], least: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether two distances have different signs and are farther than that."""
+    """Mask of pairs of distances with different signs and magnitudes above `least`."""
     return np.asarray((first * second < 0.0) & (np.minimum(abs(first), abs(second)) > least))
 
 
@@ -196,7 +196,7 @@ def _pierces(
     triangles: NDArray[np.int64],
     least: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Whether edges (pairs, 2) pierce triangles (pairs, 3) deeper than that, (pairs,)."""
+    """Mask (pairs,) of edges (pairs, 2) that pierce triangles (pairs, 3) deeper than `least`."""
     pierced = np.zeros(len(edges), bool)
     a = places[triangles[:, 0]]
     u, v = places[triangles[:, 1]] - a, places[triangles[:, 2]] - a
@@ -238,7 +238,7 @@ def winding(x: NDArray[np.float64], surface: Surface) -> NDArray[np.int64]:
 def _above(
     x: NDArray[np.float64], places: NDArray[np.float64], simplices: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """1, -1 or 0: whether a simplex is above a point, and its normal points up, (points,)."""
+    """1 or -1 for a simplex above a point whose normal points up or down, 0 for none, (points,)."""
     if x.shape[1] == 2:
         a, b = (places[simplices[:, k]] for k in range(2))
         side = (b[:, 0] <= x[:, 0]).astype(float) - (a[:, 0] <= x[:, 0])
@@ -260,9 +260,9 @@ def _left(
     first: NDArray[np.int64],
     second: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
-    """Whether points lie left of edges in projection along the last axis, (points,).
+    """Mask (points,) of points left of an edge in the projection along the last axis.
 
-    Both directions of an edge are decided by one number.
+    The decision for both directions of an edge is made with one number.
     """
     swap = first > second
     a = places[np.where(swap, second, first), :2]

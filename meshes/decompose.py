@@ -1,8 +1,8 @@
-"""From bodies and a wish to a partition: who holds which subdomain.
+"""Decomposition of bodies into subdomains, and their distribution to ranks.
 
 Subdomains are numbered body by body and given to the ranks in consecutive runs, so the numbers,
-and with them the dual problem, do not depend on how many ranks there are. Runs are as long as one
-another, or make as much work where that differs.
+and with them the dual problem, do not depend on how many ranks there are. The runs have equal
+lengths, or equal work where subdomains differ in cost.
 """
 
 from __future__ import annotations
@@ -34,24 +34,25 @@ from meshes.subdomains import Partition, Subdomain, owned_range
 from meshes.unstructured import CellMesh
 
 Shape = BoxShape | CellMesh
-"""What a body is made of."""
+"""The mesh of a body."""
 
 PIECE_NODES = {2: 20_000, 3: 500}
-"""Nodes of a subdomain that `auto` makes of a mesh, by dimension: each has a factor of its own.
+"""Nodes of a subdomain of a mesh with `decomposition: auto`, by dimension.
 
-About the fastest in sweeps over the bracket, the ball and cubes of tetrahedra with 3,000 to 50,000
-nodes (``python -m contact_app.studies.sweep``); twice or half as many are within a fifth of it.
+Nearly the fastest size in sweeps over the bracket, the ball and cubes of tetrahedra with 3,000 to
+50,000 nodes (``python -m contact_app.studies.sweep``); twice or half as many nodes take at most a
+fifth longer.
 """
 
 WHOLE_NODES = {2: 20_000, 3: 2_000}
-"""Nodes up to which a mesh stays whole, by dimension: its factor costs less than faces do."""
+"""Nodes up to which a mesh is not cut, by dimension: its factor costs less than interfaces."""
 
 Choose = Callable[[BoxShape, int], tuple[int, ...]]
-"""Sub-boxes of a box along each axis, at least so many in all."""
+"""Chooses the number of sub-boxes of a box along each axis, with at least so many in all."""
 
 
 def barely(box: BoxShape, at_least: int) -> tuple[int, ...]:
-    """One sub-box, or slabs across the axis with most cells where there must be more."""
+    """One sub-box, or slabs across the axis with most cells if more are required."""
     split = [1] * box.dimension
     axis = int(np.argmax(box.cells))
     split[axis] = min(at_least, box.cells[axis])
@@ -64,16 +65,16 @@ def decompose(
     comm: MPI.Intracomm,
     choose: Choose = barely,
 ) -> Partition:
-    """Cut the bodies into subdomains and give each rank its share.
+    """Cut the bodies into subdomains and distribute them to the ranks (collective).
 
     Parameters
     ----------
     shapes
-        One box or mesh a body, the same on all ranks.
+        One box or mesh per body, the same on all ranks.
     subdomains
-        None: regular splits of boxes, as `choose` has them, and graph partitions of meshes. A
-        tuple: sub-boxes of every box along each axis, and as many in all by graph partition of
-        every mesh. A number: graph partitions, the number shared among the bodies by their cells.
+        None: regular splits of boxes by `choose`, and graph partitions of meshes. A tuple: number
+        of sub-boxes along each axis for every box, and graph partitions of every mesh into the same
+        total. A number: graph partitions; the number is distributed to the bodies by their cells.
 
     Raises
     ------
@@ -117,9 +118,9 @@ def decompose(
 
 
 def choose_parts(nodes: int, dimension: int, at_least: int = 1, degree: int = 1) -> int:
-    """Subdomains of a mesh for `decomposition: auto`; one for a small body.
+    """Number of subdomains of a mesh for `decomposition: auto`; one for a small body.
 
-    As many vertices a part at degree 2, where gluing takes more iterations: fewer parts.
+    Degree 2 has as many vertices per part, because gluing takes more iterations: fewer parts.
     """
     if nodes <= WHOLE_NODES[dimension]:
         return at_least
@@ -132,7 +133,7 @@ def _plans(
     comm: MPI.Intracomm,
     choose: Choose,
 ) -> list[int | tuple[int, ...]]:
-    """How each body is cut: a tuple of sub-boxes along each axis, or a number of graph parts."""
+    """Plan of each body: a tuple of sub-boxes along each axis, or a number of graph parts."""
     plans: list[int | tuple[int, ...]] = []
     if isinstance(subdomains, int):
         weights = np.array([shape.total_cells for shape in shapes], dtype=float)
@@ -171,8 +172,8 @@ def _cut(
 ) -> tuple[list[int], dict[int, Piece]]:
     """Subdomains of each body, and the pieces of this rank by subdomain number.
 
-    A rank finds the parts that it holds, and what of them hangs together. Where some part of a body
-    does not, all ranks learn its pieces, of which there may be more than parts.
+    A rank cuts out the parts that it holds and finds their connected pieces. If some part of a body
+    is not connected, all ranks exchange its pieces, so there may be more pieces than parts.
     """
     counts = list(counts)
     bodies = {b: _cells(shapes[b]) for b, plan in enumerate(plans) if isinstance(plan, int)}
@@ -217,9 +218,9 @@ def _cut(
 def _evened(
     shapes: Sequence[Shape], counts: Sequence[int], mine: dict[int, Piece], comm: MPI.Intracomm
 ) -> tuple[int, int, dict[int, Piece]]:
-    """Subdomains of this rank, first and behind the last, and its pieces, by the work on them.
+    """First and end subdomain of this rank, and its pieces, balanced by the work on them.
 
-    Sub-boxes of a regular split count as alike.
+    Sub-boxes of a regular split count as equal.
     """
     kinds: list[tuple[Hashable, int]] = [
         (b, shape.total_cells // count)
@@ -245,7 +246,7 @@ def _cells(shape: Shape) -> Cells:
 
 
 def _wanted(counts: Sequence[int], comm: MPI.Intracomm) -> dict[int, range]:
-    """Subdomains of each body that fall to this rank, counted from the body's first."""
+    """Subdomains of each body on this rank, counted from the first one of the body."""
     begin, end = owned_range(sum(counts), comm)
     starts = np.cumsum([0, *counts]).tolist()
     return {

@@ -1,6 +1,6 @@
-"""The differences between dolfinx 0.5 (Debian 12) and 0.9 (Debian 13), in one place.
+"""One interface to dolfinx 0.5 (Debian 12) and 0.9 (Debian 13), which differ.
 
-Everything else in the project calls these functions and knows one dolfinx only.
+The rest of the project calls these functions and does not depend on the release.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _compiled: dict[Hashable, Any] = {}
 
 @contextmanager
 def _remembering() -> Iterator[None]:
-    """Let dolfinx find compiled code in memory while this lasts.
+    """Context manager in which dolfinx finds compiled code in memory.
 
-    It would look it up on disk for every mesh anew, which takes milliseconds a subdomain.
+    Otherwise dolfinx looks it up on disk for every mesh, which takes milliseconds per subdomain.
     """
     look_up = dolfinx.jit.ffcx_jit
 
     def remember(comm: MPI.Intracomm, what: Any, *args: Any, **options: Any) -> Any:
-        if comm.size > 1:  # ranks look up together
+        if comm.size > 1:  # the lookup is collective
             return look_up(comm, what, *args, **options)
         signature = what.signature() if isinstance(what, ufl.Form) else repr(what)
         key = signature, repr((args, sorted(options.items())))
@@ -50,7 +50,7 @@ def _remembering() -> Iterator[None]:
 
 
 def vector_space(mesh: Any, degree: int, components: int) -> Any:
-    """Continuous Lagrange space with `components` values a node."""
+    """Continuous Lagrange space with `components` values per node."""
     with _remembering():
         if _MODERN:
             return fem.functionspace(mesh, ("Lagrange", degree, (components,)))
@@ -58,13 +58,13 @@ def vector_space(mesh: Any, degree: int, components: int) -> Any:
 
 
 def scalar_space(mesh: Any, degree: int) -> Any:
-    """Continuous Lagrange space with one value a node."""
+    """Continuous Lagrange space with one value per node."""
     with _remembering():
         return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("Lagrange", degree))
 
 
 def cellwise_scalars(mesh: Any) -> Any:
-    """Piecewise constant space with one value a cell."""
+    """Piecewise constant space with one value per cell."""
     with _remembering():
         return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("DG", 0))
 
@@ -89,24 +89,27 @@ def create_mesh(
     """Mesh of given cells (nodes in dolfinx's order), on this process alone unless told otherwise.
 
     Cells of degree 2 have the nodes of Lagrange cells of that degree and edges as curved as these.
-    Of several ranks each gives some of the cells and of the points, which are numbered through.
+    With several ranks each gives some of the cells and points; points are numbered over all ranks.
     """
     domain = coordinate_element(cell, points.shape[1], degree)
     if _MODERN:
         return dolfinx.mesh.create_mesh(comm, cells, points, domain)
-    # given an array it would fail first, and print it into the message it throws away
+    # given an array it would fail first, and format the array into a message that is not shown
     listing = dolfinx.cpp.graph.AdjacencyList_int64(cells)
     alone = {"partitioner": _stay} if comm.size == 1 else {}
     return dolfinx.mesh.create_mesh(comm, listing, points, domain, **alone)
 
 
 def _stay(comm: MPI.Intracomm, parts: int, dimension: int, cells: Any, *ghosts: Any) -> Any:
-    """All cells to the one process there is; dolfinx's partitioners find their graph first."""
+    """Partitioner that gives all cells to the single process.
+
+    Dolfinx's own would build a graph first.
+    """
     return dolfinx.cpp.graph.AdjacencyList_int32(np.zeros((cells.num_nodes, 1), np.int32))
 
 
 def cell_nodes(mesh: Any) -> NDArray[np.int32]:
-    """Geometry nodes of each cell, (cells, nodes a cell), in dolfinx's order, vertices first."""
+    """Geometry nodes of each cell, (cells, nodes per cell), in dolfinx's order, vertices first."""
     dofmap = mesh.geometry.dofmap
     if _MODERN:
         return np.asarray(dofmap)
@@ -114,12 +117,12 @@ def cell_nodes(mesh: Any) -> NDArray[np.int32]:
 
 
 def original_cells(mesh: Any) -> NDArray[np.int32]:
-    """Number each cell of a mesh had in the array `create_mesh` was given."""
+    """Number of each cell of a mesh in the array given to `create_mesh`."""
     return np.asarray(mesh.topology.original_cell_index)
 
 
 def dof_nodes(space: Any) -> NDArray[np.int32]:
-    """Dof blocks of each cell, (cells, blocks a cell)."""
+    """Dof blocks of each cell, (cells, blocks per cell)."""
     dofs = space.dofmap.list
     if _MODERN:
         return np.asarray(dofs)
@@ -130,7 +133,7 @@ def lagrange_nodes(cell: str, degree: int) -> tuple[NDArray, NDArray, NDArray]:
     """Nodes of a Lagrange cell in dolfinx's order.
 
     Returns reference coordinates of its nodes (nodes, dimension) and of its vertices (vertices,
-    dimension), and the nodes of each facet (facets, nodes a facet), vertices first.
+    dimension), and the nodes of each facet (facets, nodes per facet), vertices first.
     """
     element = _lagrange(cell, degree)
     closures = np.array(element.entity_closure_dofs[-2])
@@ -138,7 +141,7 @@ def lagrange_nodes(cell: str, degree: int) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def quadrature(cell: str, degree: int) -> tuple[NDArray, NDArray]:
-    """Points (q, dimension) of a reference cell and weights (q,) of a rule of a degree."""
+    """Points (q, dimension) and weights (q,) of a quadrature rule that is exact for a degree."""
     points, weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)
     return np.asarray(points), np.asarray(weights)
 
@@ -149,13 +152,13 @@ def lagrange_values(cell: str, degree: int, points: NDArray[np.float64]) -> NDAr
 
 
 def lagrange_slopes(cell: str, degree: int, points: NDArray[np.float64]) -> NDArray:
-    """Slopes of the shape functions at reference points, (points, dimension, nodes)."""
+    """Derivatives of the shape functions at reference points, (points, dimension, nodes)."""
     return lagrange_shapes(cell, degree, points)[1]
 
 
 def lagrange_shapes(cell: str, degree: int, points: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-    """Both: values (points, nodes) and slopes (points, dimension, nodes)."""
-    some = points if len(points) else np.zeros((1, points.shape[1]))  # basix aborts on none
+    """Values (points, nodes) and derivatives (points, dimension, nodes) of the shape functions."""
+    some = points if len(points) else np.zeros((1, points.shape[1]))  # basix aborts without points
     table = _lagrange(cell, degree).tabulate(1, some)[:, : len(points), :, 0]
     return table[0], np.moveaxis(table[1:], 0, 1)
 
@@ -169,7 +172,10 @@ def _lagrange(cell: str, degree: int) -> Any:
 
 
 def lagrange_degree(space: Any) -> int | None:
-    """Degree of a continuous Lagrange space, of any number of components; None of other spaces."""
+    """Degree of a continuous Lagrange space with any number of components.
+
+    None for other spaces.
+    """
     element = space.ufl_element()
     if _MODERN:
         family = getattr(element, "family_name", "")
@@ -181,17 +187,17 @@ def lagrange_degree(space: Any) -> int | None:
 
 
 def torn_space(space: Any, blocks: NDArray[np.int32], count: int) -> Any:
-    """A space with the element of another one and nodes of its own in each part of the mesh.
+    """A space with the element of a given space, and separate nodes in each part of the mesh.
 
-    Forms over it are integrated as over the other; a matrix has no entries between parts, and
-    none between ranks. Collective.
+    Forms are integrated as over the given space. A matrix has no entries between parts, and none
+    between ranks. Collective.
 
     Parameters
     ----------
-    blocks : (cells of this rank, ghosts among them, nodes a cell)
-        Number of each node of a cell among those of this rank.
+    blocks : (cells of this rank including ghosts, nodes per cell)
+        Number of each node of a cell among the nodes of this rank.
     count
-        Nodes of this rank.
+        Number of nodes of this rank.
     """
     own, comm, size = space._cpp_object, space.mesh.comm, space.dofmap.index_map_bs
     links = dolfinx.cpp.graph.AdjacencyList_int32(np.ascontiguousarray(blocks, np.int32))
@@ -215,24 +221,24 @@ def set_values(conditions: Sequence[Any], values: NDArray[np.float64]) -> None:
 
 
 def compile_form(form: Any) -> Any:
-    """Compiled form."""
+    """Compile a UFL form."""
     with _remembering():
         return fem.form(form)
 
 
 def meshtags(mesh: Any, dimension: int, entities: NDArray[np.int32], value: int) -> Any:
-    """One value on sorted entities."""
+    """Mesh tags with one value on sorted entities."""
     values = np.full(len(entities), value, dtype=np.int32)
     return dolfinx.mesh.meshtags(mesh, dimension, np.sort(entities).astype(np.int32), values)
 
 
 def tagged(tags: Any) -> NDArray[np.int32]:
-    """Entities of mesh tags."""
+    """Entities of mesh tags, sorted."""
     return np.asarray(tags.indices)
 
 
 def is_tagged(mesh: Any, tags: Any) -> bool:
-    """Whether mesh tags are of a mesh, and not of another one."""
+    """Whether mesh tags belong to this mesh."""
     if _MODERN:
         return tags.topology is mesh.topology._cpp_object
     return tags.mesh.topology is mesh.topology
@@ -256,7 +262,7 @@ def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32
 
 
 def cells_at(mesh: Any, points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """A cell of a mesh on this process that holds each point (n, 3), or the nearest, (n,)."""
+    """Cell of a mesh on this process that contains each point (n, 3), or the nearest cell, (n,)."""
     d = mesh.topology.dim
     points = np.ascontiguousarray(points, dtype=np.float64)
     if _MODERN:

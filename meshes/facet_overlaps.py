@@ -1,7 +1,7 @@
 """Parts of two surfaces that face each other, and the integrals of a mortar method over them.
 
-Facets are taken for flat as `meshes.mortar` says: those of the other side are projected along the
-normal of each `on` facet, intersected with it, and integrated by Gauss points.
+Facets are treated as flat (see `meshes.mortar`): facets of the other side are projected along the
+normal of each `on` facet, intersected with it, and the overlap is integrated by Gauss points.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ SLIVER = 1e-13
 """Overlaps smaller than this, relative to the facets, are round-off."""
 
 UPRIGHT = 1e-12
-"""Distance of the corners of rectangles from where they should be, over their sides: round-off."""
+"""Deviation of the corners of rectangles, over their sides, that counts as round-off."""
 
 QUERIES = 200_000
-"""Balls asked of the tree at a time."""
+"""Number of balls in one query of the tree."""
 
 PAIRS = 50_000
-"""Pairs of facets intersected at a time; some kilobytes each."""
+"""Number of pairs of facets intersected at once; a pair takes some kilobytes."""
 
 
 class SurfacesApartError(ValueError):
-    """The two sides have nothing to do with each other; the message says why."""
+    """The two sides cannot be in contact; the message says why."""
 
 
 def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
@@ -44,7 +44,7 @@ def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
     Parameters
     ----------
     tilted
-        Whether `Overlaps.tilt` is asked for.
+        Whether to compute `Overlaps.tilt`.
 
     Raises
     ------
@@ -71,10 +71,10 @@ def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
 def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of facets (on, against) near enough for their projections to overlap, sorted.
 
-    The facets looked for lie along the normal of an `on` facet, not farther than the nearest
-    point of facets within 60° of facing it can be. Trees of the other side's centres, one for
-    each size of facets, are asked at points along the normal, so that the work grows with the
-    gap over the size and not with its square.
+    The wanted facets lie along the normal of an `on` facet, within the distance of the nearest
+    facet that faces it within 60°. Search trees of the centres of the other side, one for each size
+    of facets, are queried at points along the normal. So the work grows with the gap over the size
+    of facets, not with its square.
     """
     centres, radii = on.centres, on.radii
     middles, sizes = against.centres, against.radii
@@ -101,15 +101,15 @@ def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArr
 def _filled(
     on: Surface, tree: cKDTree, reach: NDArray[np.float64], across: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Balls along the normals of facets that some point of a tree lies in.
+    """Balls along the normals of facets that contain some point of a tree.
 
     Neighbouring balls are `across` (facets,) apart, with a radius of 1.2 times that, from -`reach`
-    (facets,) to `reach`. From a ball whose middle is far from all points the next ones are empty,
+    (facets,) to `reach`. If the centre of a ball is far from all points, the next balls are empty,
     too, and are left out.
 
     Returns
     -------
-    The facet of each ball, its middle and its radius.
+    The facet of each ball, its centre and its radius.
     """
     centres, last = on.centres, np.ceil(2.0 * reach / across).astype(np.int64)
     found: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
@@ -140,7 +140,7 @@ class Overlaps:
         ∫ φ_k N_l, ∫ φ_k N'_l with N' of the other side, ∫ φ_k and ∫ φ_k g; φ the shape functions
         of the v vertices, N those of all nodes.
     tilt : (pairs, v, d - 1, n)
-        ∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes where it is not asked for.
+        ∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes if not requested.
     """
 
     i: NDArray[np.int64]
@@ -217,7 +217,7 @@ class Overlaps:
         )
 
     def nearest_layer(self, on: Surface) -> Overlaps:
-        """Of facets one behind the other keep the layer nearest to each `on` facet."""
+        """Keep the layer nearest to each `on` facet, where facets lie behind each other."""
         distance = np.abs(self.gap.sum(axis=1) / self.area)
         nearest = np.full(len(on.nodes), np.inf)
         np.minimum.at(nearest, self.i, distance)
@@ -230,7 +230,7 @@ def _segments(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight.
 
-    Two, which integrate degree 3, are enough for the second order, too, if it is straight.
+    Two points (exact for degree 3) are enough also for straight facets of second order.
     """
     at, share = np.polynomial.legendre.leggauss(5 if curved else 2)
     lower = np.maximum(flat.min(axis=1), other.min(axis=1))[:, 0]
@@ -243,7 +243,7 @@ def _segments(
 
 
 def _upright(polygons: NDArray[np.float64]) -> bool:
-    """Whether polygons (n, v, d - 1) are rectangles along the axes."""
+    """Mask (n,) of polygons (n, v, d - 1) that are rectangles along the axes."""
     if polygons.shape[1:] != (4, 2) or not len(polygons):
         return False
     lower, upper = polygons.min(axis=1), polygons.max(axis=1)
@@ -254,7 +254,7 @@ def _upright(polygons: NDArray[np.float64]) -> bool:
 def _rectangles(
     flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """As `_polygons`, of rectangles along the axes: a third of the points."""
+    """As `_polygons`, for rectangles along the axes: takes a third of the points."""
     at, share = np.polynomial.legendre.leggauss(5 if curved else 2 if linear else 3)
     lower = np.maximum(flat.min(axis=1), other.min(axis=1))
     half = 0.5 * (np.minimum(flat.max(axis=1), other.max(axis=1)) - lower)
@@ -292,7 +292,7 @@ def _polygons(
 
 
 def _degree(linear: bool, *polygons: NDArray[np.float64]) -> int:
-    """Degree the product of shape functions of both sides needs."""
+    """Degree of the product of shape functions of both sides."""
     if all(p.shape[1] == 3 for p in polygons):
         return 2 if linear else 4
     for p in polygons:
@@ -316,7 +316,7 @@ def clip(
 
     Returns
     -------
-    Vertices (n, v + w, 2), of which the first `count` (n,) are meant.
+    Vertices (n, v + w, 2), of which the first `count` (n,) are valid.
     """
     n, v = window.shape[:2]
     room = v + subject.shape[1]
@@ -348,7 +348,7 @@ def clip(
 def on_facets(
     nodes: NDArray[np.float64], x: NDArray[np.float64], curved: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Hats of the vertices, and shape functions of all nodes, at points of the plane.
+    """Shape functions of the vertices (linear) and of all nodes, at points of the plane.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ def on_facets(
 
     Returns
     -------
-    Values (q, v) and (q, n), and slopes of the latter in the reference facet (q, d - 1, n).
+    Values (q, v) and (q, n), and derivatives of the latter in the reference facet (q, d - 1, n).
     """
     cell, vertices, degree = FACETS[x.shape[1] + 1, nodes.shape[1]]
     if curved:

@@ -1,7 +1,7 @@
-"""Boxes whose cells differ in size along each axis: the product of one grid an axis.
+"""Boxes whose cells differ in size along each axis: the product of one grid per axis.
 
-Equal cells make equal subdomains; graded ones do not, and are held cell by cell like the meshes of
-files, parts of which go by graph partitioning.
+Graded cells make unequal subdomains. So graded boxes are stored cell by cell, as meshes from files,
+and cut by graph partitioning.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CORNERS = {
         (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1),
     ),
 }  # fmt: skip
-"""Vertices of the cell that fills a cell of the grid, in VTK order."""
+"""Vertices of the cell in each cell of the grid, in VTK order."""
 
 
 def graded_box(cell: str, coordinates: Sequence[NDArray[np.float64]]) -> CellMesh:

@@ -2,13 +2,13 @@
 
 Meshes of even cells are cut by planes (recursive coordinate bisection: M. Berger, S. Bokhari, *A
 partitioning strategy for nonuniform problems on multiprocessors*, 1987): flat interfaces save a
-fifth of the iterations, and sorting costs next to nothing. Graded meshes, where planes would pass
-from fine to coarse, are cut along the dual graph (cells joined by facets) by Scotch. A part may
-fall into pieces that touch only along an edge or in a corner; such a part has more zero-energy
-modes than the rigid motions, so every piece that hangs together through facets becomes a subdomain
-of its own, whose kernel is exactly the rigid motions; small ones are given to a neighbour instead.
+fifth of the iterations, and sorting is fast. Graded meshes, where planes would pass from fine to
+coarse, are cut along the dual graph (cells joined by facets) by Scotch. A part may consist of
+pieces that touch only along an edge or at a corner. Such a part has more zero-energy modes than
+rigid motions. So every piece connected through facets becomes a subdomain of its own, whose kernel
+is exactly the rigid motions; small pieces join a neighbour instead.
 
-Every rank cuts only where its own subdomains come from; the graph is cut on the first rank.
+Every rank cuts out only its own subdomains; the first rank partitions the graph.
 """
 
 from __future__ import annotations
@@ -30,21 +30,22 @@ from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order
 from meshes.unstructured import matching_rows
 
 CRUMB = 0.2
-"""Share of the mean size below which a piece that broke off a part is given to a neighbour."""
+"""Share of the mean size below which a separate piece of a part joins a neighbour."""
 
 ALIKE = 1e-3
-"""Share by which the scatter along one axis exceeds another's before it counts as longer."""
+"""Share by which the extent along one axis has to exceed that along another to count as longer."""
 
 COINCIDENT = -33
-"""Power of two: nodes that lie so near, over the size of a piece, are at one place in its copy."""
+"""Distance of two nodes, over the size of a piece, up to which they coincide; a power of two."""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A subdomain before it has a mesh: plain arrays.
+    """A subdomain before it has a dolfinx mesh: plain arrays.
 
-    `cells` are local nodes in VTK order, of degree 1 or 2; `tags` number the material of each
-    cell; `exterior` lists facets by their sorted local nodes, `boundaries` are rows of it.
+    `cells` are local nodes in VTK order, of degree 1 or 2. `tags` has the number of the material of
+    each cell. `exterior` lists facets on the surface by their sorted local nodes, and `boundaries`
+    are rows of `exterior`.
     """
 
     cell: str
@@ -58,12 +59,12 @@ class Piece:
 
     @property
     def origin(self) -> NDArray[np.float64]:
-        """Its lower corner."""
+        """Lower corner of the piece."""
         return self.points.min(axis=0)
 
     @cached_property
     def kind(self) -> bytes:
-        """Equal for pieces that are translates of each other."""
+        """Key that is equal for pieces that are translates of each other."""
         local = self.points - self.origin
         # a power of two, which the round-off of a translation does not change
         quantum = np.exp2(np.rint(np.log2(np.ptp(local, axis=0).max())) + COINCIDENT)
@@ -84,18 +85,18 @@ def parts_along_graph(cells: Cells, parts: int) -> NDArray[np.int32]:
 
 
 def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
-    """Parts made by planes across the longest extent of what is left.
+    """Parts by recursive bisection with planes across the longest extent.
 
-    Of points in a plane of the cut those that come first are below it: whichever parts are wanted,
-    they are the same.
+    Of points in a cutting plane, those with lower numbers are below it. So the parts do not depend
+    on which of them are requested.
 
     Parameters
     ----------
     centres : (dimension, cells)
     parts
-        As equal as they can be.
+        Number of parts, of nearly equal size.
     wanted
-        Parts to find; what does not lead there is not cut on.
+        Requested parts; other parts are not cut further.
     """
     found: Rows = {}
     left = [(np.arange(centres.shape[1], dtype=np.int32), list(centres), parts, 0)]
@@ -114,10 +115,10 @@ def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
 
 
 def _longest(places: list[NDArray[np.floating]]) -> int:
-    """The axis along which points are scattered most; of those that are about alike the last.
+    """The axis of largest extent; the last one of nearly equal axes.
 
-    Nodes of a lattice are numbered along the first axes: ranks then own most of the nodes of their
-    subdomains.
+    The last one, because nodes of a lattice are numbered along the first axes: ranks then own most
+    nodes of their subdomains.
     """
     spread = []
     for x in places:
@@ -128,7 +129,7 @@ def _longest(places: list[NDArray[np.floating]]) -> int:
 
 
 def _lowest(x: NDArray[np.floating], count: int) -> NDArray[np.bool_]:
-    """Which are the smallest `count` of some numbers, the first of equal ones."""
+    """Mask of the `count` smallest numbers; of equal numbers the first ones."""
     cut = np.partition(x, count)[count]
     lowest = np.asarray(x < cut)
     equal = np.flatnonzero(x == cut)
@@ -149,11 +150,12 @@ def rows_of(label: NDArray[np.int32], wanted: range) -> Rows:
 
 
 def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """The pieces of some parts that are connected through facets.
+    """The facet-connected pieces of some parts.
 
     Returns
     -------
-    Piece of each cell (cells,), -1 in no part, and the part of each piece (pieces,), ascending.
+    Piece of each cell (cells,), -1 outside the parts, and the part of each piece (pieces,),
+    ascending.
     """
     label = _labels(cells, rows)
     inside = np.flatnonzero(label >= 0)
@@ -165,7 +167,7 @@ def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray
     )
     part = np.empty(count, np.int64)
     part[found] = label[inside]
-    order = np.argsort(part, kind="stable")  # no number depends on the search above
+    order = np.argsort(part, kind="stable")  # numbers do not depend on the search above
     renumber = np.empty(count, np.int32)
     renumber[order] = np.arange(count)
     label[inside] = renumber[found]
@@ -175,21 +177,21 @@ def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray
 def without_crumbs(
     cells: Cells, label: NDArray[np.int32], part: NDArray[np.int64], parts: int
 ) -> NDArray[np.int32]:
-    """Give small pieces that broke off a part to the piece they share most facets with.
+    """Join small separate pieces of a part to the piece with most common facets.
 
     Parameters
     ----------
     label : (cells,)
         Piece of each cell.
     part : (pieces,)
-        Part each piece belongs to, ascending.
+        Part of each piece, ascending.
     parts
-        Parts asked for: what is smaller than `CRUMB` of their mean size is given away, unless it is
-        the largest of its part.
+        Number of requested parts. A piece below `CRUMB` of their mean size joins another piece,
+        unless it is the largest of its part.
 
     Returns
     -------
-    The subdomain of each cell: the pieces without those given away.
+    The subdomain of each cell.
     """
     size = np.bincount(label)
     largest = np.zeros(part.max() + 1, np.int64)
@@ -210,14 +212,14 @@ def without_crumbs(
 
 
 def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
-    """Cut parts out of a body: cells, nodes and their share of its surface."""
+    """Cut parts out of a body: their cells, nodes and share of the surface."""
     label = _labels(cells, rows)
     skin = cells.skin(label >= 0)
     order = np.argsort(label[skin.cells], kind="stable")
     parts = sorted(rows)
     of = label[skin.cells][order]
     bounds = zip(*(np.searchsorted(of, parts, side=s) for s in ("left", "right")), strict=True)
-    place = np.empty(cells.nodes, np.int32)  # only the nodes of the piece at hand mean anything
+    place = np.empty(cells.nodes, np.int32)  # only the entries of the nodes of this piece are valid
     result = {}
     for part, (a, b) in zip(parts, bounds, strict=True):
         own = order[a:b]
@@ -238,7 +240,7 @@ def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
 
 
 def _labels(cells: Cells, rows: Rows) -> NDArray[np.int32]:
-    """Part of each cell, -1 for those in none of these."""
+    """Part of each cell; -1 for cells in none of the parts."""
     label = np.full(cells.total_cells, -1, np.int32)
     for part, inside in rows.items():
         label[inside] = part
@@ -258,7 +260,7 @@ def place_piece(
     first_node: int,
     references: dict[Any, Reference],
 ) -> Subdomain:
-    """Build the subdomain of a piece, on a reference it may share with congruent ones."""
+    """Build the subdomain of a piece, on a reference that congruent pieces share."""
     origin = piece.origin
     local = piece.points - origin
     if piece.kind not in references:

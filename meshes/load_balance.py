@@ -1,21 +1,21 @@
-"""Load balancing: the run of consecutive subdomains that each rank gets, of about equal work."""
+"""Load balancing: each rank gets a run of consecutive subdomains with about equal work."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
 MEMBER = 0.5
-"""Work on a subdomain beside that on its class, which is meshed, factored and read once a rank."""
+"""Work per subdomain over the work on its class, which is meshed and factored once per rank."""
 
 GROWTH = 4.0 / 3.0
-"""Power of its cells with which the work on a class grows: that of an interface's dense block."""
+"""Exponent of the work on a class in its number of cells: that of a dense interface block."""
 
 WORTH = 1.05
-"""Work of the busiest rank over the least there can be, up to which each gets as many."""
+"""Work of the busiest rank over its lower bound, up to which ranks get equal numbers."""
 
 
 def balanced_runs(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> list[int]:
-    """First subdomain of each rank, and behind the last; none goes empty.
+    """First subdomain of each rank, and the total number; every rank gets at least one.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def balanced_runs(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> lis
     even = [count * rank // ranks for rank in range(ranks + 1)]
     most = _busiest(subdomains, even)
     best, least = even, most
-    low = most / ranks  # what any choice leaves the busiest of ranks, at least
+    low = most / ranks  # lower bound of the work of the busiest rank
     for _ in range(20):
         limit = 0.5 * (low + least)
         starts = _within(subdomains, ranks, limit)
@@ -39,7 +39,7 @@ def balanced_runs(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> lis
 
 
 def _within(subdomains: Sequence[tuple[Hashable, int]], ranks: int, limit: float) -> list[int]:
-    """Ranks filled up to a limit one after another; the last one gets what is left."""
+    """Fill ranks one after another up to a limit; the last one gets the rest."""
     starts, work = [0], 0.0
     known: set[Hashable] = set()
     for number, (kind, cells) in enumerate(subdomains):
@@ -58,7 +58,7 @@ def _within(subdomains: Sequence[tuple[Hashable, int]], ranks: int, limit: float
 
 
 def _busiest(subdomains: Sequence[tuple[Hashable, int]], starts: Sequence[int]) -> float:
-    """Work of the rank that has most."""
+    """Work of the busiest rank."""
     most = 0.0
     for first, last in zip(starts[:-1], starts[1:], strict=True):
         known: set[Hashable] = set()

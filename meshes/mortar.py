@@ -1,31 +1,32 @@
-"""Mortar contact of two meshed surfaces: averages of the gap that non-matching meshes can meet.
+"""Mortar contact of two meshed surfaces: weighted averages of the gap on non-matching meshes.
 
 The pressure between two bodies is a field on the side that carries the multipliers (the contact's
-`on`), p = Σ p_j ψ_j with one value a node, and the bodies do not penetrate on the average over
-each ψ_j:
+`on`), p = Σ p_j ψ_j with one value per node. The bodies do not penetrate in the average over each
+ψ_j:
 
     ∫ ψ_j n·(u_on - u_against) ≤ ∫ ψ_j g,    g = n·(x_against - x_on),
 
-with n the outward normal of the `on` side and x_against the point of the other side that n meets.
-Divided by W_j = ∫ ψ_j that is a mean gap, and its multiplier p_j W_j a force.
+with n the outward normal of the `on` side and x_against the point of the other side on the line
+along n. Divided by W_j = ∫ ψ_j that is a mean gap, and its multiplier p_j W_j a force.
 
-Projection. Every `on` facet is taken for flat: n is constant on it and the facets of the other
+Projection. Every `on` facet is treated as flat: n is constant on it and the facets of the other
 side are projected along n onto its plane, where the two are intersected (segments in 2D, convex
 polygons cut into triangles in 3D) and integrated by Gauss points that are exact for triangles and
-parallelograms (M. A. Puso, A 3D mortar method for solid mechanics, IJNME 59 (2004)). Where
-surfaces are round and edges straight the integrals see the polyhedra, whose distance from the
-smooth surfaces is of second order in the size of facets; facets of the second order with curved
-edges are taken as they are, with the point of either that projects to each Gauss point, and are of
-fourth order there. The jump x_against - x_on has the direction of n, so that rows
-do not see any rigid motion of both bodies together: forces and moments balance to round-off.
+parallelograms (M. A. Puso, A 3D mortar method for solid mechanics, IJNME 59 (2004)). For round
+surfaces with straight edges the integrals are over polyhedra, whose distance from the smooth
+surfaces is of second order in the size of facets. On facets of second order with curved edges, the
+points of both facets that project to each Gauss point are used, which is of fourth order. The jump
+x_against - x_on has the direction of n, so that rows vanish on every common rigid motion of both
+bodies: forces and moments balance to round-off.
 
-Multipliers. On facets the other side covers wholly the ψ_j are dual to the shape functions,
-∫ ψ_j φ_k = δ_jk ∫ φ_k (B. Wohlmuth, A mortar finite element method using dual spaces for the
-Lagrange multiplier, SINUM 38 (2000)): a row has one `on` node, and matching meshes reduce to node
-pairs. On facets covered in part, where dual functions grow without bound, they are the shape
-functions themselves, as they are on facets of the second order, where multipliers live on the
-vertices and displacements on all nodes. All of them add up to one, so a constant pressure is
-transmitted exactly. A node whose share is hardly covered gives its row to its neighbours.
+Multipliers. On facets that the other side covers completely, the ψ_j are dual to the shape
+functions, ∫ ψ_j φ_k = δ_jk ∫ φ_k (B. Wohlmuth, A mortar finite element method using dual spaces for
+the Lagrange multiplier, SINUM 38 (2000)): a row has one `on` node, and matching meshes reduce to
+node pairs. On facets that are covered in part, dual functions grow without bound, so the ψ_j are
+the shape functions themselves. The same holds on facets of second order, where multipliers are at
+the vertices and displacements at all nodes. The ψ_j add up to one, so a constant pressure is
+transmitted exactly. The row of a node whose area is hardly covered is distributed to its
+neighbours.
 """
 
 from __future__ import annotations
@@ -40,17 +41,17 @@ from meshes.contact_surface import Surface, frames
 from meshes.facet_overlaps import Overlaps, SurfacesApartError, overlaps
 
 COVERED = 1.0 - 1e-6
-"""Share of a facet from which it counts as covered."""
+"""Covered share of a facet from which on it counts as covered completely."""
 
 WEAK = 0.01
-"""Share of a node's area below which its row is given to its neighbours.
+"""Covered share of a node's area below which its row is distributed to its neighbours.
 
-Such rows are nearly those of their neighbours, and the multipliers nearly undetermined; but rows
-that are not nearly so must stay, since a small body may stand on the nodes of one facet.
+Such rows are nearly equal to those of their neighbours, and their multipliers are nearly
+undetermined. All other rows must stay, since a small body may stand on the nodes of one facet.
 """
 
 NEGLIGIBLE = 1e-13
-"""Entries of a row, which is of order one, that are round-off."""
+"""Entries of a row (which is of order one) that count as round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +61,11 @@ class MeanGaps:
     Attributes
     ----------
     nodes, points : (rows,), (rows, 3)
-        The `on` node a row belongs to, and where it is.
+        The `on` node of each row, and its coordinates.
     areas : (rows,)
-        W_j: multiplier = mean pressure times W_j.
+        W_j, an area: multiplier (force) = mean pressure times W_j.
     gaps : (rows,)
-        Mean gap, negative where the bodies overlap.
+        Mean gap, a length; negative where the bodies overlap.
     normals : (rows, dimension)
         Mean normal out of the other body: force on the `on` body for a multiplier of one.
     moments : (rows, 3)
@@ -120,7 +121,7 @@ class Multipliers:
 
     @classmethod
     def of(cls, on: Surface, found: Overlaps) -> Multipliers:
-        """Dual functions on facets that are covered and of first order, hats on others.
+        """Dual functions on covered facets of first order, linear shape functions on others.
 
         Raises
         ------
@@ -149,7 +150,10 @@ class Multipliers:
 
 
 def _rows(on: Surface, against: Surface, found: Overlaps) -> MeanGaps:
-    """Multiplier functions facet by facet, their rows, and weak rows given to neighbours."""
+    """Rows of the multiplier functions, summed over facets.
+
+    Weak rows are distributed to neighbours.
+    """
     d = on.dimension
     nodes, local = np.unique(on.nodes, return_inverse=True)
     others, other_local = np.unique(against.nodes, return_inverse=True)
@@ -235,8 +239,8 @@ def give(
 ) -> sparse.csr_matrix:
     """Matrix that adds the rows of weak nodes to those of their neighbours, (nodes, nodes).
 
-    A weak node gives to the nodes it shares facets with, in proportion to their weight there; one
-    among weak nodes only keeps its row.
+    The row of a weak node is distributed to the nodes of the same facets, in proportion to their
+    weight there. A node with weak neighbours only keeps its row.
     """
     count, v = len(total), local.shape[1]
     some = total > 0.0

@@ -1,16 +1,17 @@
-"""Whether the cells of every inner facet lie on opposite sides of it.
+"""Test that the two cells of every inner facet lie on opposite sides of it.
 
 Every cell is first turned so that its volume is positive. Then its facets, listed by the right-hand
 rule, have outward normals, and two cells lie on opposite sides of a facet they share exactly if
 they list its nodes in opposite orders. For simplices the sign of the vertex opposite to the facet
 says the same; for quadrilaterals and hexahedra, whose Jacobian is positive at every corner, the
-order decides also where the facet is warped. How the file listed the nodes of a cell plays no part:
-a file that lists some cells in the other order describes the same mesh, and the turned cells pass.
-A cell that was pulled inside out does not pass: once turned, it lies on its neighbours.
+order decides also where the facet is warped. The order of the nodes of a cell in the file is
+irrelevant: a file that lists some cells in the other order describes the same mesh, and the turned
+cells pass. A cell that was pulled inside out does not pass: once turned, it overlaps its
+neighbours.
 
-Where no two cells lie on one side of their facet, the turned cells orient the mesh; so a band that
-has no orientation (a Möbius strip) always has such a pair. Cells that overlap without being
-neighbours are left to `meshes.overlap`.
+If no two cells lie on the same side of their facet, the turned cells orient the mesh. So a band
+without an orientation (a Möbius strip) always has such a pair. `meshes.overlap` tests for cells
+that overlap without being neighbours.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from meshes.connected import connected
 from meshes.unstructured import FACETS, MeshError, Topology, first_of
 
 BATCH = 200_000
-"""Pairs of cells looked at at once: what fits into the cache."""
+"""Number of pairs of cells tested at once, which fit into the cache."""
 
 
 def refuse_crowded(
@@ -34,7 +35,7 @@ def refuse_crowded(
     ----------
     cells : (cells, vertices)
     number : (cells,)
-        Of each cell in the file, from 0.
+        Number of each cell in the file, from 0.
 
     Raises
     ------
@@ -71,9 +72,9 @@ def refuse_same_side(
     cells : (cells, vertices)
         Turned so that their volumes are positive.
     number : (cells,)
-        Of each cell in the file, from 0.
+        Number of each cell in the file, from 0.
     turned : (cells,)
-        Which of them were turned.
+        Mask of the turned cells.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def refuse_same_side(
 
 
 def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.bool_]:
-    """Which pairs of neighbours list the nodes of their facet in the same order, (pairs,)."""
+    """Mask (pairs,) of neighbours that list the nodes of their facet in the same order."""
     table = np.array(FACETS[cell])
     if table.shape[1] <= 3:  # two orders of two or three nodes: even and odd
         odd = np.stack([_is_odd(cells[:, list(facet)]) for facet in table], axis=1)
@@ -120,7 +121,7 @@ def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArr
 
 
 def _is_odd(nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether it takes an odd number of swaps to sort two or three nodes, (facets,)."""
+    """Mask (facets,) of two or three nodes that an odd number of swaps sorts."""
     a, b, c = nodes[:, 0], nodes[:, 1], nodes[:, -1]
     return np.asarray(a > b if nodes.shape[1] == 2 else (a > b) ^ (b > c) ^ (a > c))
 
@@ -128,7 +129,7 @@ def _is_odd(nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
 def _opposite(
     cells: NDArray[np.int64], cell: str, pairs: NDArray[np.int64], facets: NDArray[np.int8]
 ) -> NDArray[np.bool_]:
-    """Whether one of two cells lists the nodes of a facet in the reverse cycle of the other."""
+    """Mask (pairs,) of cells that list the nodes of their facet in opposite cyclic orders."""
     table = np.array(FACETS[cell])
     a, b = (np.take_along_axis(cells[pairs[:, k]], table[facets[:, k]], axis=1) for k in range(2))
     size = table.shape[1]
@@ -143,10 +144,10 @@ def _opposite(
 def _suspects(
     pairs: NDArray[np.int64], topology: Topology, turned: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of two cells on the same side the one to blame, and the other, (pairs,) each.
+    """Of two cells on the same side of a facet: the one to report, and the other, (pairs,) each.
 
-    It has the larger share of its inner facets in such pairs; where shares are equal, it is the one
-    whose orientation in the file is the rarer.
+    The reported cell has the larger share of its inner facets in such pairs. If shares are equal,
+    it is the one with the rarer orientation in the file.
     """
     count = len(turned)
     share = np.bincount(pairs.ravel(), minlength=count) / np.maximum(
@@ -160,10 +161,11 @@ def _suspects(
 
 
 def _one_sided(cells: NDArray[np.int64], cell: str, topology: Topology) -> bool:
-    """Whether no choice of orientations makes all neighbours list their facets oppositely.
+    """Whether no orientation of the cells makes all neighbours list their facets oppositely.
 
-    Each cell has two orientations; a facet links those of its two cells that fit. Where both
-    orientations of a cell are linked, there is no choice (the orientation cover is connected).
+    Each cell has two orientations; a facet links the orientations of its two cells that fit. If
+    both orientations of a cell are linked, no orientation exists (the orientation cover is
+    connected).
     """
     same = _same_side(cells, cell, topology)
     a, b = topology.pairs.T

@@ -1,4 +1,4 @@
-"""Whether the cells of a body overlap: each place is covered at most once.
+"""Test for overlaps of the cells of a body: each point may be covered once only.
 
 Let every cell have positive volume, and let neighbours lie on opposite sides of the facets they
 share (`meshes.orientation`). Let N(x) be the number of cells that contain x. Across an inner facet
@@ -10,14 +10,13 @@ triangulations, Math. Comp. 72, 2003, for the plane), whatever happens inside th
 
     N(x) = w(x) = Σ over the facets a ray from x upwards meets of sign(n · up).
 
-The cells overlap if and only if N >= 2 somewhere. The places where it is are bounded by facets of
-the surface, and on the inner side of one of these N >= 2. Along the inner side of a facet that no
-other facet cuts N is constant, as it is on each part of the surface that does not cross itself.
-So these two tests together decide:
+The cells overlap if and only if N >= 2 somewhere. Such places are bounded by facets of the surface,
+and on the inner side of one of these facets N >= 2. Along the inner side of a facet that no other
+facet cuts, N is constant. So two tests together decide:
 
 1. *No two facets of the surface cross* (`meshes.crossing`; between the four sides of a proper
-   crossing N takes the values k, k + 1, k + 1 and k + 2, so a crossing is an overlap). This finds a
-   spiral that runs into itself.
+   crossing N takes the values k, k + 1, k + 1 and k + 2, so a crossing is an overlap). This finds,
+   for example, a spiral that runs into itself.
 2. *N = 1 just inside every facet*: at its middle, and beside every node of the surface, which finds
    overlaps also where crossings are degenerate (edges through edges, facets in one plane), and
    cells within others where no facets cross: a sheet that winds twice about nodes inside, with one
@@ -26,13 +25,13 @@ So these two tests together decide:
 
 Bodies that touch do not overlap: both tests begin at a depth of `TOUCH` of the size of a facet (the
 least of its heights and of the height of its cell over it; the test 2 at that share of the way to
-the centre of the cell). So slits of any width, closed ones, and walls of any thickness pass.
+the centre of the cell). So slits of any width, also closed ones, and walls of any thickness pass.
 
-What is missed: overlaps not as deep as that, and, where facets are curved (or quadrilaterals that
-are not plane), overlaps thinner than the distance of the surface from the simplices that stand for
-it, which `meshes.chords` bounds (5 % of the size of the facet unless it is very strongly curved)
-and which only test 2 sees, at its points. Cells are taken for unfolded where their Jacobian is
-positive at the points at which `meshes.repair` looks at it.
+The tests miss overlaps that are less deep than `TOUCH`. Where facets are curved (or quadrilaterals
+are not plane), they may also miss overlaps thinner than the distance between the surface and its
+simplices. `meshes.chords` bounds this distance (5 % of the size of the facet unless it is very
+strongly curved); test 2 still finds such overlaps at its points. Cells count as unfolded if their
+Jacobian is positive at the points that `meshes.repair` tests.
 """
 
 from __future__ import annotations
@@ -56,16 +55,16 @@ from meshes.subdomains import vtk_places, vtk_shapes
 from meshes.unstructured import FACETS, MeshError, Topology, first_of
 
 TOUCH = 1e-3
-"""Depth over the size of a facet below which parts merely touch."""
+"""Depth over the size of a facet below which parts of a body count as touching only."""
 
 WITHIN = 1e-9
 """Distance in reference coordinates at which a point still lies in a cell."""
 
 ROOM = 0.25
-"""How far a cell with curved edges may reach beyond the box of its nodes, over its size."""
+"""Distance from the box of its nodes to which a curved cell may reach, over its size."""
 
 LOOKED_AT = 1000
-"""Points in question for which other cells are searched at once."""
+"""Number of points for which other cells are searched at once."""
 
 ADVICE = (
     "; a body fills each place once: mend the shape there, or give what overlaps as bodies of "
@@ -86,11 +85,11 @@ class CheckedBody:
 
     @property
     def degree(self) -> int:
-        """Of the edges."""
+        """Degree of the edges."""
         return 1 if self.middles is None else 2
 
     def nodes(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Places of the nodes of cells in VTK order, (rows, nodes, d)."""
+        """Coordinates of the nodes of cells in VTK order, (rows, nodes, d)."""
         corners = self.points[self.cells[rows]]
         if self.middles is None:
             return corners
@@ -105,13 +104,13 @@ def refuse_overlaps(
     middles: NDArray[np.float64] | None,
     number: NDArray[np.int64],
 ) -> None:
-    """Refuse a body that covers a place twice.
+    """Refuse a body that covers some place twice.
 
     Parameters
     ----------
     points : (nodes, d)
     cells : (cells, vertices)
-        Of positive volume, neighbours on opposite sides of their facets.
+        Cells of positive volume, with neighbours on opposite sides of their facets.
     middles : (cells, further nodes, d)
         The nodes of second order where edges are curved.
     number : (cells,)
@@ -120,7 +119,7 @@ def refuse_overlaps(
     Raises
     ------
     MeshError
-        With how many cells overlap others, numbers of the first two, and what to do.
+        The message gives the number of overlapping cells, the first two of them, and what to do.
     """
     body = CheckedBody(points, cells, cell, topology, middles, number)
     parts = chords(points, cells, cell, topology, middles)
@@ -145,7 +144,7 @@ def refuse_overlaps(
 
 
 def _told(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str) -> str:
-    """The cells of pairs (pairs, 2) counted, and the first pair named."""
+    """Message with the number of cells in pairs (pairs, 2), and the first pair."""
     pairs = pairs[np.lexsort(np.sort(body.number[pairs], axis=1).T[::-1])]
     a, b = pairs[0][np.argsort(body.number[pairs[0]])]
     bad = np.zeros(len(body.cells), bool)
@@ -160,7 +159,10 @@ def _told(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str)
 
 
 def _covered(body: CheckedBody, surface: Surface) -> NDArray[np.int64]:
-    """Pairs of cells: one on the surface, and one that contains a point of it just inside."""
+    """Pairs of cells.
+
+    One on the surface, and another that contains a point just inside the first.
+    """
     x, own = _just_inside(body)
     rows = np.flatnonzero(winding(x, surface) > 1)
     for start in range(0, len(rows), LOOKED_AT):
@@ -174,7 +176,7 @@ def _covered(body: CheckedBody, surface: Surface) -> NDArray[np.int64]:
 
 
 def _just_inside(body: CheckedBody) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Points just inside the middles of facets, one beside each node; and their cells."""
+    """Points just inside the middles of facets, and one beside each node; with their cells."""
     facets, owner = body.topology.facets, body.topology.facet_cells
     corners = facets.shape[1]
     local = local_facets(body.cells, body.cell, body.topology)
@@ -198,7 +200,7 @@ def _just_inside(body: CheckedBody) -> tuple[NDArray[np.float64], NDArray[np.int
 def containing(
     body: CheckedBody, x: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of points x (points, d) and the cells they lie in, a pair each."""
+    """Pairs (row of x (points, d), cell that contains the point)."""
     nodes = body.nodes(np.arange(len(body.cells)))
     lower, upper = nodes.min(axis=1), nodes.max(axis=1)
     if body.middles is not None:
@@ -215,7 +217,7 @@ def containing(
 def _lies_in(
     body: CheckedBody, nodes: NDArray[np.float64], x: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether points (pairs, d) lie in cells with nodes (pairs, nodes, d)."""
+    """Mask (pairs,) of points (pairs, d) inside cells with nodes (pairs, nodes, d)."""
     if len(x) == 0:
         return np.zeros(0, bool)
     try:
@@ -233,7 +235,7 @@ def _lies_in(
     else:
         inside &= places.sum(axis=1) <= 1.0 + WITHIN
     exact = body.cell not in CENTRED and body.middles is None
-    if inside.any() and not exact:  # did Newton's method arrive?
+    if inside.any() and not exact:  # has Newton's method converged?
         rows = np.flatnonzero(inside)
         shapes = vtk_shapes(body.cell, body.degree, places[rows])[0]
         away = np.linalg.norm(np.einsum("nk,nki->ni", shapes, nodes[rows]) - x[rows], axis=1)

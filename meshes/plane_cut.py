@@ -1,9 +1,9 @@
-"""Where a plane cuts cells: the area of the cut and its centroid.
+"""The cut of a plane through cells: its area and centroid.
 
 Each cell is divided into simplices with vertices at its nodes, and the plane cuts each in a
 polygon. A vertex on the plane counts as in front of it, so that the plane along the facets between
-two cells cuts the cell behind it alone. In cells with curved edges the polygons are between the
-nodes of second order.
+two cells cuts the cell behind it alone. In cells with curved edges the simplices have the nodes of
+second order as vertices.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from meshes.quadratic import VERTICES, node_vertices
 Array = NDArray[np.float64]
 
 ON_PLANE = 1e-9
-"""Distance of a node from the plane, over the size of the body, that is none."""
+"""Distance of a node from the plane, over the size of the body, that counts as zero."""
 
 BRICK = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
 """The tetrahedra about a diagonal of a hexahedron."""
@@ -30,7 +30,7 @@ SIMPLICES = {
     "tetrahedron": ((0, 1, 2, 3),),
     "hexahedron": BRICK,
 }
-"""Vertices of simplices that make up a cell."""
+"""Vertices of the simplices that fill a cell."""
 
 OF_SECOND_ORDER = {
     "triangle": ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
@@ -39,12 +39,12 @@ OF_SECOND_ORDER = {
         (4, 9, 5, 8), (4, 9, 8, 7), (4, 9, 7, 6), (4, 9, 6, 5),
     ),
 }  # fmt: skip
-"""The same of all nodes of triangles and tetrahedra of second order, in VTK's order."""
+"""Simplices with all nodes of triangles and tetrahedra of second order, in VTK's order."""
 
 
 @cache
 def simplices(cell: str, curved: bool) -> tuple[tuple[int, ...], ...]:
-    """Nodes of the simplices that make up a cell, of second order where edges are curved."""
+    """Nodes of the simplices that fill a cell; if curved, with the nodes of second order."""
     if not curved:
         return SIMPLICES[cell]
     if cell in OF_SECOND_ORDER:
@@ -65,7 +65,7 @@ def simplices(cell: str, curved: bool) -> tuple[tuple[int, ...], ...]:
 
 
 def cut(corners: Array, pieces: tuple[tuple[int, ...], ...], heights: Array) -> tuple[float, Array]:
-    """Area (length in the plane) of the cut of some cells, and the integral of the place over it.
+    """Area (in 2D length) of the cut of some cells, and the integral of the position over it.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def cut(corners: Array, pieces: tuple[tuple[int, ...], ...], heights: Array) -> 
     pieces
         Nodes of the simplices of a cell, `simplices`.
     heights : (cells, nodes)
-        Of the nodes above the plane; exactly zero on it.
+        Height of the nodes above the plane; exactly zero for nodes on it.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def _polygon(x: Array, h: Array, behind: tuple[int, ...], before: tuple[int, ...
 
 
 def _integrals(polygon: Array) -> tuple[float, Array]:
-    """Area and integral of the place of segments, triangles or quadrilaterals, summed."""
+    """Area and integral of the position over segments, triangles or quadrilaterals, summed."""
     if polygon.shape[1] == 2:
         length = np.linalg.norm(polygon[:, 1] - polygon[:, 0], axis=1)
         return float(length.sum()), length @ polygon.mean(axis=1)

@@ -1,4 +1,4 @@
-"""Points in the cells of a mesh: nodes, shape functions, and how far a point is from the mesh."""
+"""Location of points in a mesh: cell nodes, shape functions, distance from the mesh."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Where points lie: in the cell that holds each, or at the nearest place of the nearest one.
+    """Location of points in their cells, or at the nearest place of the nearest cell.
 
     Attributes
     ----------
-    nodes, shares : (points, nodes a cell)
-        Nodes of the cell, and their shape functions there.
+    nodes, shares : (points, nodes per cell)
+        Nodes of the cell, and the values of their shape functions at the point.
     distance : (points,)
-        From the mesh; rounding errors where a cell holds the point.
+        Distance from the mesh; rounding errors if a cell contains the point.
     """
 
     nodes: NDArray[np.int32]
@@ -32,7 +32,10 @@ class Located:
 
 
 def locate(reference: Reference, points: Array, dimension: int) -> Located:
-    """Find points (n, 3), in the frame of the reference; near curved edges to some per cent."""
+    """Find points (n, 3), in the frame of the reference.
+
+    Distances near curved edges are right to some per cent.
+    """
     cells = dolfinx_compat.cells_at(reference.mesh, points)
     return locate_in(reference, cells, points, dimension)
 
@@ -40,7 +43,7 @@ def locate(reference: Reference, points: Array, dimension: int) -> Located:
 def locate_in(
     reference: Reference, cells: NDArray[np.integer], points: Array, dimension: int
 ) -> Located:
-    """The same in the cell that is given for each point, (points,)."""
+    """Find points in given cells (points,)."""
     order = 2 if reference.curved else 1
     nodes, wanted = reference.cells[cells], points[:, :dimension]
     simplex = VERTICES[reference.cell] == dimension + 1

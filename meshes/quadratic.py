@@ -2,11 +2,11 @@
 
 Full Lagrange cells: 6 nodes in a triangle, 9 in a quadrilateral, 10 in a tetrahedron, 27 in a
 hexahedron, in VTK's order (VTK_QUADRATIC_TRIANGLE, VTK_BIQUADRATIC_QUAD, VTK_QUADRATIC_TETRA,
-VTK_TRIQUADRATIC_HEXAHEDRON): first the vertices, then what is listed here.
+VTK_TRIQUADRATIC_HEXAHEDRON): first the vertices, then the nodes listed here.
 
 A cell is as curved as its nodes: the position of a point of the reference cell is interpolated
-between all of them (isoparametric). Serendipity cells (8 and 20 nodes), whose interpolation is
-among those of the full cells, become such by the nodes they lack, put where they interpolate them.
+between all of them (isoparametric). Serendipity cells (8 and 20 nodes) become full cells: the
+missing nodes are put where the serendipity interpolation maps them, which the full cells reproduce.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FACES = {
         (0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7),
     ),
 }  # fmt: skip
-"""Vertices of the faces that have a node amid them."""
+"""Vertices of the faces that have a node in the middle."""
 
 VERTICES = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 
@@ -58,7 +58,7 @@ FACETS = {
 """Facets by the dimension of the scene and the number of their nodes."""
 
 STRAIGHT = 1e-9
-"""Distance of a node from the middle of its vertices, over the size of the cell, that is none."""
+"""Distance of a node from the middle of its vertices, over the size, that counts as zero."""
 
 CENTRED = ("quadrilateral", "hexahedron")
 """Cells that have a node in their middle."""
@@ -66,14 +66,17 @@ CENTRED = ("quadrilateral", "hexahedron")
 
 @cache
 def node_vertices(cell: str) -> tuple[tuple[int, ...], ...]:
-    """The vertices each node of a second-order cell is in the middle of, in VTK's order."""
+    """Vertices around each node of a second-order cell, in VTK's order.
+
+    The node is their middle.
+    """
     corners = tuple((v,) for v in range(VERTICES[cell]))
     centre = (tuple(range(VERTICES[cell])),) if cell in CENTRED else ()
     return (*corners, *EDGES[cell], *FACES.get(cell, ()), *centre)
 
 
 def middles_of(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
-    """Places of the nodes that cells have besides their vertices, (cells, further nodes, d).
+    """Coordinates of the nodes that cells have besides vertices, (cells, further nodes, d).
 
     Parameters
     ----------
@@ -96,13 +99,16 @@ def middles_of(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
 
 
 def straight_middles(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
-    """Places of the further nodes where edges are straight; `x` as above, vertices first."""
+    """Coordinates of the further nodes for straight edges.
+
+    `x` as in `middles_of`, vertices first.
+    """
     on = node_vertices(cell)[VERTICES[cell] :]
     return np.stack([x[:, list(vertices)].mean(axis=1) for vertices in on], axis=1)
 
 
 def bulges(x: NDArray[np.float64], middles: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
-    """How far cells are from having straight edges, over their size, (cells,).
+    """Deviation of edges from straight ones, over the size of the cell, (cells,).
 
     Parameters
     ----------
@@ -114,7 +120,7 @@ def bulges(x: NDArray[np.float64], middles: NDArray[np.float64], cell: str) -> N
 
 
 def reordering(cell: str, order: tuple[int, ...]) -> NDArray[np.int64]:
-    """Which node each becomes when the vertices of a second-order cell are taken in an order."""
+    """New number of each node when the vertices of a second-order cell are reordered."""
     nodes = node_vertices(cell)
     place = {frozenset(on): k for k, on in enumerate(nodes)}
     return np.array([place[frozenset(order[i] for i in on)] for on in nodes])

@@ -1,11 +1,11 @@
-"""Read a mesh file: what meshio finds in it, as cells of one type with named groups.
+"""Reading of mesh files by meshio: cells of one type with named groups.
 
 Names come from Gmsh's physical groups (formats 2.2 and 4.1), from the sets of other formats
-(Abaqus, MED, …), or, where groups have numbers only, are those numbers as text. Groups of cells of
+(Abaqus, MED, …), or, where groups have numbers only, the numbers as text. Groups of cells of
 the body's dimension are parts of its volume, groups one dimension lower parts of its surface;
 sets of nodes stand for the facets they enclose.
 
-Cells with nodes amid their edges keep them, in VTK's order.
+Cells with nodes on their edges keep them, in VTK's order.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from meshes.unstructured import FACETS, MeshError
 
 @dataclass(frozen=True)
 class CellKind:
-    """A cell type by our name, with its number of corners and meshio's names by order."""
+    """A cell type: its name here, its number of corners and meshio's names by order."""
 
     name: str
     dimension: int
@@ -47,7 +47,7 @@ FACET_CORNERS = {
 """Corners of the cells that can be facets."""
 
 NUMBERED = ("gmsh:physical", "medit:ref", "cell_tags")
-"""Cell data that numbers groups, as meshio calls it in the formats that have it."""
+"""Names of meshio's cell data that hold the numbers of groups."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class FileContent:
         All nodes of the cells as the file has them, block by block in the order of `cells`: blocks
         of cells of second order have more than the corners.
     notes
-        What was left out, a sentence each.
+        Notes on data that were left out, one sentence each.
     """
 
     kind: CellKind
@@ -145,7 +145,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
 
 
 def _meshio(path: Path) -> Any:
-    """What meshio reads; its own messages, and its calls of `sys.exit`, become errors."""
+    """Read a file by meshio; meshio's messages, and its calls of `sys.exit`, become errors."""
     try:
         if not path.is_file():
             raise MeshError("is not a file" if path.exists() else "does not exist")
@@ -212,7 +212,7 @@ def _corners(block: Any, corners: int) -> NDArray[np.int64]:
 def _groups(
     mesh: Any, names: dict[tuple[int, int], str]
 ) -> list[tuple[str, int, NDArray[np.int64]]]:
-    """Name, block and rows of every group of cells; a group may come up more than once."""
+    """Name, block and rows of every group of cells; a group may occur more than once."""
     found = []
     for name, blocks in (mesh.cell_sets or {}).items():
         if name.startswith("gmsh:"):
@@ -225,7 +225,7 @@ def _groups(
             names.setdefault((int(value[0]), int(value[1])), str(name))
     for key in NUMBERED:
         for i, given in enumerate((mesh.cell_data or {}).get(key, [])):
-            numbers = np.abs(np.asarray(given).ravel())  # below zero: turned round, in Gmsh
+            numbers = np.abs(np.asarray(given).ravel())  # below zero: reversed orientation, in Gmsh
             for number in np.unique(numbers[numbers != 0]):
                 name = names.get((int(number), int(mesh.cells[i].dim)), str(number))
                 found.append((name, i, np.flatnonzero(numbers == number)))

@@ -1,11 +1,11 @@
 """Uniform refinement of a mesh: every edge is halved.
 
-Triangles and quadrilaterals fall into four cells, tetrahedra and hexahedra into eight. The
-octahedron that is left when a tetrahedron loses its corners is cut along its shortest diagonal,
-which keeps shapes from degenerating when it is done again (S. Zhang, *Successive subdivisions of
-tetrahedra and multigrid methods on tetrahedral meshes*, Houston J. Math. 21, 1995). The new nodes
-are those of second-order cells: where edges are straight a curved boundary stays the polygon or
-polyhedron it was, curved cells fall into curved ones that fill the same place.
+Triangles and quadrilaterals are divided into four cells, tetrahedra and hexahedra into eight. The
+octahedron inside a tetrahedron without its corners is cut along its shortest diagonal, so that
+shapes do not degenerate in repeated refinement (S. Zhang, *Successive subdivisions of tetrahedra
+and multigrid methods on tetrahedral meshes*, Houston J. Math. 21, 1995). The new nodes are those of
+second-order cells: with straight edges a boundary stays the same polygon or polyhedron, and curved
+cells are divided into curved cells that fill the same place.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ OPPOSITE = (((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2)))
 
 
 def _middle(cell: str, *vertices: int) -> int:
-    """Number of the node amid some vertices of a second-order cell."""
+    """Number of the node in the middle of some vertices of a second-order cell."""
     return [set(on) for on in node_vertices(cell)].index(set(vertices))
 
 
@@ -44,7 +44,7 @@ def _simplex_parts(cell: str, vertices: tuple[int, ...]) -> Rows:
     parts = [[_middle(cell, v, w) for w in vertices] for v in vertices]
     if len(vertices) == 3:
         parts.append([_middle(cell, v, w) for v, w in combinations(vertices, 2)])
-        parts[-1][1:] = parts[-1][:0:-1]  # ab, bc, ca: as the corners go round
+        parts[-1][1:] = parts[-1][:0:-1]  # ab, bc, ca: in the cyclic order of the corners
     return parts
 
 
@@ -83,7 +83,7 @@ FACET_PARTS = {
 
 
 def refined(mesh: CellMesh) -> CellMesh:
-    """A mesh of first order with every edge halved; groups and parts of the surface go on."""
+    """A mesh of first order with every edge halved, with the groups and named boundaries."""
     whole = mesh.shape(2)
     points, nodes = whole.points, whole.cells
     local = np.broadcast_to(PARTS[mesh.cell], (len(nodes), *PARTS[mesh.cell].shape))
@@ -119,14 +119,14 @@ def refined(mesh: CellMesh) -> CellMesh:
 def _inner_middles(
     x: NDArray[np.float64], parts: NDArray[np.int64], cell: str
 ) -> NDArray[np.float64]:
-    """Where the further nodes of the parts of curved cells lie in the cells.
+    """Coordinates of the further nodes of the parts of curved cells.
 
     Parameters
     ----------
     x : (cells, nodes, d)
         All nodes of the cells.
     parts : (cells, parts, vertices)
-        Nodes of a cell that are vertices of its parts.
+        Nodes of the cell that are vertices of each part.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def _surface_parts(mesh: CellMesh, nodes: NDArray[np.int64]) -> NDArray[np.int64
 def _octahedra(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Nodes of each cell in the four parts about the shortest diagonal, (cells, 4, 4)."""
     ends = np.array([[_middle("tetrahedron", *edge) for edge in pair] for pair in OPPOSITE])
-    # the middles around each diagonal in turn, such that the tetrahedra are not inside out
+    # the middles around each diagonal, in an order that gives tetrahedra positive volumes
     rings = [(*ends[k - 2], *ends[k - 1]) for k in range(3)]
     rings = [(a, c, b, d) for a, b, c, d in rings]
     x = points[nodes[:, ends]]

@@ -1,15 +1,15 @@
-"""From the content of a file to a mesh that can be computed with: repaired, checked, reported.
+"""Repair and check of the content of a mesh file.
 
-Repaired and reported: nodes no cell uses are dropped, nodes at one place become one, cells turned
-inside out are turned back, cells given twice count once. Refused: cells without volume or folded
-into themselves, cells that overlap, nodes that hang on a neighbour's edge or face, and a body
-that falls apart into pieces which share no facet.
+Repaired and reported: nodes without cells are dropped, nodes at one place become one, cells with
+negative volume are reordered, repeated cells count once. Refused: cells without volume or folded
+into themselves, cells that overlap, hanging nodes on a neighbour's edge or face, and a body of
+several pieces without common facets.
 
-Nodes amid the edges of second-order cells make edges curved where the displacement is of degree 2;
-for degree 1 they are left out, which is reported. Cells that their curved edges fold are refused.
+For displacements of degree 2, nodes on the edges of second-order cells make the edges curved. For
+degree 1 they are left out, which is reported. Cells folded by their curved edges are refused.
 
-Whether cells overlap their neighbours is decided in `meshes.orientation`, whether a body overlaps
-itself elsewhere in `meshes.overlap`.
+`meshes.orientation` tests whether cells overlap their neighbours, and `meshes.overlap` whether a
+body overlaps itself elsewhere.
 """
 
 from __future__ import annotations
@@ -40,28 +40,28 @@ from meshes.read import FileContent, read_file
 from meshes.unstructured import CellMesh, MeshError, Topology, first_of
 
 SAME_PLACE = 1e-9
-"""Distance over the size of the body below which two nodes are one."""
+"""Distance over the size of the body below which two nodes are merged."""
 
 SAME_PLACE_EDGE = 1e-3
-"""The same over the shortest edge, so that no cell collapses."""
+"""Distance over the shortest edge below which two nodes are merged, so that no cell collapses."""
 
 FLAT = 1e-9
 """Extent along z over the size of the body below which a mesh lies in a plane."""
 
 EMPTY = 1e-12
-"""Volume over the cube (area over the square) of the longest edge that counts as none."""
+"""Volume over the cube (area over the square) of the longest edge that counts as zero."""
 
 LONGEST_CELL = 1e4
-"""Longest over shortest edge of a cell that is allowed, as for boxes."""
+"""Largest admissible ratio of the longest to the shortest edge of a cell, as for boxes."""
 
 SHORTEST_EDGE = 1e-15
-"""Shortest edge that is allowed, as for boxes."""
+"""Smallest admissible length of an edge, as for boxes."""
 
 HANGING = 1e-6
-"""Distance to a facet over its size below which a node that is not one of its own hangs on it."""
+"""Distance to a facet, over its size, below which a node of other cells counts as hanging on it."""
 
 APART = 1e-6
-"""Distance over the size of cells between the nodes two cells have amid a common edge or face."""
+"""Largest distance, over the size of cells, of the nodes of two cells on a common edge or face."""
 
 
 REVERSED = {
@@ -70,19 +70,19 @@ REVERSED = {
     "tetrahedron": (0, 2, 1, 3),
     "hexahedron": (4, 5, 6, 7, 0, 1, 2, 3),
 }
-"""Vertices of a cell in the order that turns it inside out."""
+"""Order of the vertices of a cell that changes the sign of its volume."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How the content of a file is put into the scene: scaled, then turned, then moved.
+    """Placement of a mesh file in the scene: scaled, then rotated, then moved.
 
     Attributes
     ----------
     scale
-        Factor of the coordinates.
+        Factor on the coordinates.
     axis, angle
-        Direction a rotation turns about, and degrees.
+        Axis of the rotation, and the angle in degrees.
     translation
         Displacement in the unit of length of the scene.
     """
@@ -113,23 +113,23 @@ def load_mesh(
     groups: Iterable[str] = (),
     degree: int = 1,
 ) -> CellMesh:
-    """Read a mesh file and make it fit to compute with.
+    """Read a mesh file, repair and check it.
 
     Parameters
     ----------
     dimension
         2 or 3: cells of this dimension make the body.
     placement
-        How it is scaled, turned and moved.
+        Scaling, rotation and translation of the file.
     groups
         Cell groups that make the body; all cells unless given.
     degree
-        Of the displacement; 2 keeps the nodes amid the edges of second-order cells.
+        Degree of the displacement; 2 keeps the nodes on the edges of second-order cells.
 
     Raises
     ------
     MeshError
-        With what is wrong and what would do.
+        The message says what is wrong and how to correct it.
     """
     content = read_file(path, dimension)
     notes, groups = list(content.notes), tuple(groups)
@@ -142,7 +142,7 @@ def load_mesh(
         points = _in_the_plane(points, cells, notes)
     points = (placement or Placement())(points)[:, :dimension]
     middles = _middles(content, points, degree, notes)
-    number = np.unique(row, return_index=True)[1][chosen]  # of each cell in the file, from 0
+    number = np.unique(row, return_index=True)[1][chosen]  # number of each cell in the file, from 0
 
     used = np.unique(cells)
     idle = len(points) - len(used)
@@ -178,7 +178,7 @@ def load_mesh(
     pieces = _pieces(cells, topology)
     if (
         pieces.max() == 0
-    ):  # pieces that overlap are bodies of their own; nodes hang in what overlaps
+    ):  # test pieces first: overlapping pieces are bodies of their own and have hanging nodes
         refuse_overlaps(points, cells, content.kind.name, topology, middles, number)
     _refuse_hanging(points, topology)
     _refuse_pieces(points, cells, pieces)
@@ -204,7 +204,7 @@ def load_mesh(
 def _middles(
     content: FileContent, points: NDArray[np.float64], degree: int, notes: list[str]
 ) -> NDArray[np.float64] | None:
-    """Where the further nodes of all cells of a file are, (cells, further nodes, dimension)."""
+    """Coordinates of the further nodes of all cells, (cells, further nodes, dimension)."""
     if not content.second_order:
         return None
     if degree == 1:
@@ -231,7 +231,7 @@ def _curved(
     cell: str,
     number: NDArray[np.int64],
 ) -> NDArray[np.float64] | None:
-    """The middles, checked, or None if all edges are straight."""
+    """The checked coordinates of further nodes, or None if all edges are straight."""
     v = VERTICES[cell]
     bulge = bulges(points[cells], middles, cell)
     if bulge.max() <= STRAIGHT:
@@ -267,7 +267,7 @@ def _chosen(members: dict[str, NDArray[np.int64]], groups: tuple[str, ...]) -> N
 def _in_the_plane(
     points: NDArray[np.float64], cells: NDArray[np.int64], notes: list[str]
 ) -> NDArray[np.float64]:
-    """The points with z = 0, where they have one z."""
+    """The points with z set to 0, if they all have the same z."""
     used = points[np.unique(cells)]
     size = np.ptp(used, axis=0).max()
     if np.ptp(used[:, 2]) > FLAT * size:
@@ -288,7 +288,7 @@ def _same_place(
     used: NDArray[np.int64],
     cell: str,
 ) -> tuple[NDArray[np.int64], int]:
-    """Number of each used node when nodes at one place are one; and how many were too many."""
+    """Number of each used node after merging nodes at one place, and the number of merged nodes."""
     local = np.empty(used[-1] + 1, np.int64)
     local[used] = np.arange(len(used))
     lengths = edge_lengths(at_vertices(points, local[cells]), cell)
@@ -299,7 +299,7 @@ def _same_place(
     if len(pairs) == 0:
         return np.arange(count), 0
     label = connected(pairs.T, count)
-    first = np.unique(label, return_index=True)[1]  # numbered as the first of them was
+    first = np.unique(label, return_index=True)[1]  # numbered as the first of these nodes
     number = len(first)
     renumber = np.empty(number, np.int64)
     renumber[np.argsort(first)] = np.arange(number)
@@ -309,8 +309,8 @@ def _same_place(
 def _pairs_within(points: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
     """Pairs of points (points, d) no farther from each other than `reach`, (pairs, 2).
 
-    Their shadows on a line of no special direction are as near, and so are those between them: only
-    points whose shadow has one so near beside it are looked at.
+    Close points have close projections on any line. So only points with a close neighbour in the
+    projection on an arbitrary line are searched.
     """
     line = np.array([0.56, 0.61, 0.56])[: points.shape[1]]
     shadow = points @ (line / np.linalg.norm(line))
@@ -324,7 +324,7 @@ def _pairs_within(points: NDArray[np.float64], reach: float) -> NDArray[np.int64
 def _once(
     cells: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Cells without repetitions, the row each given cell has among them, repetitions."""
+    """Cells without repetitions, the row of each given cell, the number of repetitions."""
     if _all_differ(cells):
         return cells, np.arange(len(cells)), 0
     ordered = np.sort(cells, axis=1)
@@ -338,9 +338,9 @@ def _once(
 
 
 def _all_differ(cells: NDArray[np.int64]) -> bool:
-    """Whether no two cells have the same nodes; False also where this is in doubt.
+    """Whether all cells differ in their nodes; may be False for some that do.
 
-    Cells with the same nodes have the same sum of numbers drawn for the nodes.
+    Cells with the same nodes have the same sum of random numbers of the nodes.
     """
     count = int(cells.max(initial=0)) + 1
     drawn = np.random.default_rng(0).integers(0, 2**63, count, np.uint64)
@@ -354,7 +354,10 @@ def _turn(
     cell: str,
     number: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
-    """Turn cells that are inside out (in place) and say which; refuse empty and folded ones."""
+    """Reorder cells with negative volume (in place), return their mask.
+
+    Refuse empty and folded cells.
+    """
     vertices = at_vertices(points, cells)
     lengths = edge_lengths(vertices, cell)
     longest, shortest = lengths.max(axis=0), lengths.min(axis=0)
@@ -424,7 +427,7 @@ def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:
 def _lies_on(
     x: NDArray[np.float64], simplex: NDArray[np.float64], size: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether points (n, d) lie on segments or triangles (n, d or less, d)."""
+    """Mask (n,) of points (n, d) on segments or triangles (n, d or less, d)."""
     origin, axes = simplex[:, 0], simplex[:, 1:] - simplex[:, :1]
     gram = axes @ np.swapaxes(axes, 1, 2)
     right = np.einsum("nkd,nd->nk", axes, x - origin)
@@ -437,7 +440,7 @@ def _lies_on(
 
 
 def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:
-    """Number of the piece each cell is in, (cells,): pieces hang together through facets."""
+    """Number of the piece of each cell, (cells,); pieces are connected through facets."""
     return connected(topology.pairs.T, len(cells))
 
 
@@ -464,7 +467,7 @@ def _sides(
     topology: Topology,
     notes: list[str],
 ) -> dict[str, NDArray[np.int32]]:
-    """Rows of the surface facets in each group; groups without any are left out."""
+    """Rows of the surface facets in each group; groups without facets are left out."""
     surface = np.sort(topology.facets, axis=1)
     sides = {}
     for name, facets in content.facet_groups.items():

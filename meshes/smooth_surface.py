@@ -1,18 +1,19 @@
-"""The smooth surface that flat facets with vertices on it stand for.
+"""Approximation of a smooth surface by flat facets with vertices on it.
 
 A facet of size h on a surface of radius R lies up to h²/8R below it. With the normals n_a of the
-smooth surface at the vertices x_a of a facet and their hats φ_a, the height above the facet is
+smooth surface at the vertices x_a of a facet and the linear shape functions φ_a, the height above
+the facet is
 
     δ = ½ Σ_{a<b} φ_a φ_b (x_b - x_a)·(n_b - n_a),
 
 on a sphere or a cylinder (n_b - n_a = (x_b - x_a)/R across it) the height of the parabola through
-the vertices, right but for terms of fourth order (the quadratic form of curved point-normal
-triangles; A. Vlachos and others, Curved PN triangles, 2001).
+the vertices, with an error of fourth order (the quadratic form of curved point-normal triangles; A.
+Vlachos and others, Curved PN triangles, 2001).
 
-The normal at a vertex is the value of a linear fit to the normals of the facets about it, of which
-each stands at its centre with its area. It is as good at the end of a boundary as inside. Facets
-that meet at an edge by more than `SMOOTH` meet in a corner of the body: neither counts for the
-other.
+The normal at a vertex is the value of a linear fit to the normals of the facets around it, each at
+the centre of its facet and weighted by the area. The fit is as accurate at the end of a boundary as
+inside. If two facets meet at an angle above `SMOOTH`, their edge is an edge of the body, and the
+fit of one ignores the other.
 """
 
 from __future__ import annotations
@@ -21,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 SMOOTH = np.deg2rad(30.0)
-"""Angle between facets above which the body has a corner there and is not meant to be round."""
+"""Angle between facets above which their edge is not part of a round surface."""
 
 RANK = 1e-6
-"""Spread of the centres of facets along an axis, over the largest, below which normals are not
-fitted along it."""
+"""Normals are not fitted along axes on which centres of facets spread less, over the largest."""
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def bulges(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
 
 
 def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
-    """Normals of the smooth surface at the vertices as each facet sees them, (facets, v, 3)."""
+    """Normals of the smooth surface at the vertices of each facet, (facets, v, 3)."""
     facets, v = corners.shape
     numbers, place = np.unique(corners, return_inverse=True)
     place = place.reshape(corners.shape)

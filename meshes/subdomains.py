@@ -1,7 +1,7 @@
 """The parts of a decomposition: references, subdomains and the partition that holds them.
 
 Many subdomains of a scene are translates of one another. A `Reference` is the mesh of such a
-congruence class, held once; a `Subdomain` is a translated copy of it with the numbers its nodes
+congruence class, stored once; a `Subdomain` is a translated copy of it with the numbers its nodes
 have in the undecomposed mesh. No mesh of a whole body is needed to describe a regular split.
 """
 
@@ -31,10 +31,10 @@ VTK_ORDER = {
 """Vertices of dolfinx's tensor-product cells in the order VTK and XDMF use."""
 
 PLACE_STEPS = 20
-"""Of Newton's method at most; cells with straight edges take one, or a few where not parallel."""
+"""Largest number of Newton steps; cells with straight edges take one, or a few if not parallel."""
 
 PLACED = 1e-12
-"""Step, in cells, at which it ends."""
+"""Length of a Newton step, in cells, at which the method ends."""
 
 
 @cache
@@ -52,7 +52,7 @@ def vtk_order(cell: str, degree: int) -> tuple[int, ...]:
 def vtk_shapes(
     cell: str, degree: int, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Shape functions (points, nodes) and their slopes (points, dimension, nodes), VTK order."""
+    """Shape functions (points, nodes), derivatives (points, dimension, nodes), in VTK order."""
     order = list(vtk_order(cell, degree))
     values, slopes = dolfinx_compat.lagrange_shapes(cell, degree, points)
     return values[:, order], slopes[..., order]
@@ -61,12 +61,12 @@ def vtk_shapes(
 def vtk_places(
     cell: str, degree: int, nodes: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Where in the reference cell points lie, (points, dimension), by Newton's method.
+    """Coordinates of points in the reference cell, (points, dimension), by Newton's method.
 
     Parameters
     ----------
     nodes : (points, nodes, dimension)
-        Of the cell of each point, in VTK order.
+        Nodes of the cell of each point, in VTK order.
     points : (points, dimension)
     """
     dimension = points.shape[1]
@@ -90,17 +90,17 @@ class Reference:
     Attributes
     ----------
     mesh
-        The dolfinx mesh; its geometry nodes come first among the nodes. Where edges are curved its
+        The dolfinx mesh; its geometry nodes come first among the nodes. If edges are curved, its
         geometry is of second order and has all nodes of degree 2.
     cell
         Name of the cell, e.g. ``hexahedron``.
     degree
-        Degree of the displacement, 1 or 2: where the nodes are.
+        Degree of the displacement, 1 or 2, which decides the nodes.
     points : (nodes, 3)
         Coordinates.
-    cells : (cells, nodes a cell)
+    cells : (cells, nodes per cell)
         Nodes of each cell in VTK order, vertices first.
-    facets : (facets, nodes a facet)
+    facets : (facets, nodes per facet)
         Nodes of the facets on the surface of the subdomain, in dolfinx's order, vertices first.
     facet_entities : (facets,)
         The same facets as entities of `mesh`.
@@ -124,7 +124,10 @@ class Reference:
 
     @property
     def vertex_weights(self) -> sparse.csr_matrix | None:
-        """Degree 2: the functions of degree 1 of all vertices at all nodes; None for degree 1."""
+        """For degree 2, the shape functions of degree 1 of all vertices at all nodes.
+
+        None for degree 1.
+        """
         if self.degree == 1:
             return None
         amid, count = node_vertices(self.cell), len(self.points)
@@ -142,7 +145,7 @@ class Reference:
 
     @cached_property
     def facet_cells(self) -> NDArray[np.int32]:
-        """The cell that each of the facets belongs to, (facets,)."""
+        """Cell of each facet, (facets,)."""
         return _sides_of_facets(self.mesh, self.facet_entities)[0]
 
     @classmethod
@@ -156,7 +159,7 @@ class Reference:
         degree
             Degree of the displacement.
         tags
-            Numbers of the materials of the cells the mesh was made from, in their order; all 0
+            Numbers of the materials of the cells given to `create_mesh`, in their order; all 0
             unless given.
         """
         dimension = mesh.topology.dim
@@ -179,9 +182,9 @@ class Reference:
 
 
 def _nodes(mesh: Any, cell: str, degree: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Coordinates of the nodes, those of the geometry first, and the nodes of cells.
+    """Coordinates of the nodes (geometry nodes first), and the nodes of cells.
 
-    Returns (nodes, 3) and (cells, nodes a cell) in dolfinx's order.
+    Returns (nodes, 3) and (cells, nodes per cell) in dolfinx's order.
     """
     corners = dolfinx_compat.cell_nodes(mesh)
     points = mesh.geometry.x
@@ -200,7 +203,7 @@ def _nodes(mesh: Any, cell: str, degree: int) -> tuple[NDArray[np.float64], NDAr
 def _sides_of_facets(
     mesh: Any, entities: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """The cell of each facet on the surface, and which of the cell's facets it is."""
+    """The cell of each facet on the surface, and the local number of the facet in the cell."""
     d = mesh.topology.dim
     mesh.topology.create_connectivity(d, d - 1)
     cells, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
@@ -217,9 +220,9 @@ class Subdomain:
     Attributes
     ----------
     number
-        Its place among the subdomains of the whole scene.
+        Number of the subdomain in the whole scene.
     body
-        Index of the body it is part of.
+        Index of its body.
     nodes : (nodes,)
         Number of each node in the undecomposed mesh of the scene.
     exterior
@@ -243,20 +246,20 @@ class Subdomain:
 
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """All subdomains of a scene, those of this rank at hand.
+    """The decomposition of a scene, with the subdomains of this rank.
 
     Attributes
     ----------
     subdomains
         The subdomains of this rank, by number; ranks hold consecutive numbers.
     count
-        Subdomains on all ranks.
+        Number of subdomains on all ranks.
     subdomains_of_body
-        How many subdomains each body has.
+        Number of subdomains of each body.
     first_node : (bodies + 1,)
         Nodes of body b are numbered from ``first_node[b]`` up to ``first_node[b + 1]``.
     first_cell : (bodies + 1,)
-        The same for cells.
+        Cells of body b are numbered from ``first_cell[b]`` up to ``first_cell[b + 1]``.
     cell_starts
         Number of the first cell of each local subdomain, in the order of `subdomains`.
     """
@@ -272,15 +275,15 @@ class Partition:
 
     @property
     def nodes(self) -> int:
-        """Nodes of the undecomposed scene."""
+        """Number of nodes of the undecomposed scene."""
         return int(self.first_node[-1])
 
     @property
     def cells(self) -> int:
-        """Cells of the undecomposed scene."""
+        """Number of cells of the undecomposed scene."""
         return int(self.first_cell[-1])
 
 
 def owned_range(total: int, comm: MPI.Intracomm) -> tuple[int, int]:
-    """Consecutive share of `total` things that falls to this rank."""
+    """First and end number of this rank's consecutive share of `total` items."""
     return total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size

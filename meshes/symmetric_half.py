@@ -1,9 +1,8 @@
-"""The lower half of a body that is its own mirror image about a plane across an axis; and images.
+"""The lower half of a mirror-symmetric body about a plane normal to an axis, and mirror images.
 
 A box is its own image where it has an even number of cells across the plane: the half is a box
-again. Triangles and tetrahedra, whose diagonals no mirror keeps, are laid out in the half and
-mirrored with it; the whole is then another division of the same box, as good as the one that
-repeats a diagonal.
+again. The diagonals of triangles and tetrahedra are not mirror-symmetric: the half is meshed and
+mirrored. The whole is then another division of the same box, of equal quality.
 
 A mesh from a file is its own image where the reflection takes its nodes onto nodes, its cells onto
 cells of the same material, and cuts none of them. The half keeps the file's cells on the lower side
@@ -24,32 +23,33 @@ from meshes.box import SIDES, BoxShape, lattice_places
 from meshes.unstructured import CellMesh, Topology, row_places
 
 SAME = 1e-9
-"""Distance over the size of a mesh below which an image is at the place of a node."""
+"""Distance over the size of a mesh below which a mirror image coincides with a node."""
 
 Bools = NDArray[np.bool_]
 
 
 class AsymmetryError(ValueError):
-    """A mesh is not its own image; the text says why, to be read after the body's name."""
+    """A mesh is not mirror-symmetric; the message says why and follows the name of the body."""
 
 
 @dataclass(frozen=True, eq=False)
 class HalfSurface:
-    """The surface of a half but for its cut, beside its image.
+    """The surface of a half without its cut, and its mirror image.
 
     Attributes
     ----------
     points, images : (nodes, 3)
-        Nodes of the half, and where the whole has their images.
+        Nodes of the half, and the coordinates of their images in the whole.
     on_plane : (nodes,)
-        Which of them are their own image.
-    facets : (facets, nodes a facet)
+        Mask of the nodes that are their own image.
+    facets : (facets, nodes per facet)
         Vertices first.
     sides
-        By the name of a part of the surface: which facets are on it, and whose images are.
+        For each named boundary: masks of the facets on it, and of the facets whose images are on
+        it.
     of
-        Whether the body has these facets, and whether it has their images: one of the two where the
-        image is another body.
+        Whether the body has these facets, and whether it has their images. If the image is another
+        body, only one of the two is true.
     """
 
     points: NDArray[np.float64]
@@ -77,14 +77,14 @@ def half_box(box: BoxShape, axis: int) -> HalfSurface:
     image[:, axis] = box.degree * count - place[:, axis]
     sides = {}
     for number, (name, across, _) in enumerate(SIDES[: 2 * box.dimension]):
-        own = side_of == number  # none on the upper side of the axis, whose images are the lower's
+        own = side_of == number  # the upper side is the image of the lower side
         sides[name] = (own, side_of == (number ^ 1 if across == axis else number))
     on_plane = place[:, axis] == box.degree * cells[axis]
     return HalfSurface(_places(box, place), _places(box, image), on_plane, facets, sides)
 
 
 def box_images(box: BoxShape, other: BoxShape, axis: int) -> tuple[HalfSurface, HalfSurface]:
-    """The surface of a box beside that of another box, its image, as either of them sees it."""
+    """The surface of a box and of its mirror image, another box, from the view of each."""
     place, facets, side_of = _box_surface(box, box.cells)
     image = place.copy()
     image[:, axis] = box.degree * box.cells[axis] - place[:, axis]
@@ -108,8 +108,8 @@ def _box_surface(
 
     Returns
     -------
-    Places of its nodes on the lattice (nodes, d), its facets (facets, nodes a facet), and the
-    number of the side of each.
+    Places of its nodes on the lattice (nodes, d), its facets (facets, nodes per facet), and the
+    number of the side of each facet.
     """
     ends = np.array([box.degree * n for n in cells])
     strides = np.cumprod([1, *(ends[:-1] + 1)], dtype=np.int64)
@@ -151,18 +151,18 @@ def half_mesh(
     Parameters
     ----------
     degree
-        Of the displacement, whose nodes are held against their images.
+        Degree of the displacement; all its nodes are compared with their images.
     kinds : (tags,)
-        A number for each of the body's materials, equal for equal ones.
+        A number for each material of the body, equal for equal materials.
     at
-        Where the plane is.
+        Coordinate of the plane.
     cut
-        The name its cut gets among the parts of the half's surface.
+        Name of the cut among the boundaries of the half.
 
     Raises
     ------
     AsymmetryError
-        It is not its own image.
+        The mesh is not mirror-symmetric.
     """
     whole = mesh.shape(degree)
     tolerance = SAME * float(np.ptp(whole.points, axis=0).max())
@@ -193,7 +193,7 @@ def mesh_images(
     axis: int,
     at: float,
 ) -> tuple[HalfSurface, HalfSurface]:
-    """The surface of a mesh beside that of another one, its image, as either of them sees it.
+    """The surface of a mesh and of its mirror image, another mesh, from the view of each.
 
     Parameters and errors are those of `half_mesh`.
     """
@@ -225,7 +225,7 @@ def mesh_images(
 def _image_nodes(
     mesh: CellMesh, other: CellMesh, axis: int, at: float, tolerance: float
 ) -> NDArray[np.int64]:
-    """The node of another mesh, or the same, at the image of each node of a mesh, (n,)."""
+    """The node of another (or the same) mesh at the image of each node of a mesh, (n,)."""
     x, image = mesh.points, mesh.points.copy()
     image[:, axis] = 2.0 * at - image[:, axis]
     distance, place = cKDTree(other.points).query(image)
@@ -247,7 +247,7 @@ def _refuse_unlike(
     kind: NDArray[np.int64],
     other_kind: NDArray[np.int64],
 ) -> None:
-    """Refuse cells whose images are no cells, or of another material."""
+    """Refuse cells whose images are not cells, or are of another material."""
     image = row_places(np.sort(other.cells, axis=1), np.sort(place[mesh.cells], axis=1))
     if (image < 0).any():
         where = _middle(mesh, image < 0)
@@ -271,8 +271,8 @@ def _facet_images(
 
     Returns
     -------
-    Coordinates of both (nodes, 3), the nodes, the facets among them, and rows of the images among
-    the facets of the other mesh.
+    Coordinates of both (nodes, 3), the nodes, the facets by rows of these nodes, and the rows of
+    the images among the facets of the other mesh.
     """
     there = np.sort(other.topology.facets, axis=1)
     image = row_places(there, np.sort(place[facets], axis=1))
@@ -286,7 +286,7 @@ def _facet_images(
 def _lower(
     mesh: CellMesh, kept: Bools, axis: int, at: float, tolerance: float, cut: str
 ) -> CellMesh:
-    """The cells on the lower side; nodes on the plane exactly so."""
+    """The cells on the lower side; nodes near the plane are moved exactly onto it."""
     used, cells = np.unique(mesh.cells[kept], return_inverse=True)
     cells = cells.reshape(-1, mesh.cells.shape[1])
     points = mesh.points[used]

@@ -3,21 +3,22 @@
     ∫ ψ_j (u_on - u_against - g n^⊥) = 0   in each component,
 
 with the multipliers ψ_j of mortar contact (`mortar`), which transmit constant tractions exactly.
-x_on and x_against are points that meet along the normal n of the `on` facet, g their distance.
-Where it is not zero, as between curved surfaces whose facets do not match, a rigid rotation moves
-the two points differently. n^⊥ takes that back: along each tangent t of the facet
+x_on and x_against are points that face each other along the normal n of the `on` facet, and g is
+their distance. If g is not zero, as between curved surfaces whose facets do not match, a rigid
+rotation moves the two points differently. The term with n^⊥ corrects this: along each tangent t of
+the facet
 
     t · n^⊥ = ∂(n · u_on)/∂t,
 
-which of a rigid rotation is minus what it turns n towards t. So the rows see no rigid motion of
-both bodies, whatever the gap, and forces and moments balance to round-off: the sides are joined as
-by bars along the normals of the `on` side.
+which, for a rigid rotation, is minus the change of n along t. So the rows vanish on rigid motions
+of both bodies for any gap, and forces and moments balance to round-off: the sides are joined as by
+bars along the normals of the `on` side.
 
-Where nodes of both sides are held, and where a node belongs to another tie as well, its function is
-given to its neighbours: there the displacement is decided already, and one more multiplier would
-hold the other side in more than the jump (B. Wohlmuth, *Discretization methods and iterative
-solvers based on domain decomposition*, 2001, section 1.2, on cross points). All of them still add
-up to one.
+If nodes of both sides are held, or a node belongs to another tie as well, its function ψ_j is
+distributed to its neighbours. The displacement is prescribed there already, and one more multiplier
+would constrain the other side too much (B. Wohlmuth, *Discretization methods and iterative solvers
+based on domain decomposition*, 2001, section 1.2, on cross points). The functions still add up to
+one.
 """
 
 from __future__ import annotations
@@ -40,9 +41,10 @@ class MeanJumps:
     Attributes
     ----------
     rows : d records
-        As `MeanGaps`; the force on the `on` body for a multiplier of one is minus the unit vector.
+        Records as `MeanGaps`; the force on the `on` body for a multiplier of one is minus the unit
+        vector.
     gap, size
-        Largest mean distance of the sides, and the size of a facet there.
+        Largest mean distance of the sides, and the size of a facet at this place.
     nodes, held : (n,), (n, d)
         Nodes of the `on` side, ascending, and their components that are held on both sides.
     """
@@ -63,7 +65,7 @@ class Decided:
     nodes, held : (k,), (k, d)
         Held nodes, ascending, and their components.
     taken : (l,)
-        Nodes that have multipliers of another tie.
+        Nodes with multipliers of another tie.
     """
 
     nodes: NDArray[np.int64]
@@ -71,7 +73,7 @@ class Decided:
     taken: NDArray[np.int64]
 
     def of(self, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which components of some nodes are held, (n, d)."""
+        """Mask (n, d) of the held components of some nodes."""
         result = np.zeros((len(nodes), self.held.shape[1]), bool)
         if len(self.nodes):
             at = np.minimum(np.searchsorted(self.nodes, nodes), len(self.nodes) - 1)
@@ -80,12 +82,13 @@ class Decided:
 
 
 def mean_jumps(on: Surface, against: Surface, decided: Decided, *, gives: bool = True) -> MeanJumps:
-    """The rows of two surfaces that are tied.
+    """The mortar rows of two tied surfaces.
 
     Parameters
     ----------
     gives
-        Whether what is decided is given to neighbours; else each node has its own rows.
+        Whether functions of nodes with known displacements are distributed to neighbours; otherwise
+        each node has its own rows.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def mean_jumps(on: Surface, against: Surface, decided: Decided, *, gives: bool =
 
 @dataclass(frozen=True, eq=False)
 class _Ties:
-    """Sums over all facets, before functions are given away.
+    """Sums over all facets, before functions are distributed to neighbours.
 
     Attributes
     ----------
@@ -119,7 +122,7 @@ class _Ties:
     corners : (facets, v)
         Number of each vertex among the nodes.
     jump : (n, n + m)
-        ∫ ψ_j N of both sides, those of the other negative.
+        ∫ ψ_j N of both sides; negative for the other side.
     tilt : (n, n · d · d)
         ∫ ψ_j n^⊥ by node, component of the displacement and component of the result.
     places : (n + m, 3)
@@ -163,7 +166,10 @@ class _Ties:
         )  # fmt: skip
 
     def component(self, i: int, yielding: NDArray[np.bool_]) -> MeanGaps:
-        """The rows of one component, those of yielding nodes (n,) given to their neighbours."""
+        """The rows of one component.
+
+        Rows of yielding nodes (n,) are distributed to their neighbours.
+        """
         d, v, count = self.on.dimension, self.corners.shape[1], len(self.nodes)
         weight = self.psi.weight
         total = np.bincount(self.corners.ravel(), weight.ravel(), minlength=count)

@@ -20,7 +20,7 @@ from meshes.quadratic import VERTICES, facet_table, with_middles
 
 
 class MeshError(ValueError):
-    """A mesh that cannot be used; the text says why and what would do."""
+    """A mesh that cannot be used; the message says why and how to correct it."""
 
 
 def first_of(
@@ -30,7 +30,10 @@ def first_of(
     what: str,
     number: NDArray[np.int64],
 ) -> str:
-    """How many cells are `bad` (cells,), and the first: its number in the file and its centre."""
+    """Message with the number of `bad` cells (cells,) and the first one.
+
+    Its number in the file and its centre.
+    """
     first = np.flatnonzero(bad)[0]
     at = ", ".join(f"{v:g}" for v in points[cells[first]].mean(axis=0))
     name = f"cell {number[first] + 1} of the file, at ({at})"
@@ -48,11 +51,11 @@ FACETS = {
 """Vertices of each facet of a cell, vertices of the cell in VTK order."""
 
 EVEN = 3.0
-"""Largest ratio of large to small cells (length, 95 and 5 of 100) of a mesh of even cells."""
+"""Largest ratio of large to small cells (95th and 5th percentile of lengths) of even meshes."""
 
 
 def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row of `table` that equals each row of `wanted`; all of them are there, rows are sorted."""
+    """Row of `table` that equals each row of `wanted`; each must exist, rows are sorted."""
     return row_places(table, wanted)
 
 
@@ -66,7 +69,7 @@ def row_places(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[n
 
 
 def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A number for each row of non-negative numbers: equal where rows are, in their order."""
+    """One number per row of non-negative integers; equal rows have equal numbers, order is kept."""
     base = int(rows.max(initial=0)) + 1
     keys = np.zeros(len(rows), np.int64)
     span = 1
@@ -85,14 +88,14 @@ class Topology:
 
     Attributes
     ----------
-    facets : (facets, nodes a facet)
+    facets : (facets, nodes per facet)
         Nodes of the facets on the surface, vertices first.
     facet_cells : (facets,)
-        The cell each of them belongs to.
+        Cell of each facet.
     pairs : (pairs, 2)
         Cells that share a facet.
     pair_facets : (pairs, 2)
-        Which of its facets each of the two cells shares.
+        Local number of the common facet in each of the two cells.
     crowded
         Facets that more than two cells have: none in a mesh that fills space once.
     """
@@ -107,7 +110,7 @@ class Topology:
     def of(cls, cells: NDArray[np.int64], cell: str) -> Topology:
         """Topology of cells (cells, nodes) in VTK order, of first or second order."""
         table = np.array(FACETS[cell])
-        # half as wide, half the memory to be had from the system: most of the time at 10⁶ facets
+        # half as wide: allocating memory takes most of the time at 10⁶ facets
         facets = cells.astype(np.int32)[:, table].reshape(-1, table.shape[1])
         owner = np.repeat(np.arange(len(cells), dtype=np.int32), len(table))
         keys = _row_keys(np.sort(facets, axis=1))
@@ -140,28 +143,28 @@ class CellMesh:
         ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
     points : (nodes, dimension)
         Coordinates, in the unit of length of the scene.
-    cells : (cells, nodes a cell)
+    cells : (cells, nodes per cell)
         Nodes of each cell in VTK order, vertices first.
     topology
-        Its surface and neighbours.
+        Surface and neighbourhood of the cells.
     sides
-        Rows of ``topology.facets`` by the name of a part of the surface.
+        Rows of ``topology.facets`` on each named boundary.
     groups
-        Cells by the name of a part of the volume, ascending.
+        Ascending cells of each named group.
     tags : (cells,)
-        Number of each cell's material among those of the body.
+        Number of each cell's material among the materials of the body.
     name
-        Where it comes from, for reports.
+        Source of the mesh, for reports.
     notes
-        What was repaired or left out when it was read, a sentence each.
+        Notes on repaired or dropped data of the file, one sentence each.
     degree
-        1, or 2 where cells have nodes amid their edges, faces and in their middle, too.
+        1, or 2 if cells have nodes on their edges and faces and in their middle, too.
     middles : (cells, further nodes, dimension)
-        Of a mesh of degree 1 whose edges are curved: where the nodes of degree 2 lie that cells
-        have besides their vertices, in VTK order; None where edges are straight.
+        For a mesh of degree 1 with curved edges: coordinates of the nodes of degree 2 besides the
+        vertices, in VTK order. None for straight edges.
     given
-        The mesh whose edges were halved to make this one: its corners are on the shape that both
-        stand for. None where nothing was halved.
+        The mesh that was refined to this one: its vertices are on the true shape. None for a mesh
+        that was not refined.
     """
 
     cell: str
@@ -184,12 +187,12 @@ class CellMesh:
 
     @property
     def nodes(self) -> int:
-        """Nodes."""
+        """Number of nodes."""
         return len(self.points)
 
     @property
     def total_cells(self) -> int:
-        """Cells."""
+        """Number of cells."""
         return len(self.cells)
 
     @cached_property
@@ -204,23 +207,23 @@ class CellMesh:
 
     @property
     def _places(self) -> NDArray[np.float64]:
-        """Coordinates of nodes, those amid curved edges among them."""
+        """Coordinates of nodes, including nodes on curved edges."""
         if self.middles is None:
             return self.points
         return np.concatenate([self.points, self.middles.reshape(-1, self.dimension)])
 
     @property
     def boundaries(self) -> tuple[str, ...]:
-        """Names of the parts of the surface the mesh itself knows."""
+        """Names of the boundaries defined in the mesh."""
         return tuple(self.sides)
 
     @property
     def congruent(self) -> bool:
-        """Whether it is cut into equal parts: only by chance."""
+        """Whether its parts are congruent: no."""
         return False
 
     def tagged(self, groups: Sequence[str]) -> CellMesh:
-        """The same mesh, each cell tagged with the number of its group among these.
+        """The mesh with each cell tagged by the number of its group among these.
 
         Raises
         ------
@@ -253,14 +256,14 @@ class CellMesh:
         return replace(self, tags=tags)
 
     def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
-        """Why the body of this name cannot be cut into so many parts; empty where it can."""
+        """Message why the body of this name cannot be cut into so many parts; empty if it can."""
         if math.prod(parts) > self.total_cells:
             return f"asks for {math.prod(parts)} parts, where {name} has {self.total_cells} cells"
         return ""
 
     @cached_property
     def _quadratic(self) -> CellMesh:
-        """The same mesh with the nodes of degree 2."""
+        """The mesh with the nodes of degree 2."""
         points, cells = with_middles(self.points, self.cells, self.cell)
         if self.middles is not None:
             points[cells[:, VERTICES[self.cell] :]] = self.middles
@@ -268,7 +271,10 @@ class CellMesh:
         return replace(self, points=points, cells=cells, topology=topology, degree=2, middles=None)
 
     def centres(self) -> NDArray[np.float32] | None:
-        """About where cells are from the lower corner, or None where sizes are too uneven."""
+        """Approximate centres of cells from the lower corner.
+
+        None if the cells differ much in size.
+        """
         corners = self.cells[:, : VERTICES[self.cell]].T
         centres = np.empty((self.dimension, self.total_cells), np.float32)
         size = np.zeros(self.total_cells, np.float32)
@@ -286,7 +292,7 @@ class CellMesh:
         return centres if large <= EVEN * small else None
 
     def nodes_at(self, rows: NDArray[Any]) -> NDArray[np.int64]:
-        """Nodes of cells, (rows, nodes a cell)."""
+        """Nodes of cells in VTK order, (rows, nodes per cell)."""
         return self.cells[rows]
 
     def points_at(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -314,11 +320,11 @@ class CellMesh:
         return Skin(self.topology.facets[rows], self.topology.facet_cells[rows], sides)
 
     def shape(self, degree: int) -> CellMesh:
-        """What is cut into subdomains: the mesh itself, with the nodes of a degree."""
+        """The cells to cut into subdomains: the mesh itself, with the nodes of a degree."""
         return self if degree == self.degree else self._quadratic
 
     def nodes_of(self, degree: int) -> int:
-        """Nodes a displacement of a degree has."""
+        """Number of nodes of a displacement of a degree."""
         return self.shape(degree).nodes
 
     def describe(self) -> str:

@@ -21,11 +21,11 @@ class Facets:
 
     Attributes
     ----------
-    copies : (facets, nodes a facet)
+    copies : (facets, nodes per facet)
         Copies of the nodes, vertices first.
-    numbers : (facets, nodes a facet)
+    numbers : (facets, nodes per facet)
         Nodes, as all ranks number them.
-    points : (facets, nodes a facet, 3)
+    points : (facets, nodes per facet, 3)
     inside : (facets, 3)
         Middle of the cell behind each facet.
     """

@@ -38,7 +38,7 @@ class Parts:
         The space over the copies.
     of_cell : (cells,)
         Part of each cell this rank owns.
-    cells : (cells, nodes a cell)
+    cells : (cells, nodes per cell)
         Copies of the nodes of each cell, in dolfinx's order.
     starts : (parts + 1,)
         First copy of each part, and the number of copies.

@@ -149,7 +149,7 @@ class Moved:
         To which each part of this rank goes.
     subdomain : one number a part that arrives
         In the order in which the parts arrive.
-    nodes : one (n,) array a part that arrives
+    nodes : one (n,) array per arrived part
         Its nodes among those of the subdomain.
     count
         Subdomains of this rank.
@@ -162,7 +162,7 @@ class Moved:
     count: int
 
     def exchange(self, values: list[Value]) -> list[Value]:
-        """One value a part, brought to the rank of its subdomain (collective)."""
+        """One value per part, sent to the rank of its subdomain (collective)."""
         return _exchanged(self.comm, self.rank, values)
 
     def of_subdomains(

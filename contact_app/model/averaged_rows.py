@@ -85,8 +85,8 @@ def rows_about_vertices(
     d
         Dimension.
     facets
-        Facets of this rank: global nodes (facets, nodes a facet), vertices first, and coordinates
-        (facets, nodes a facet, 3).
+        Facets of this rank: global nodes (facets, nodes per facet), vertices first, and coordinates
+        (facets, nodes per facet, 3).
     gap_and_normal
         Of the obstacle at points (n, 3): gaps (n,) and unit normals (n, 3) out of it.
     source

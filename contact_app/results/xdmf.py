@@ -333,7 +333,7 @@ class _Runs:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """One row a cell; mixed, each cell's number and vertices one after another."""
+        """One row per cell; mixed, each cell's number and vertices one after another."""
         if self.mixed:
             return (sum((1 + kind.vertices) * count for kind, count in self.runs),)
         return (sum(count for _, count in self.runs), self.runs[0][0].vertices)

@@ -195,7 +195,7 @@ def _decomposition(keys: Keys, bodies: tuple[Body, ...]) -> Decomposition:
         if parts > cells:
             keys.fail(
                 ("decomposition", "subdomains"),
-                f"is {parts}; at most one a cell is allowed, {cells} here",
+                f"is {parts}; at most one per cell is allowed, {cells} here",
             )
         return Decomposition(parts)
     if len(parts) != keys.dimension:

@@ -2,7 +2,7 @@
 
 ``python -m contact_app.studies.claims plane 200`` draws that many random scenes
 (`claims_scenes`), solves each to an accuracy of 0.3, 0.15 and 0.08, measures the error of every
-answer against a fine mesh (`claims_reference`), and prints a row a scene and target and a summary:
+answer against a fine mesh (`claims_reference`), prints a row per scene and target, and a summary:
 of the runs that claim to have met their target (exit code 0), how many exceed it, and by what.
 ``spatial 60`` does so in space. ``--first`` is the first seed, ``--targets`` the accuracies,
 ``--limit`` the seconds after which a run is given up, ``--cache`` the directory of references.

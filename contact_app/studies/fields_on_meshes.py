@@ -42,7 +42,7 @@ class BodyNodes:
     Attributes
     ----------
     points : (nodes, 3)
-    cells : (cells, nodes a cell)
+    cells : (cells, nodes per cell)
         In VTK order.
     tags : (cells,)
         Numbers of materials.

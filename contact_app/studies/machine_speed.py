@@ -1,7 +1,7 @@
 """What the machine gives to ranks, whatever they run: dense products and vectors from memory.
 
 ``mpirun -n N python -m contact_app.studies.machine_speed`` prints the sum over ranks of both in a
-line of JSON, in 10⁹ operations and 10⁹ bytes a second. Nothing made of the two scales better than
+line of JSON, in 10⁹ operations and 10⁹ bytes per second. Nothing made of the two scales better than
 they do.
 """
 

@@ -108,7 +108,7 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Ruler:
-    """Measures distances of answers at the points of one set of points a body.
+    """Measures distances of answers at the points of one set of points per body.
 
     Attributes
     ----------

@@ -36,10 +36,10 @@ class PlainBody:
     cell, degree
         ``triangle`` or ``hexahedron``, of first or second order.
     points : (nodes, d)
-    cells : (cells, nodes a cell)
+    cells : (cells, nodes per cell)
         In VTK order.
     sides
-        Facets (facets, nodes a facet) by name, vertices first.
+        Facets (facets, nodes per facet) by name, vertices first.
     """
 
     cell: str

@@ -1,12 +1,12 @@
 """Make the sample meshes with Gmsh: ``python meshes/samples/make.py [NAME …] [--size FACTOR]``.
 
-Those of ``coarse`` are ``sphere_eighth --size 2.8``, ``disc_quarter`` and ``roller_on_block --size
-4`` and ``ring_quarter --size 1 --order 1``: what `contact-app verify` refines.
+The meshes in ``coarse``, which `contact-app verify` refines, are made with ``sphere_eighth --size
+2.8``, ``disc_quarter`` and ``roller_on_block --size 4``, and ``ring_quarter --size 1 --order 1``.
 
-``--order 2`` gives cells with nodes amid their edges, which follow the round boundaries.
+``--order 2`` gives cells with nodes on their edges, which follow the round boundaries.
 
 Needs Gmsh's Python module (Debian: python3-gmsh; elsewhere: pip install gmsh), which nothing else
-in this project does. Lengths are in millimetres.
+in this project needs. Lengths are in millimetres.
 """
 
 from __future__ import annotations
@@ -243,7 +243,7 @@ SAMPLES: dict[str, tuple[Callable[[float], None], float, int]] = {
     "shaft_and_hub": (shaft_and_hub, 0.5, 2),
     "sphere_eighth": (sphere_eighth, 2.0, 1),
 }
-"""What makes each sample, and size and order of the one beside this file."""
+"""The function that draws each sample, with size and order of the mesh in this directory."""
 
 
 def main() -> None:

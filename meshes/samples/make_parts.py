@@ -1,10 +1,10 @@
 """Draw the parts of the tutorials with Gmsh: ``make_parts.py [NAME …] [--size LENGTH] [--to DIR]``.
 
-Those beside this file are as coarse as a tutorial allows; ``--size`` is the size of cells near
-contact, ``--factor`` gives it as a multiple of the part's own, ``--order 2`` gives cells with nodes
-amid their edges, which follow the round boundaries, ``--fused`` draws the two bodies of a part as
-one.
-Needs Gmsh's Python module, as ``make.py`` does. Lengths are in millimetres.
+The meshes in this directory are as coarse as a tutorial allows. ``--size`` is the size of cells
+near contact, and ``--factor`` gives it as a multiple of the default size of the part. ``--order 2``
+gives cells with nodes on their edges, which follow the round boundaries. ``--fused`` draws the two
+bodies of a part as one. Needs Gmsh's Python module, as ``make.py`` does. Lengths are in
+millimetres.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def hub_on_shaft(size: float, fused: bool = False) -> None:
 
 
 def fuse(first: int, second: int) -> list[int]:
-    """Two volumes with a common face, so that one mesh goes through both."""
+    """Fuse two volumes along a common face, so that one mesh goes through both."""
     _, pieces = gmsh.model.occ.fragment([(3, first)], [(3, second)])
     return [pieces[0][0][1], pieces[1][0][1]]
 
@@ -164,7 +164,7 @@ def _race(side: int) -> int:
 
 
 def drop_loose_faces() -> None:
-    """Remove what is left of the washers' discs over the holes: faces of no volume."""
+    """Remove faces that belong to no volume: the parts of the washers' discs over the holes."""
     for face in gmsh.model.getEntities(2):
         if not len(gmsh.model.getAdjacencies(*face)[0]):
             gmsh.model.removeEntities([face], recursive=True)
@@ -202,15 +202,15 @@ def flat(volume: int, axis: int, at: float) -> list[int]:
 
 
 def as_wide(faces: list[int], width: float) -> list[int]:
-    """Those of some faces that are so wide along x."""
+    """The faces with a given width along x."""
     boxes = {face: gmsh.model.getBoundingBox(2, face) for face in faces}
     return [face for face, box in boxes.items() if abs(box[3] - box[0] - width) < 0.1]
 
 
 def name_groups(dimension: int, groups: dict[str, list[int]]) -> None:
-    """Make physical groups; raises where one is empty.
+    """Make physical groups (raises ValueError for an empty one).
 
-    Faces between two volumes are none of their boundaries.
+    Faces between two volumes are not part of a boundary.
     """
     for name, tags in groups.items():
         if not tags:
@@ -221,7 +221,7 @@ def name_groups(dimension: int, groups: dict[str, list[int]]) -> None:
 
 
 def near(faces: list[int], fine: float, coarse: float, begin: float, end: float) -> int:
-    """Sizes of cells that grow with the distance from some faces, between two distances."""
+    """Mesh size field that grows with the distance from some faces, between two distances."""
     field = gmsh.model.mesh.field
     distance, sizes = field.add("Distance"), field.add("Threshold")
     field.setNumbers(distance, "SurfacesList", faces)
@@ -234,7 +234,7 @@ def near(faces: list[int], fine: float, coarse: float, begin: float, end: float)
 
 
 def in_box(box: Box, fine: float, coarse: float) -> int:
-    """Sizes of cells inside a box, and away from it."""
+    """Mesh size field: one size inside a box, another away from it."""
     field = gmsh.model.mesh.field
     sizes = field.add("Box")
     names = ("XMin", "YMin", "ZMin", "XMax", "YMax", "ZMax")
@@ -245,7 +245,7 @@ def in_box(box: Box, fine: float, coarse: float) -> int:
 
 
 def make_mesh(fields: list[int]) -> None:
-    """Let the smallest of some sizes decide, and make the mesh."""
+    """Make the mesh with the smallest size of several fields."""
     smallest = gmsh.model.mesh.field.add("Min")
     gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
     gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
@@ -262,18 +262,18 @@ PARTS: dict[str, tuple[Callable[[float], None], float, int]] = {
     "pillow_block": (pillow_block, 5.0, 1),
     "pin_in_lug": (pin_in_lug, 2.5, 2),
 }
-"""What draws each part, and the size near contact and the order of the cells beside this file."""
+"""The function that draws each part, with default size near contact and default order."""
 
 FUSED = {
     "bolted_flange": partial(bolted_flange, fused=True),
     "hub_on_shaft": partial(hub_on_shaft, fused=True),
     "pin_in_lug": partial(pin_in_lug, fused=True),
 }
-"""Both bodies as one, without play and with one mesh through both."""
+"""Parts that can be drawn as one body, without play and with one mesh through both."""
 
 
 def draw_with(make: Callable[[float], None], size: float, order: int, file: Path) -> int:
-    """Draw a part by a function, write its mesh; how many nodes it has."""
+    """Draw a part by a function, write its mesh and return its number of nodes."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)

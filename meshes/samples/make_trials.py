@@ -1,12 +1,12 @@
 """Make trial parts of one body: ``make_trials.py [NAME …] [--size FACTOR] [--to DIR]``.
 
-What the choice of a method is measured on (`contact_app.studies.method_choice`): bodies that bend,
-lift off, are held by contact alone, have play or interference, or cells of unlike size. Each is a
-triangulated profile, swept through layers and bent into shape; prisms are cut into tetrahedra, and
-inner nodes are moved at random, so that no two subdomains are alike. ``NAME.vtu`` and the scene
-``NAME.yaml`` are written. ``--size`` is the size of cells over the body's own, with which it has
-15,000 to 40,000 unknowns of degree 1. Needs NumPy and meshio. Lengths are in millimetres, stresses
-in MPa.
+The study `contact_app.studies.method_choice` measures the choice of a method on them: bodies that
+bend, lift off, are held by contact alone, have play or interference, or cells of unlike size. Each
+is a triangulated profile, swept through layers and bent into shape; prisms are cut into tetrahedra,
+and inner nodes are moved at random, so that no two subdomains are congruent. ``NAME.vtu`` and the
+scene ``NAME.yaml`` are written. ``--size`` is a factor on the default size of cells, with which
+bodies have 15,000 to 40,000 unknowns of degree 1. Needs NumPy and meshio. Lengths are in
+millimetres, stresses in MPa.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ STEEL = "{young: 2.1e5, poisson: 0.3}"
 
 @dataclass(frozen=True)
 class Trial:
-    """A part, and what its scene says of it.
+    """A part with the boundaries, conditions and contacts of its scene.
 
     Attributes
     ----------
     points, cells
-        Of the mesh, (nodes, 3) and (tetrahedra, 4).
+        Mesh, (nodes, 3) and (tetrahedra, 4).
     boundaries
-        Conditions in x, y, z.
+        Expressions in x, y, z, by name.
     conditions, contacts
         Lines of the scene.
     """
@@ -248,7 +248,7 @@ class Profile:
 
 
 def count(wished: float, size: float) -> int:
-    """Cells along an edge that has so many of a size of one."""
+    """Number of cells along an edge, given the number for a size of one."""
     return max(1, round(wished / size))
 
 
@@ -259,12 +259,12 @@ def grid(
     keep: Callable[[Array, Array], NDArray[np.bool_]] | None = None,
     closed: bool = False,
 ) -> Profile:
-    """A rectangle of so many cells, or those of them whose centre is kept.
+    """A rectangle of cells, or only the cells whose centre `keep` accepts.
 
     Parameters
     ----------
     closed
-        Its ends along the first axis are one.
+        Whether its two ends along the first axis are joined.
     """
     nx, ny = (count(c, size) for c in cells)
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
@@ -314,7 +314,7 @@ def layers(length: float, cells: int, size: float) -> Array:
 
 
 def swept(profile: Profile, heights: Array) -> tuple[Array, Cells]:
-    """Points and tetrahedra of a profile swept along z; nodes amid the height are moved."""
+    """Points and tetrahedra of a profile swept along z; inner nodes are moved at random."""
     n, random = len(profile.points), np.random.default_rng(2)
     points = np.vstack([np.column_stack([profile.points, np.full(n, z)]) for z in heights])
     inner = np.ones(n, bool)
@@ -331,7 +331,7 @@ def swept(profile: Profile, heights: Array) -> tuple[Array, Cells]:
 def box(
     lengths: tuple[float, float, float], cells: tuple[int, int, int], size: float
 ) -> tuple[Array, Cells]:
-    """A box of so many cells along each axis."""
+    """A box with a number of cells along each axis."""
     return swept(grid(lengths[:2], cells[:2], size), layers(lengths[2], cells[2], size))
 
 
@@ -343,7 +343,7 @@ def _edge_nodes(triangles: Cells) -> Cells:
 
 
 def _moved(profile: Profile, steps: Array) -> Profile:
-    """The same with its inner nodes moved at random."""
+    """The profile with its inner nodes moved at random."""
     points, random = profile.points.copy(), np.random.default_rng(1)
     inner = np.ones(len(points), bool)
     inner[_edge_nodes(profile.triangles)] = False
@@ -352,7 +352,7 @@ def _moved(profile: Profile, steps: Array) -> Profile:
 
 
 def _compact(points: Array, cells: Cells) -> Profile:
-    """Without the nodes that no cell has."""
+    """Points and cells without the nodes that no cell has."""
     used, places = np.unique(cells, return_inverse=True)
     return Profile(points[used], places.reshape(cells.shape))
 
@@ -383,7 +383,7 @@ TRIALS: dict[str, Callable[[float], Trial]] = {
         cup_on_ball, beam_on_rollers, graded_block, eye_on_pin, ring_on_shaft,
     )
 }  # fmt: skip
-"""What makes each part."""
+"""The function that makes each part."""
 
 
 def scene_of(name: str, trial: Trial) -> str:
@@ -397,7 +397,7 @@ def scene_of(name: str, trial: Trial) -> str:
 
 
 def write(name: str, size: float, directory: Path) -> Path:
-    """Make one part; where its scene is."""
+    """Make one part and return the path of its scene."""
     directory.mkdir(parents=True, exist_ok=True)
     trial = TRIALS[name](size)
     cells = turned(trial.points, trial.cells)

@@ -48,7 +48,7 @@ class Counts:
     """Work done, counted as the paper counts it (its Table 1 and Appendix A).
 
     Every row satisfies ``hessian = gradients + cg + k * expansion + proportioning``, with
-    ``gradients`` the multiplications for initial gradients (one a solve, or one an outer iteration
+    ``gradients`` the multiplications for initial gradients (one per solve, or per outer iteration
     where SMALBE recomputes it) and ``k`` those of an expansion step: 2, or 3 for ``opt``.
     """
 

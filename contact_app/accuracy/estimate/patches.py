@@ -117,7 +117,7 @@ class Cells:
     ----------
     degree
         Of the displacement.
-    nodes : (cells, nodes a cell)
+    nodes : (cells, nodes per cell)
         Nodes of the displacement in dolfinx's order.
     corners : (cells, vertices a cell)
         Vertices of each cell, numbered among themselves.

@@ -83,7 +83,7 @@ class _Weights:
         self._values: list[NDArray[np.float64]] = []
 
     def add(self, nodes: Integers, weights: NDArray[np.float64]) -> Integers:
-        """Numbers of new nodes, one a row of `nodes`; equal rows are one node."""
+        """Numbers of new nodes, one per row of `nodes`; equal rows are one node."""
         unique, of_row = np.unique(nodes, axis=0, return_inverse=True)
         first = self._count
         self._count += len(unique)

@@ -249,7 +249,7 @@ WRONG = [
     ({"bodies.0.boundaries": {"x-": {"where": "x < 1"}}}, "redefines x-, which the mesh", ""),
     ({"conditions.0.on": "block.side"}, "names the boundary 'side' of block", "known: x-, x+, y-"),
     ({"decomposition": {"subdomains": [9, 9]}}, "asks for 81 parts, where block has 8", ""),
-    ({"decomposition": {"subdomains": 9}}, "is 9; at most one a cell is allowed, 8 here", ""),
+    ({"decomposition": {"subdomains": 9}}, "is 9; at most one per cell is allowed, 8 here", ""),
     ({"dimension": 3}, "none of dimension 3; allowed: tetra (tetra10)", "mesh in 3D"),
 ]  # fmt: skip
 

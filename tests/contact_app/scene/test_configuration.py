@@ -183,7 +183,7 @@ WRONG = [
     ("decomposition={subdomains: 0}", "a whole number from 1 on"),
     ("decomposition={subdomains: [1,2]}", "has 2 numbers; along the axes of 3D there are 3"),
     ("decomposition={subdomains: [1,2,9]}", "9 sub-boxes along z, where cube has 2 cells"),
-    ("decomposition={subdomains: 9}", "at most one a cell is allowed, 8 here"),
+    ("decomposition={subdomains: 9}", "at most one per cell is allowed, 8 here"),
     ("solver.expansion=projgc", "did you mean projcg?"),
     ("output.fields=[stres]", "did you mean stress?"),
     # --set itself
