@@ -14,7 +14,7 @@ body overlaps itself elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,6 +112,7 @@ def load_mesh(
     placement: Placement | None = None,
     groups: Iterable[str] = (),
     degree: int = 1,
+    read: Callable[[Path, int], FileContent] = read_file,
 ) -> CellMesh:
     """Read a mesh file, repair and check it.
 
@@ -125,13 +126,15 @@ def load_mesh(
         Cell groups that make the body; all cells unless given.
     degree
         Degree of the displacement; 2 keeps the nodes on the edges of second-order cells.
+    read
+        Reads the file; a function that remembers serves bodies of one file.
 
     Raises
     ------
     MeshError
         The message says what is wrong and how to correct it.
     """
-    content = read_file(path, dimension)
+    content = read(path, dimension)
     notes, groups = list(content.notes), tuple(groups)
     given, row, _ = _once(content.cells)  # Gmsh 2.2 writes a cell once for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}

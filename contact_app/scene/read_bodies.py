@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from contact_app.machine.memory import needed_bytes
 from contact_app.scene.bodies import CELLS, MOTION_NAMES, Body, BodyMesh, Box
@@ -12,6 +15,11 @@ from contact_app.scene.expressions import Expression, ExpressionError
 from contact_app.scene.keys import Keys, Place
 from contact_app.scene.material import Material
 from contact_app.scene.schema import bodies as c
+
+if TYPE_CHECKING:
+    from meshes.read import FileContent
+
+Read = Callable[[Path, int], "FileContent"]
 
 SHORTEST_EDGE = 1e-15
 """Shortest edge of a cell; dolfinx takes boxes a few times shorter for empty."""
@@ -38,7 +46,10 @@ def read_bodies(keys: Keys) -> tuple[Body, ...]:
                 ("bodies", i, "name"),
                 f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
             )
-    bodies = tuple(_body(keys, i, body) for i, body in enumerate(given) if isinstance(body, c.Body))
+    read = _reading_once()
+    bodies = tuple(
+        _body(keys, i, body, read) for i, body in enumerate(given) if isinstance(body, c.Body)
+    )
     names = [body.name for body in given]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -48,11 +59,23 @@ def read_bodies(keys: Keys) -> tuple[Body, ...]:
     return bodies
 
 
-def _body(keys: Keys, i: int, body: c.Body) -> Body:
+def _reading_once() -> Read:
+    """Reads mesh files, each once: the bodies of an assembly often share one."""
+
+    @cache
+    def read(path: Path, dimension: int) -> FileContent:
+        from meshes.read import read_file  # meshio, which boxes do not need
+
+        return read_file(path, dimension)
+
+    return read
+
+
+def _body(keys: Keys, i: int, body: c.Body, read: Read) -> Body:
     path: Place = ("bodies", i)
     if body.degree not in (1, 2):
         keys.fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
-    mesh = _mesh(keys, body.mesh, body.degree, (*path, "mesh"))
+    mesh = _mesh(keys, body.mesh, body.degree, (*path, "mesh"), read)
     materials, mesh = _materials(keys, body, mesh, (*path, "material"))
     if body.mean_dilatation:
         _check_mean_dilatation(keys, body, mesh.cell, (*path, "mean_dilatation"))
@@ -152,7 +175,7 @@ def _material(keys: Keys, material: c.Material, path: Place) -> Material:
     )
 
 
-def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
+def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> BodyMesh:
     if (mesh.box is None) == (mesh.file is None):
         both = "has both; exactly one of" if mesh.box else "needs"
         keys.fail(path, f"{both} `box: {{lower, upper, cells, cell}}` or `file: part.msh`")
@@ -161,10 +184,10 @@ def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
             if key in mesh.model_fields_set:
                 keys.fail((*path, key), "belongs to a mesh from a file; a box has corners")
         return _box(keys, mesh.box, (*path, "box"))
-    return _file(keys, mesh, degree, path)
+    return _file(keys, mesh, degree, path, read)
 
 
-def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
+def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> BodyMesh:
     # dolfinx and meshio, which boxes need later or not at all
     from meshes import MeshError, refined
     from meshes.repair import Placement, load_mesh
@@ -189,7 +212,7 @@ def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place) -> BodyMesh:
         keys.fail((*path, "file"), f"is {mesh.file!r}, which is no name of a file")
     file = keys.configuration.source.parent / mesh.file
     try:
-        found = load_mesh(file, keys.dimension, placement, groups, degree)
+        found = load_mesh(file, keys.dimension, placement, groups, degree, read)
     except MeshError as error:
         keys.fail((*path, "file"), f"is {file}, which {error}")
     dofs = float(found.nodes * keys.dimension * 2 ** (keys.dimension * mesh.refine))

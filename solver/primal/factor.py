@@ -192,18 +192,3 @@ def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PET
     with lent(A.comm, near) as (extra,):
         result.setDiagonal(result.getDiagonal() + extra)
     return result
-
-
-def change_springs(matrix: PETSc.Mat, Q: PETSc.Mat, changes: Array) -> None:
-    """Add Qᵀ diag(changes) Q to a matrix that `with_springs` made, in place (collective).
-
-    The matrix had springs on these rows, faint ones at least: its pattern has room for them.
-    """
-    some = np.flatnonzero(changes)
-    if matrix.comm.tompi4py().allreduce(len(some)) == 0:
-        return
-    springs = chosen_rows(Q, some)
-    scaled = springs.copy()
-    with lent(matrix.comm, changes[some]) as (left,):
-        scaled.diagonalScale(L=left)
-    matrix.axpy(1.0, springs.transposeMatMult(scaled), PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)

@@ -1,0 +1,336 @@
+"""The problem of the first set on one level: each contact row a one-sided spring.
+
+    min ½ xᵀ A x - bᵀ x + ½ Σ s_i max(0, (Q x - c)_i)² + ½ Σ w s_i (Q x - c)_i²
+
+is solved by Newton's method with an exact line search, which ends after finitely many steps
+(D. Sun, J. Han, 1997). Three kinds of levels differ in how they solve for a step: by a sparse
+factor, by a dense one on every rank, or by a few conjugate gradients with a V-cycle.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.blas import dsyrk
+
+from solver.primal.cholesky import factored
+from solver.primal.cycle import Cycle
+from solver.primal.factor import with_springs
+from solver.primal.hierarchy import Hierarchy
+from solver.primal.merged import multiply, multiply_transposed
+from solver.tfeti.constraints.matrix import lent, local_rows
+
+Array = NDArray[np.float64]
+
+SMALL = 1e-2
+"""Share of the largest stiffness of a level that an unknown counts as if it had at least.
+
+Aggregates with held or too few nodes have unknowns without any stiffness."""
+
+
+@dataclass(frozen=True)
+class FirstSetOptions:
+    """The tuned numbers of the first set.
+
+    Attributes
+    ----------
+    faint
+        w. A hundredth moves contact zones visibly; below 1e-6 bodies that nothing else holds are
+        moved so far that no digits are left.
+    exact_steps, steps
+        Most Newton steps on the coarsest level, which a factor solves, and on finer ones.
+    reduction, iterations
+        Of the conjugate gradients of one Newton step. With 0.03 and eight steps the first set takes
+        half as long again, and the sets after it no fewer iterations (pillow block 31, flange 58
+        instead of 52).
+    near
+        Added to the diagonal, relatively: for motions that no row and no support stops.
+    largest
+        Unknowns up to which a level is solved by a factor, a dense one.
+    full
+        Share of entries that are not zero, from which rows on such a level are multiplied as a full
+        matrix: on the flange, where they are a fifth, in a third of the time.
+    """
+
+    faint: float = 1e-4
+    exact_steps: int = 60
+    steps: int = 5
+    reduction: float = 0.3
+    iterations: int = 25
+    near: float = 1e-9
+    largest: int = 2500
+    full: float = 0.12
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The contact and tied rows of a problem.
+
+    Attributes
+    ----------
+    c, stiffness : (rows,)
+        Right-hand side, and stiffness of the springs.
+    normal, equality : (rows,)
+        Which are contact rows, and which hold with equality.
+    """
+
+    comm: MPI.Intracomm
+    c: Array
+    normal: NDArray[np.bool_]
+    equality: NDArray[np.bool_]
+    stiffness: Array
+
+    def everywhere(self) -> Rows:
+        """All rows, on a rank of its own (collective)."""
+        every = [
+            np.concatenate(self.comm.allgather(own))
+            for own in (self.c, self.normal, self.equality, self.stiffness)
+        ]
+        return Rows(MPI.COMM_SELF, *every)
+
+
+class Level(ABC):
+    """Newton's method; the kinds of levels multiply and solve.
+
+    Parameters
+    ----------
+    load
+        b.
+    diagonal
+        Of A.
+    """
+
+    def __init__(self, rows: Rows, load: Array, diagonal: Array, options: FirstSetOptions) -> None:
+        self.rows, self.load, self.options, self.comm = rows, load, options, rows.comm
+        most = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
+        self.near = options.near * np.maximum(diagonal, SMALL * most)
+
+    @abstractmethod
+    def stiffness(self, x: Array) -> Array:
+        """A x."""
+
+    @abstractmethod
+    def images(self, x: Array) -> Array:
+        """Q x, (rows,)."""
+
+    @abstractmethod
+    def forces(self, tensions: Array) -> Array:
+        """Qᵀ t of tensions (rows,)."""
+
+    @abstractmethod
+    def newton_step(self, weights: Array, residual: Array) -> Array:
+        """A solution with the Hessian whose springs have these stiffnesses (rows,).
+
+        Raises
+        ------
+        ArithmeticError
+            The Hessian has no factor.
+        """
+
+    def pressed(self, x: Array) -> NDArray[np.bool_]:
+        """Rows whose spring presses, (rows,)."""
+        return np.asarray(self.rows.normal & (self.images(x) > self.rows.c))
+
+    def minimise(self, x: Array, steps: int) -> Array:
+        """The minimum, or what so many steps come to (collective)."""
+        jump = self.images(x) - self.rows.c
+        Ax = self.stiffness(x)
+        for _ in range(steps):
+            weights = self._weights(jump)
+            gradient = Ax - self.load + self.near * x
+            step = self.newton_step(weights, -gradient - self.forces(weights * jump))
+            image, product = self.images(step), self.stiffness(step)
+            slope, bent = float(step @ gradient), float(step @ (product + self.near * step))
+            length = self._length(jump, image, slope, bent)
+            x, jump, Ax = x + length * step, jump + length * image, Ax + length * product
+            settled = bool((self._weights(jump) == weights).all()) and abs(length - 1.0) < 1e-3
+            if self.comm.allreduce(settled, op=MPI.LAND):
+                break
+        return x
+
+    def _weights(self, jump: Array) -> Array:
+        """Stiffness of each spring, (rows,)."""
+        stiff = (self.rows.normal & (jump >= 0.0)) | self.rows.equality
+        return self.rows.stiffness * np.where(stiff, 1.0, self.options.faint)
+
+    def _length(self, jump: Array, image: Array, slope: float, bent: float) -> float:
+        """The minimum along a step: the root of a piecewise linear, increasing function.
+
+        Newton's method finds it once it comes to the right piece; bisection leads there.
+        """
+        slope, bent = (float(v) for v in self.comm.allreduce(np.array([slope, bent])))
+
+        def rising(t: float) -> tuple[float, float]:
+            """Value and slope."""
+            at = jump + t * image
+            pulls = self._weights(at) * image
+            push, stiff = self.comm.allreduce(np.array([pulls @ at, pulls @ image]))
+            return slope + bent * t + float(push), bent + float(stiff)
+
+        small = 1e-9 * abs(rising(0.0)[0])
+        low, high, t = 0.0, np.inf, 1.0
+        for _ in range(60):
+            value, steep = rising(t)
+            if abs(value) <= small:
+                break
+            low, high = (t, high) if value < 0.0 else (low, t)
+            newton = t - value / steep if steep > 0.0 else np.inf
+            if low < newton < high and newton < 1e6:
+                t = newton
+            else:
+                t = 0.5 * (low + high) if high < np.inf else 2.0 * t
+        return t
+
+
+class SharedLevel(Level):
+    """A level whose unknowns the ranks share; a sparse factor solves for each step."""
+
+    def __init__(
+        self, rows: Rows, A: PETSc.Mat, Q: PETSc.Mat, load: Array, options: FirstSetOptions
+    ) -> None:
+        self.A, self.Q = A, Q
+        super().__init__(rows, load, np.asarray(A.getDiagonal().getArray()), options)
+
+    def stiffness(self, x: Array) -> Array:
+        """A x."""
+        return multiply(self.A, x)
+
+    def images(self, x: Array) -> Array:
+        """Q x, (rows,)."""
+        return multiply(self.Q, x)
+
+    def forces(self, tensions: Array) -> Array:
+        """Qᵀ t of tensions (rows,)."""
+        return multiply_transposed(self.Q, tensions)
+
+    def newton_step(self, weights: Array, residual: Array) -> Array:
+        """By a sparse factor of the Hessian."""
+        pc = factored(with_springs(self.A, self.Q, weights, self.near))
+        out = np.empty_like(residual)
+        with lent(self.comm, residual, out) as (x, y):
+            pc.apply(x, y)
+        pc.destroy()
+        return out
+
+
+class CycleLevel(SharedLevel):
+    """A level whose steps a few conjugate gradients find, with a cycle from there down.
+
+    The Hessian is put together for the smoother alone, with the first springs. The levels below
+    have none: these cost more than the steps they save.
+
+    Parameters
+    ----------
+    hierarchy
+        This level and those below.
+    """
+
+    def __init__(
+        self, rows: Rows, A: PETSc.Mat, Q: PETSc.Mat, load: Array, options: FirstSetOptions,
+        hierarchy: Hierarchy,
+    ) -> None:  # fmt: skip
+        super().__init__(rows, A, Q, load, options)
+        self._hierarchy = hierarchy
+        self._cycle: Cycle | None = None
+
+    def newton_step(self, weights: Array, residual: Array) -> Array:
+        """A few conjugate gradients from zero; in the norm of the preconditioner (collective)."""
+        comm, cycle = self.comm, self._cycle_of(weights)
+        x, left, z = np.zeros_like(residual), residual.copy(), np.empty_like(residual)
+        cycle.apply(left, z)
+        direction, square = z.copy(), comm.allreduce(float(left @ z))
+        wanted = self.options.reduction**2 * square
+        if not square > 0.0:
+            return x
+        for _ in range(self.options.iterations):
+            product = self.stiffness(direction) + self.near * direction
+            product += self.forces(weights * self.images(direction))
+            curvature = comm.allreduce(float(direction @ product))
+            if not curvature > 0.0:
+                break
+            length = square / curvature
+            x += length * direction
+            left -= length * product
+            cycle.apply(left, z)
+            before, square = square, comm.allreduce(float(left @ z))
+            if square <= wanted:
+                break
+            direction = z + square / before * direction
+        return x
+
+    def _cycle_of(self, weights: Array) -> Cycle:
+        """The cycle, made with the springs it is first asked for (collective)."""
+        if self._cycle is None:
+            levels = self._hierarchy
+            top = with_springs(self.A, self.Q, weights, self.near)
+            operators = [top, *levels.operators[1:]]
+            self._cycle = Cycle(operators, levels.prolongations, levels.options)
+        return self._cycle
+
+
+class DenseLevel(Level):
+    """A small level on this rank alone, with a dense factor for each step.
+
+    The Hessian of a coarse level is nearly full: on 1,080 unknowns of a pair CHOLMOD takes 53 ms,
+    this 21. Rows whose springs change change it.
+    """
+
+    def __init__(
+        self, rows: Rows, A: sparse.csr_matrix, Q: sparse.csr_matrix, load: Array,
+        options: FirstSetOptions,
+    ) -> None:  # fmt: skip
+        self._A, self._Q, self._Qt = A, Q, Q.T.tocsr()
+        super().__init__(rows, load, A.diagonal(), options)
+        self._hessian = A.toarray(order="F") + np.diag(self.near)
+        self._weights_of_hessian = np.zeros(len(rows.c))
+
+    @classmethod
+    def gathered(cls, level: SharedLevel) -> DenseLevel:
+        """The whole of a level that ranks share, on each of them (collective)."""
+        comm = level.comm
+        A, Q = (
+            sparse.csr_matrix(sparse.vstack(comm.allgather(local_rows(matrix))))
+            for matrix in (level.A, level.Q)
+        )
+        load = np.concatenate(comm.allgather(level.load))
+        return cls(level.rows.everywhere(), A, Q, load, level.options)
+
+    def stiffness(self, x: Array) -> Array:
+        """A x."""
+        return np.asarray(self._A @ x)
+
+    def images(self, x: Array) -> Array:
+        """Q x, (rows,)."""
+        return np.asarray(self._Q @ x)
+
+    def forces(self, tensions: Array) -> Array:
+        """Qᵀ t of tensions (rows,)."""
+        return np.asarray(self._Qt @ tensions)
+
+    def newton_step(self, weights: Array, residual: Array) -> Array:
+        """By a dense factor of the Hessian."""
+        changes = weights - self._weights_of_hessian
+        for sign in (1.0, -1.0):
+            some = np.flatnonzero(sign * changes > 0.0)
+            self._add(sparse.diags(np.sqrt(sign * changes[some])) @ self._Q[some], sign)
+        self._weights_of_hessian = weights
+        try:
+            factor = cho_factor(self._hessian, lower=True)
+        except LinAlgError as error:
+            raise ArithmeticError("the Hessian of a coarse level has no Cholesky factor") from error
+        return np.asarray(cho_solve(factor, residual))
+
+    def _add(self, rows: sparse.csr_matrix, sign: float) -> None:
+        """Add sign · rowsᵀ rows to the lower half of the Hessian."""
+        if rows.nnz > self.options.full * np.prod(rows.shape, dtype=float):
+            full = rows.toarray()
+            self._hessian = dsyrk(sign, full.T, 1.0, self._hessian, lower=1, overwrite_c=1)
+        else:
+            self._hessian += sign * (rows.T @ rows).toarray()
