@@ -1,8 +1,13 @@
-"""Results of two versions side by side: rows of the paper, or runs of scenes.
+"""Two versions side by side: shipped scenes, cubes, the paper's own problem and its rows.
 
-A directory of `contact-app reproduce svm` or `reproduce cube` has counts as CSV, one of runs has a
-`summary.json` in each directory below it. Both are compared by what neither machine nor load
-changes: Hessian multiplications and energies.
+Each version first runs all of them, one process after another. What a directory holds already is
+not run again, so a stopped series goes on; the log says when each began and ended::
+
+    python -m contact_app.studies.two_versions --run CHECKOUT DIRECTORY SVM_DATA
+
+The checkout is one of this project with its `contact` launcher, the data are those of
+`reproduce svm --data`. Two such directories are then
+compared by what neither machine nor load changes, operator applications and energies::
 
     python -m contact_app.studies.two_versions BEFORE AFTER
 """
@@ -11,38 +16,90 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
 import sys
+import time
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-COUNTS = ("svm_counts.csv", "cube_counts.csv")
+COUNTS = "*_counts.csv"
+EXPANSIONS = (
+    "projcg", "gfgf-opt", "gfgr-opt", "grgr-opt", "gfgr-optapprox", "grgr-optapprox", "fixed",
+)  # fmt: skip
+"""Those of the paper's rows, the quickest first."""
+
+
+def jobs(checkout: Path, data: Path) -> Iterator[tuple[str, list[str]]]:
+    """Directory and arguments of each run."""
+    for scene in sorted((checkout / "configs").glob("*.yaml")):
+        yield f"scenes/{scene.stem}", ["run", str(scene)]
+    cube = str(checkout / "configs" / "cube.yaml")
+    for cells in (40, 60):
+        cells_key = f"bodies.0.mesh.box.cells=[{cells},{cells},{cells}]"
+        yield f"scenes/cube{cells}", ["run", cube, "--set", cells_key]
+    yield "svm", ["reproduce", "svm", "--data", str(data)]
+    for expansion in EXPANSIONS:
+        yield f"rows/{expansion}", ["reproduce", "cube", "--expansion", expansion]
+    for rule in ("ours", "paper"):
+        yield f"whole/{rule}", ["reproduce", "cube", "--scale", "paper", "--settings", rule]
+
+
+def run(checkout: Path, output: Path, data: Path) -> Iterator[str]:
+    """Run what the directory does not hold yet; a sentence for each run."""
+    for name, arguments in jobs(checkout, data):
+        directory = output / name
+        if (directory / "done").is_file():
+            continue
+        directory.mkdir(parents=True, exist_ok=True)
+        yield f"{time.strftime('%H:%M:%S')} {name}"
+        with (directory / "output.log").open("w", encoding="utf-8") as log:
+            code = subprocess.run(
+                [str(checkout / "contact"), *arguments, "-o", str(directory)],
+                stdout=log, stderr=subprocess.STDOUT, check=False,
+            ).returncode  # fmt: skip
+        yield f"{time.strftime('%H:%M:%S')} {name} ended with exit code {code}"
+        if code in (0, 1):
+            (directory / "done").touch()
 
 
 def compare(before: Path, after: Path) -> Iterator[str]:
-    """Lines of a Markdown table.
+    """Lines of Markdown tables: one of the runs, one of the rows of the paper.
 
     Raises
     ------
     FileNotFoundError
         The two directories have no results of the same kind.
     """
-    for name in COUNTS:
-        if (before / name).is_file() and (after / name).is_file():
-            yield from _rows(before / name, after / name)
-            return
-    found = sorted({f.parent.relative_to(before) for f in before.rglob("summary.json")})
-    found = [path for path in found if (after / path / "summary.json").is_file()]
-    if not found:
+    tables = _both(before, after, COUNTS)
+    within = {table.parent for table in tables}
+    runs = [
+        path
+        for path in _both(before, after, "summary.json")
+        if within.isdisjoint(path.parents)  # rows of the paper have summaries, too
+    ]
+    if not runs and not tables:
         raise FileNotFoundError(f"{before} and {after} hold no results of the same kind")
-    yield "| run | operator applications, before | after | energy, before | relative change |"
-    yield "|---|---:|---:|---:|---:|"
-    for path in found:
-        old, new = (json.loads((d / path / "summary.json").read_text()) for d in (before, after))
-        if "solver" in old and "solver" in new:  # that of load cases has those of the cases below
-            yield _run(str(path), old, new)
+    if runs:
+        yield "| run | operator applications, before | after | energy, before | relative change |"
+        yield "|---|---:|---:|---:|---:|"
+        for path in runs:
+            old, new = (json.loads((d / path).read_text()) for d in (before, after))
+            if "solver" in old and "solver" in new:  # that of load cases has those of the cases
+                yield _run(str(path.parent), old, new)
+        yield ""
+    if tables:
+        yield "| benchmark | expansion | rows | equal | median, before | after | largest change |"
+        yield "|---|---|---:|---:|---:|---:|---:|"
+        for path in tables:
+            yield from _rows(before / path, after / path)
+
+
+def _both(before: Path, after: Path, pattern: str) -> list[Path]:
+    found = sorted(file.relative_to(before) for file in before.rglob(pattern))
+    return [path for path in found if (after / path).is_file()]
 
 
 def _rows(before: Path, after: Path) -> Iterator[str]:
@@ -53,8 +110,6 @@ def _rows(before: Path, after: Path) -> Iterator[str]:
             pairs[old["benchmark"], old["expansion"]].append(
                 (int(old["hessian"]), int(new["hessian"]))
             )
-    yield "| benchmark | expansion | rows | equal | median, before | after | largest change |"
-    yield "|---|---|---:|---:|---:|---:|---:|"
     for (benchmark, expansion), counts in pairs.items():
         same = sum(old == new for old, new in counts)
         medians = [median(column) for column in zip(*counts, strict=True)]
@@ -73,5 +128,15 @@ def _run(name: str, old: dict[str, Any], new: dict[str, Any]) -> str:
     return f"| {name} | {counts[0]} | {counts[1]} | {first:.10g} | {shown} |"
 
 
+def main(arguments: list[str]) -> None:
+    """Run one version, or compare two."""
+    if arguments[:1] == ["--run"]:
+        lines = run(*(Path(argument).resolve() for argument in arguments[1:4]))
+    else:
+        lines = compare(Path(arguments[0]), Path(arguments[1]))
+    for line in lines:
+        print(line, flush=True)
+
+
 if __name__ == "__main__":
-    print("\n".join(compare(Path(sys.argv[1]), Path(sys.argv[2]))))
+    main(sys.argv[1:])
