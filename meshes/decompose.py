@@ -40,8 +40,8 @@ PIECE_NODES = {2: 20_000, 3: 500}
 """Nodes of a subdomain of a mesh with `decomposition: auto`, by dimension.
 
 Nearly the fastest size in sweeps over the bracket, the ball and cubes of tetrahedra with 3,000 to
-50,000 nodes (``python -m contact_app.studies.sweep``); twice or half as many nodes take at most a
-fifth longer.
+50,000 nodes (``python -m contact_app.studies.settings``); twice or half as many nodes take at most
+a fifth longer.
 """
 
 WHOLE_NODES = {2: 20_000, 3: 2_000}

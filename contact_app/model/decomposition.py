@@ -2,7 +2,7 @@
 
 Among the splits into sub-boxes about as long in every direction, and the box as one, the one whose
 run would take least time by the model of `solver.tfeti.subdomain.costs`. `python -m
-contact_app.studies.sweep` measures how good that choice is.
+contact_app.studies.settings` sets others beside it.
 """
 
 from __future__ import annotations

@@ -407,17 +407,9 @@ def stability(output: OutputOption = None) -> None:
         typer.echo(f"wrote {path}")
 
 
-def effectivity(
-    configs: Annotated[
-        list[Path] | None,
-        typer.Argument(help="Scenes: say what `tolerance: auto` saves on them instead."),
-    ] = None,
-    output: OutputOption = None,
-) -> None:
+def effectivity(output: OutputOption = None) -> None:
     """Compare the error estimate with known errors, and runs to an accuracy with what they met."""
     from contact_app.studies.effectivity import effectivity as run
-    from contact_app.studies.savings import savings
 
-    lines = savings(configs) if configs else run(output or Path("results/effectivity"))
-    for line in lines:
+    for line in run(output or Path("results/effectivity")):
         typer.echo(line)
