@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import dolfinx
@@ -224,6 +224,12 @@ def stacked(cell: str, comm: Any) -> Any:
     return dolfinx_compat.create_mesh(joined, np.ascontiguousarray(coordinates), cell, comm=comm)
 
 
+def rough(forms: Forms) -> Forms:
+    """The same with friction at its contacts."""
+    contacts = [replace(contact, friction={"coulomb": 0.3}) for contact in forms.contacts]
+    return replace(forms, contacts=contacts)
+
+
 def solved_alone(forms: Forms) -> tuple[np.ndarray, float]:
     """Displacement (nodes, d) and energy of a problem with an obstacle, by `tests.reference`.
 
@@ -267,6 +273,9 @@ PROBLEMS: dict[str, Callable[[], Forms]] = {
     "grid on springs": lambda: block("quadrilateral", 1, kind="springs", cells=40, layers=24),
     "pair": lambda: two_blocks("hexahedron", 1),
     "quadratic pair": lambda: two_blocks("triangle", 2),
+    "rough": lambda: rough(block("hexahedron", 1)),
+    "rough quadratic": lambda: rough(block("tetrahedron", 2)),
+    "rough pair": lambda: rough(two_blocks("hexahedron", 1)),
 }
 """Problems that are solved on several ranks."""
 

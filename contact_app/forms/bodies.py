@@ -22,11 +22,12 @@ from scipy.linalg import block_diag
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.subdomains import Subdomains
-from contact_app.model.equilibrium import directions_in_words
+from contact_app.model.equilibrium import ContactPoints, directions_in_words
 from meshes.connected import connected
-from solver.contact.equilibrium import balance, by_body, holds, loose_motions, spanned
+from solver.contact.equilibrium import balance, by_body, holds, loose_motions, slide, spanned
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, orthonormal_kernel, rigid_motions
 
@@ -192,20 +193,35 @@ class Holding:
     loose: LooseBodies
 
 
+@dataclass(frozen=True, eq=False)
+class Resisting:
+    """Rows of this rank that may hold the bodies.
+
+    Attributes
+    ----------
+    held, contact
+        Held nodes and contact rows.
+    groups : (bodies,)
+        The group of each body.
+    friction
+        Tangential rows; None where no contact has friction.
+    """
+
+    held: HeldRows
+    contact: ContactRows
+    groups: NDArray[np.int64]
+    friction: FrictionRows | None = None
+
+
 def holding(
     subdomains: Subdomains,
     bodies: Bodies,
     exchange: NodeExchange,
     stiffness: list[sparse.csr_matrix],
     loads: list[Array],
-    rows: tuple[HeldRows, ContactRows, NDArray[np.int64]],
+    rows: Resisting,
 ) -> Holding:
     """What holds each body, by rigid motions alone (collective).
-
-    Parameters
-    ----------
-    rows
-        Held nodes and contact rows this rank owns, and the group of each body.
 
     Raises
     ------
@@ -213,7 +229,7 @@ def holding(
         A load drives a body away.
     """
     d, m, comm = subdomains.dimension, MOTIONS[subdomains.dimension], subdomains.comm
-    held, contact, groups = rows
+    held, contact, groups = rows.held, rows.contact, rows.groups
     work, scale = np.zeros((bodies.count, m)), np.zeros(bodies.count)
     for number, (f, body) in enumerate(zip(loads, bodies.of_subdomain, strict=True)):
         points = subdomains.points[subdomains.copies(number)]
@@ -224,6 +240,10 @@ def holding(
     body_of_held = bodies.of_node[held.nodes - exchange.first]
     seen = _contact_motions(bodies, exchange, contact, d)
     moved = _moved_by_contact(bodies, exchange, contact, d)
+    rough: ContactPoints | None = None
+    if rows.friction is not None:
+        slips = _contact_motions(bodies, exchange, rows.friction.rows, d)
+        rough = ContactPoints(rows.friction, rows.friction.places(contact), slips)
     free: list[Array] = [np.zeros((m, 0))] * bodies.count
     loose = list(free)
     alone, steady = np.zeros(bodies.count, bool), True
@@ -237,15 +257,21 @@ def holding(
             alone[b] = holds(comm, holds_body[-1])
         columns = (group[:, None] * m + np.arange(m)).ravel()
         of_group = seen[:, columns]
-        of_group = of_group[np.diff(of_group.indptr) > 0].toarray()
+        mine = np.diff(of_group.indptr) > 0
+        of_group = of_group[mine].toarray()
+        cones = None if rough is None else rough.cones(mine, columns)
         size, holding_rows = float(scale[group].sum()), block_diag(*holds_body)
-        found = balance(comm, holding_rows, of_group, work[group].ravel(), size)
+        found = balance(comm, holding_rows, of_group, work[group].ravel(), size, cones)
         if found.escape is not None:
-            raise NoEquilibriumError(_leaving(bodies, group, found.escape, d))
+            escape = found.escape
+            if cones is not None:
+                escape = slide(comm, holding_rows, of_group, escape, cones)
+            raise NoEquilibriumError(_leaving(bodies, group, escape, d, cones is not None))
         steady &= found.held
         for b, motion in zip(group, by_body(found.free_motions, m), strict=True):
             free[b] = motion
-        slides = loose_motions(comm, holding_rows, of_group, moved[:, columns])
+        resisting = of_group if cones is None else np.concatenate([of_group, cones.slips])
+        slides = loose_motions(comm, holding_rows, resisting, moved[:, columns])
         slides = spanned(np.hstack([slides, found.free_motions])).reshape(len(group), m, -1)
         for b, motion in zip(group, slides, strict=True):
             loose[b] = motion
@@ -292,7 +318,7 @@ def _contact_motions(
     )
 
 
-def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, d: int) -> str:
+def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, d: int, rough: bool) -> str:
     """Which bodies leave and where to, as an error says it."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
@@ -302,7 +328,8 @@ def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, d: int) ->
             middle = ", ".join(f"{v:.3g}" for v in bodies.centres[b][:d])
             which = "the body" if bodies.count == 1 else f"the body about ({middle})"
             said.append(f"{which} from leaving along {directions_in_words(motion[:, None])}")
+    friction = ", not even friction at its limit" if rough else ""
     return (
-        f"the problem has no equilibrium: nothing stops {' and '.join(said)} under its loads; add "
-        "a Dirichlet condition, a spring or a contact"
+        f"the problem has no equilibrium: nothing stops {' and '.join(said)} under its loads"
+        f"{friction}; add a Dirichlet condition, a spring or a contact"
     )

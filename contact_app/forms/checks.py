@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any, get_args
@@ -15,6 +15,7 @@ from scipy import linalg, sparse
 
 from contact_app.errors import ConfigurationError
 from contact_app.forms.contacts import Contact, SignedDistance, values_of
+from contact_app.scene.conditions import Friction
 from contact_app.scene.obstacles import Cylinder, Plane, Sphere
 from meshes import dolfinx_compat
 from solver.contact.options import Method
@@ -162,17 +163,31 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
             both = set(values_of(contact.tag)) & set(values_of(contact.against))
             if both:
                 raise ValueError(f"{at}: facets with the tag {min(both)} are on both sides")
-        if contact.friction is not None:
-            raise ValueError(
-                f"{at}.friction: a ContactProblem has no friction; give the problem as a scene to "
-                "contact_app.solve (friction: {coulomb: 0.3} of a contact)"
-            )
+        _check_friction(contact.friction, f"{at}.friction")
         if not np.isfinite(contact.interference):
             raise ValueError(f"{at}.interference must be a number")
         if contact.obstacle is not None:
             if contact.round:
                 raise ValueError(f"{at}.round is for facets against facets; leave it out")
             _check_obstacle(contact.obstacle, f"{at}.obstacle", d)
+
+
+def _check_friction(law: Any, at: str) -> None:
+    """That a law of friction, if there is one, has one number, and that it is of use."""
+    if law is None:
+        return
+    if isinstance(law, Friction):
+        law = {name: value for name, value in vars(law).items() if value is not None}
+    one_law = 'one law: {"coulomb": coefficient} or {"tresca": slip limit}'
+    if not isinstance(law, Mapping):
+        raise TypeError(f"{at} must be {one_law}, not {law!r}")
+    if len(law) != 1 or set(law) - {"coulomb", "tresca"}:
+        raise ValueError(f"{at} must be {one_law}, not {dict(law)!r}")
+    ((name, value),) = law.items()
+    if not isinstance(value, Real):
+        raise TypeError(f"{at}[{name!r}] must be a number, not {value!r}")
+    if not 0.0 <= float(value) < np.inf:
+        raise ValueError(f"{at}[{name!r}] must be zero or a positive number, not {value!r}")
 
 
 def _check_obstacle(obstacle: Any, at: str, d: int) -> None:

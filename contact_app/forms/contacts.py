@@ -10,7 +10,7 @@ Of a signed distance, |∇φ| = 1, g is the distance itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.scene.conditions import Friction
 from contact_app.scene.obstacles import SHAPES, Cylinder, Obstacle, Plane, Sphere
 
 Array = NDArray[np.float64]
@@ -110,7 +111,7 @@ def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tupl
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Facets that an obstacle or other facets keep from moving on, without friction.
+    """Facets that an obstacle or other facets keep from moving on.
 
     Attributes
     ----------
@@ -131,7 +132,8 @@ class Contact:
     name
         For messages and the summary; ``facets 3`` unless given.
     friction
-        Refused: scenes have friction, forms do not.
+        ``{"coulomb": μ}``, or ``{"tresca": s}`` with the slip limit s, a force per area; or a
+        `Friction`. Slip counts from the displacement zero. No friction unless given.
     """
 
     facet_tags: Any
@@ -141,7 +143,12 @@ class Contact:
     interference: float = 0.0
     round: bool = False
     name: str = ""
-    friction: None = None
+    friction: Friction | Mapping[str, float] | None = None
+
+    @property
+    def law(self) -> Friction | None:
+        """The law of friction."""
+        return Friction(**self.friction) if isinstance(self.friction, Mapping) else self.friction
 
     @property
     def on(self) -> str:

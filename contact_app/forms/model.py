@@ -11,12 +11,21 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.forms.bodies import Bodies, Holding, bodies_of, groups_of, holding, kernel_of
+from contact_app.forms.bodies import (
+    Bodies,
+    Holding,
+    Resisting,
+    bodies_of,
+    groups_of,
+    holding,
+    kernel_of,
+)
 from contact_app.forms.boundary import Facets
 from contact_app.forms.checks import check_matrices, together
 from contact_app.forms.congruent import Congruent, congruent
 from contact_app.forms.contacts import Contact
 from contact_app.forms.fingerprints import all_equal, fingerprint_of_form, fingerprint_of_rows
+from contact_app.forms.friction import friction_rows
 from contact_app.forms.grid import ALIKE, Grid
 from contact_app.forms.parts import Parts, parts_of
 from contact_app.forms.rows import rows_of, tagged_facets
@@ -134,18 +143,22 @@ def build_model(
     exchange = NodeExchange(parts.comm, own.numbers, parts.nodes)
     facets = tuple(tagged_facets(parts, contact, i) for i, contact in enumerate(contacts))
     held, contact, merged = rows_of(parts, exchange, bcs, contacts, facets)
+    friction = friction_rows(parts, exchange, contacts, facets, held, (contact, merged))
     of_rows = fingerprint_of_rows(held, contact)
     bodies = bodies_of(own, exchange)
     groups = groups_of(bodies, exchange, contact)
-    found = holding(own, bodies, exchange, stiffness, loads, (held, contact, groups))
-    eliminated = found.held & (bodies.sizes == 1)
+    resisting = Resisting(held, contact, groups, friction)
+    found = holding(own, bodies, exchange, stiffness, loads, resisting)
+    eliminated = found.held & (bodies.sizes == 1) & (friction is None)
     first = parts.comm.exscan(own.count) or 0
     numbers = np.repeat(first + np.arange(own.count), np.diff(own.starts))
     of_held = eliminated[bodies.of_node[held.nodes - exchange.first]]
-    rows, shared = write_rows(exchange, numbers, held, SharedRows.of(contact), of_held)
-    constraints = ConstraintRows(
-        exchange, rows, shared, _supports(own, bodies, found, first), found.without_contact
-    )
+    slips = None if friction is None else friction.rows
+    rows, shared = write_rows(exchange, numbers, held, SharedRows.of(contact, slips), of_held)
+    if friction is not None:
+        friction = replace(friction, rows=shared.tangential)
+    supports = _supports(own, bodies, found, first)
+    constraints = ConstraintRows(exchange, rows, shared, supports, found.without_contact, friction)
     lifted = _lifted(exchange, held)
     with together(parts.comm):
         pieces = [
@@ -195,7 +208,9 @@ def with_new_loads(
         loads = model.subdomains.loads(forms[1])
     stiffness = [problem.classes[cls].stiffness for cls, _ in model.place]
     groups = problem.bodies.groups
-    holding(model.subdomains, model.bodies, exchange, stiffness, loads, (held, contact, groups))
+    friction = friction_rows(parts, exchange, model.contacts, facets, held, (contact, merged))
+    resisting = Resisting(held, contact, groups, friction)
+    holding(model.subdomains, model.bodies, exchange, stiffness, loads, resisting)
     forces = [np.zeros_like(own) for own in problem.forces]
     lifting = [np.zeros_like(own) for own in problem.lifting]
     value = _lifted(exchange, held)[1].ravel()
@@ -210,6 +225,8 @@ def with_new_loads(
     at = np.searchsorted(held.nodes, unknowns[rows] // parts.dimension)
     c[rows] = held.values[at, unknowns[rows] % parts.dimension]
     c[problem.inequality] = contact.gaps * problem.contact.spread
+    if friction is not None:
+        c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
     case = problem.with_loads(forces, lifting, c)
     return replace(model, problem=case, facets=facets, merged=merged)
 

@@ -32,18 +32,32 @@ from contact_app.forms.results import (
     contact_at_nodes,
     contact_records,
     nearest_gap,
+    of_most_pressed,
     reaction_records,
     summary_of,
 )
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
-from contact_app.run.fallback import FAILURES, failure_text
+from contact_app.results.friction import friction_at_rows
+from contact_app.run.fallback import FAILURES, failure_text, solve_directly
 from solver.contact.certificate import Certificate
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
 from solver.driver import reason_text, solve
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.options import TotalFetiOptions
+
+BY_NEWTON = "solved for the displacements by Newton's method, which takes longer"
+"""What a warning says of the last way to an answer."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Friction:
+    """Functions of friction at nodes."""
+
+    traction: Any
+    slip: Any
+    status: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +67,7 @@ class _Answer:
     solution: Solution
     pressure: Any
     gap: Any
+    friction: _Friction
     summary: dict[str, Any]
 
 
@@ -71,15 +86,15 @@ class ContactProblem:
     bcs
         Dirichlet conditions, of the space or of components of it.
     contacts
-        Frictionless contacts of tagged facets.
+        Contacts of tagged facets, with or without friction.
     tolerance
         The solve ends when penetration, equilibrium, complementarity and duality gap are below
         it, relative to displacement, load and energy.
     method
         ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid; else active
         sets on the undecomposed bodies with multigrid, and Total FETI with one subdomain a rank
-        where that ends without a certificate. Or an algorithm by name, as `solver.method` of a
-        scene: ``primal``, ``active-set``, ``smalbe``.
+        where that ends without a certificate; last, without friction, Newton's method. Or an
+        algorithm by name, as `solver.method` of a scene: ``primal``, ``active-set``, ``smalbe``.
     max_iterations
         Of the solver.
     u
@@ -161,7 +176,8 @@ class ContactProblem:
             if why:
                 said.append(f"multigrid left no certified answer ({why}): solved by Total FETI")
         if solution is None or said:
-            model, solution = self._by("auto" if method == "primal" else method, timings, monitor)
+            model, solution, why = self._by_total_feti(timings, monitor)
+            said += [why] * bool(why)
         assert model is not None
         said += [*model.notes, *filter(None, [slow_blas_warning()])]
         solution = replace(
@@ -184,6 +200,41 @@ class ContactProblem:
         except (NotCongruentError, CouldNotRunError):
             return None, None
         return (model, solution) if _is_final(solution) else (None, None)
+
+    def _by_total_feti(
+        self, timings: Timings, monitor: Monitor | None
+    ) -> tuple[FormModel, Solution, str]:
+        """The answer of the dual methods, or, where these fail, of Newton's (collective).
+
+        Returns
+        -------
+        The model, the answer, and a sentence on what failed before.
+
+        Raises
+        ------
+        CouldNotRunError
+            There is none.
+        """
+        method: Method = "auto" if self.options.method == "primal" else self.options.method
+        solution, failure = None, None
+        try:
+            model, solution = self._by(method, timings, monitor)
+            if _is_final(solution):
+                return model, solution, ""
+            why = reason_text(solution)
+        except CouldNotRunError as error:
+            failure, why = error, str(error)
+        if self._model is not None and not any(contact.law for contact in self.contacts):
+            model = self._model[-1]
+            dofs, tolerance = model.parts.nodes * model.parts.dimension, self.options.tolerance
+            with timings.measure("solve"):
+                direct = solve_directly(model.problem, dofs, float(tolerance), solution, monitor)
+            if direct is not None and (solution is None or direct.converged):
+                return model, direct, f"Total FETI left no certified answer ({why}): {BY_NEWTON}"
+        if solution is None:
+            assert failure is not None
+            raise failure
+        return model, solution, ""
 
     def _by(
         self, method: Method, timings: Timings, monitor: Monitor | None, grid: Grid | None = None
@@ -226,8 +277,10 @@ class ContactProblem:
             displacement = Owners.of_subdomains(model).mean(copies)
             on_space, owners = OnSpace(parts, model.exchange), Owners.of_parts(model)
             self.u.x.array[:] = on_space.values(displacement).ravel()
+            rough = friction_at_rows(model.problem, solution)
             found = [
-                contact_at_nodes(model, solution, owners, i) for i in range(len(model.contacts))
+                contact_at_nodes(model, solution, owners, rough, i)
+                for i in range(len(model.contacts))
             ]
             pressure = np.max([np.zeros(owners.count), *(c.pressure for c in found)], axis=0)
             gap = nearest_gap(found, owners.count)
@@ -239,7 +292,17 @@ class ContactProblem:
                 result.x.array[:] = on_space.values(values)[nodes]
                 return result
 
-            fields = function(pressure, "contact_pressure"), function(gap, "gap")
+            def vectors(values: NDArray[np.float64], name: str) -> Any:
+                result = fem.Function(self._space, name=name)
+                result.x.array[:] = on_space.values(values).ravel()
+                return result
+
+            traction, slip, status = of_most_pressed(found, owners.count, d)
+            friction = _Friction(
+                vectors(traction, "friction_traction"), vectors(slip, "slip"),
+                function(status.astype(float), "contact_status"),
+            )  # fmt: skip
+            fields = function(pressure, "contact_pressure"), function(gap, "gap"), friction
             records = (
                 contact_records(model, owners, found),
                 reaction_records(model, solution, owners, self.bcs),
@@ -272,6 +335,21 @@ class ContactProblem:
     def gap(self) -> Any:
         """Function of the distance left at contact nodes, NaN at others."""
         return self._solved.gap
+
+    @property
+    def friction_traction(self) -> Any:
+        """Vector Function of the friction force per area on the side of `tag`."""
+        return self._solved.friction.traction
+
+    @property
+    def slip(self) -> Any:
+        """Vector Function of what the side of `tag` moves along what it touches."""
+        return self._solved.friction.slip
+
+    @property
+    def contact_status(self) -> Any:
+        """Function that is 0 where a node is open, 1 where it sticks, 2 where it slides."""
+        return self._solved.friction.status
 
     @property
     def summary(self) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
 from contact_app.results.alternation import LINES, Lines, alternation
+from contact_app.results.friction import FrictionAtRows, dissipated_work
 from contact_app.results.resultants import joined, summed
 from contact_app.run.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
@@ -102,6 +103,10 @@ class ContactAtNodes:
         On which the force of a closed node acts.
     forces, moments : (owned, 3)
         Force on the side of `tag`, and its moment about the node.
+    traction, slips : (owned, 3)
+        Friction force per area on the side of `tag`, and its slip along what it touches.
+    status : (owned,)
+        0 where a node is open, 1 where it sticks, 2 where it slides.
     """
 
     pressure: Array
@@ -112,12 +117,21 @@ class ContactAtNodes:
     areas: Array
     forces: Array
     moments: Array
+    traction: Array
+    slips: Array
+    status: NDArray[np.int64]
 
 
 def contact_at_nodes(
-    model: FormModel, solution: Solution, owners: Owners, number: int
+    model: FormModel, solution: Solution, owners: Owners, rough: FrictionAtRows, number: int
 ) -> ContactAtNodes:
-    """Pressure, gap and forces of one contact (collective)."""
+    """Pressure, gap and forces of one contact (collective).
+
+    Parameters
+    ----------
+    rough
+        Friction at the contact rows.
+    """
     problem, rows, d = model.problem, model.problem.contact, model.parts.dimension
     facets, count = model.facets[number], len(model.parts.points)
     shares = owners.sums(facets.shares(d, count))
@@ -137,19 +151,29 @@ def contact_at_nodes(
     gap = np.full(owners.count, np.nan)
     np.fmin.at(gap, at, (-jump / rows.spread)[mine])
     at_nodes = model.contacts[number].against is None and not in_the_mean(model.parts)
-    if facets.copies.shape[1] != FACETS[d, facets.copies.shape[1]].vertices:
+    of_degree_2 = facets.copies.shape[1] != FACETS[d, facets.copies.shape[1]].vertices
+    if of_degree_2:
         if at_nodes:
             pressure = _without_alternation(model, facets, owners, pressure, shares)
         else:
             pressure = _to_middles(facets, owners, pressure, count)
             gap = _to_middles(facets, owners, gap, count)
-    vectors, moments = np.zeros((len(force), 3)), force[:, None] * rows.moments[mine]
-    vectors[:, :d] = force[:, None] * rows.normals[mine]
+    wide = (area > 0.0)[:, None]
+    of_area = np.divide(rough.forces[mine], area[:, None], out=np.zeros((len(area), 3)), where=wide)
+    traction = at_owned(of_area)
+    if of_degree_2 and not at_nodes:
+        parts = [_to_middles(facets, owners, part, count) for part in traction.T]
+        traction = np.stack(parts, axis=1)
+    vectors = rough.forces[mine]
+    vectors[:, :d] += force[:, None] * rows.normals[mine]
+    moments = force[:, None] * rows.moments[mine] + rough.moments[mine]
     carriers = shares > 0.0 if at_nodes else at_owned(np.ones(len(force))) > 0.0
+    status = np.where(closed | rough.rubs[mine], np.where(rough.sticks[mine], 1, 2), 0)
     return ContactAtNodes(
         pressure, gap, shares, carriers,
         at_owned(closed.astype(float)) > 0.0, at_owned(np.where(closed, area, 0.0)),
-        at_owned(vectors), at_owned(moments),
+        at_owned(vectors), at_owned(moments), traction, at_owned(rough.slips[mine]),
+        at_owned(status).astype(np.int64),
     )  # fmt: skip
 
 
@@ -184,15 +208,15 @@ def contact_records(
     """The list `contacts` of the summary (collective)."""
     records, points = [], owners.at(model.parts.points)
     for contact, nodes in zip(model.contacts, found, strict=True):
-        comm, carriers, closed = model.parts.comm, nodes.carriers, nodes.carriers & nodes.closed
+        comm, carriers = model.parts.comm, nodes.carriers
         resultant = summed(comm, points, carriers, nodes.forces, nodes.shares, nodes.moments)
-        counts = np.array([nodes.areas.sum(), (carriers & ~closed).sum(), closed.sum()])
-        area, left, shut = comm.allreduce(counts)
+        counts = np.bincount(nodes.status[carriers], minlength=3)
+        area, *counts = comm.allreduce(np.array([nodes.areas.sum(), *counts]))
         records.append({
             "on": contact.on, "with": contact.other,
             **joined([resultant], model.parts.dimension), "area": float(area),
             "max_pressure": largest(model.parts.comm, nodes.pressure),
-            "nodes": {"open": int(left), "stick": 0, "slip": int(shut)},
+            "nodes": dict(zip(("open", "stick", "slip"), map(int, counts), strict=True)),
         })  # fmt: skip
     return records
 
@@ -227,18 +251,21 @@ def _force_of_conditions(model: FormModel, solution: Solution) -> Array:
     It is the residual K u - f. In held components, where contact rows have no part of it, what
     these push there is taken off.
     """
-    problem = model.problem
+    problem, friction = model.problem, model.problem.system.friction
     residual = [
         cls.stiffness @ u - f
         for cls, u, f in zip(problem.classes, solution.displacements, problem.forces, strict=True)
     ]
     force = Owners.of_subdomains(model).sums(model.at_copies(residual))
-    rows, held = problem.contact, problem.contact.held
-    of_rows = solution.multiplier[problem.inequality] * rows.spread
-    query = NodeExchange(model.parts.comm, held.node, model.exchange.total)
-    at = query.to_owners(held.component)
-    pushed = query.to_owners(of_rows[held.row] * held.value)
-    np.add.at(force, (query.nodes - model.exchange.first, at), pushed)
+    parts = [(problem.contact, problem.inequality)]
+    if friction is not None:
+        parts.append((friction.rows, problem.tangential))
+    for rows, mine in parts:
+        held, of_rows = rows.held, solution.multiplier[mine] * rows.spread
+        query = NodeExchange(model.parts.comm, held.node, model.exchange.total)
+        at = query.to_owners(held.component)
+        pushed = query.to_owners(of_rows[held.row] * held.value)
+        np.add.at(force, (query.nodes - model.exchange.first, at), pushed)
     return force
 
 
@@ -263,6 +290,8 @@ def summary_of(
     mesh, count = parts.space.mesh, comm.allreduce(model.subdomains.count)
     multiplier = solution.multiplier[model.problem.inequality]
     certificate = solution.certificate.as_dict()
+    rough = model.problem.system.friction is not None
+    work = {"dissipated_work": dissipated_work(model.problem, solution)} if rough else {}
     forces = [c["force"] for c, own in zip(contacts, model.contacts, strict=True)
               if own.against is None]  # fmt: skip
     return {
@@ -280,6 +309,7 @@ def summary_of(
             "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
             "contact_force": np.sum([np.zeros(3), *forces], axis=0).tolist(),
             "max_contact_pressure": max((c["max_pressure"] for c in contacts), default=0.0),
+            **work,
         },
         "contacts": contacts,
         "reactions": reactions,
@@ -287,6 +317,22 @@ def summary_of(
         "timings": timings.as_dict(),
         "environment": environment(comm),
     }
+
+
+def of_most_pressed(
+    found: list[ContactAtNodes], count: int, d: int
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Friction traction and slip, (owned, d), and status, (owned,).
+
+    Where contacts meet, a node has those of the contact that presses most.
+    """
+    traction, slip = np.zeros((2, count, d))
+    status, pressed = np.zeros(count, np.int64), np.full(count, -1.0)
+    for nodes in found:
+        some = np.flatnonzero((nodes.carriers | (nodes.shares > 0.0)) & (nodes.pressure > pressed))
+        pressed[some], status[some] = nodes.pressure[some], nodes.status[some]
+        traction[some], slip[some] = nodes.traction[some, :d], nodes.slips[some, :d]
+    return traction, slip, status
 
 
 def nearest_gap(found: list[ContactAtNodes], count: int) -> Array:

@@ -49,8 +49,15 @@ class Answer:
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
         Zero away from contact; the largest where a node lies on several contacts.
+    smoothed_contact_pressure : (nodes,)
+        The same without what single facets make of it.
     gap : (nodes,)
         Distance left; NaN where nothing is near.
+    friction_traction, slip : (nodes, dimension)
+        Friction force per area on the body of `on`, and its slip along what it touches. None
+        without friction.
+    contact_status : (nodes,)
+        0 where a node is open, 1 where it sticks, 2 where it slides. None without friction.
     stress : (cells, 6)
         xx, yy, zz, xy, yz, xz, the mean of each cell.
     von_mises : (cells,)
@@ -63,7 +70,11 @@ class Answer:
     points: Array
     displacement: Array
     contact_pressure: Array
+    smoothed_contact_pressure: Array
     gap: Array
+    friction_traction: Array | None
+    slip: Array | None
+    contact_status: Array | None
     stress: Array
     von_mises: Array
     nodal_stress: Array | None
@@ -237,12 +248,13 @@ def _refuse(scene: Scene, known: Outline) -> None:
 def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
     """With the arrays of all images."""
     nodes, cells = solved.nodes, solved.cells
-    points, displacement, pressure, gap, stress = [], [], [], [], []
-    images = whole(solved.model, nodes).images
+    points, displacement, pressure, smoothed, gap, stress = [], [], [], [], [], []
+    images, rough = whole(solved.model, nodes).images, solved.model.scene.has_friction
     for image in images:
         points.append(image.points(nodes.points)[image.new])
         displacement.append(image.field("displacement", nodes.displacement)[image.new])
         pressure.append(nodes.contact_pressure[image.new])
+        smoothed.append(nodes.smoothed_contact_pressure[image.new])
         gap.append(nodes.gap[image.new])
         stress.append(image.field("stress", cells.stress))
     return Answer(
@@ -250,7 +262,11 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
         points=np.concatenate(points),
         displacement=np.concatenate(displacement),
         contact_pressure=np.concatenate(pressure),
+        smoothed_contact_pressure=np.concatenate(smoothed),
         gap=np.concatenate(gap),
+        friction_traction=nodes.friction_traction if rough else None,  # halves have no friction
+        slip=nodes.slip if rough else None,
+        contact_status=nodes.contact_status if rough else None,
         stress=np.concatenate(stress),
         von_mises=np.tile(cells.von_mises, len(images)),
         nodal_stress=_nodal("nodal_stress", solved, images),

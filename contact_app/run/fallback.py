@@ -31,6 +31,7 @@ from solver.driver import ROUNDED_AWAY
 from solver.errors import QPError, UnboundedError
 from solver.qp.result import Monitor
 from solver.tfeti.certify import certify
+from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
 
 STEPS = 10
@@ -111,17 +112,24 @@ def _fits(scene: Scene, comm: MPI.Intracomm) -> bool:
 
 
 def solve_directly(
-    model: Model, before: Solution | None, monitor: Monitor | None
+    problem: DualProblem,
+    dofs: int,
+    tolerance: float,
+    before: Solution | None,
+    monitor: Monitor | None,
 ) -> Solution | None:
     """The answer by Newton's method (collective); None where it cannot be had.
 
     Parameters
     ----------
+    dofs
+        Unknowns of the undecomposed bodies.
+    tolerance
+        Of the certificate.
     before
         Where the dual methods ended, if they left anything.
     """
-    problem, options = model.problem, model.scene.solver
-    if not problem.comm.allreduce(problem.size) or not _has_room(model):
+    if not problem.comm.allreduce(problem.size) or not _has_room(problem, dofs):
         return None
     from solver.primal.newton import solve_by_newton
 
@@ -130,7 +138,6 @@ def solve_directly(
         found = solve_by_newton(problem, start, monitor)
     except FAILURES:
         return None
-    tolerance = options.tightest if options.tolerance == "auto" else options.tolerance
     multiplier = feasible_multiplier(problem, found.multiplier, found.multiplier > 0.0)
     certificate, measures = certify(problem, multiplier, found.displacements, tolerance)
     spent = found.counts if before is None else before.counts + found.counts
@@ -140,10 +147,10 @@ def solve_directly(
     )  # fmt: skip
 
 
-def _has_room(model: Model) -> bool:
+def _has_room(problem: DualProblem, dofs: int) -> bool:
     """Whether there is memory for a factor of everything (collective)."""
-    factor = factor_bytes(model.dofs, model.scene.dimension)
-    return factor <= float(model.comm.allreduce(available_bytes(), op=MPI.SUM))
+    factor = factor_bytes(dofs, problem.dimension)
+    return factor <= float(problem.comm.allreduce(available_bytes(), op=MPI.SUM))
 
 
 def cause(scene: Scene) -> str:

@@ -293,7 +293,8 @@ def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tu
         why = failure_text(error)
     fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
     if fewest and not is_undecomposed(scene) and not scene.has_friction:
-        direct = solve_directly(model, solution, asked.monitor)
+        tolerance = options.tightest if options.tolerance == "auto" else options.tolerance
+        direct = solve_directly(model.problem, model.dofs, tolerance, solution, asked.monitor)
         if direct is not None and (solution is None or direct.converged):
             return direct, (
                 f"the dual problem could not be solved to a certificate ({why}){cause(scene)}: "

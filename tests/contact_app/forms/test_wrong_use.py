@@ -128,11 +128,19 @@ def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
         "radius": (Contact(tags, 1, Sphere((0, 0), -1.0)), ValueError, "radius must be positive"),
         "gap": (Contact(tags, 1, FLOOR, interference=np.nan), ValueError, "interference"),
         "round": (Contact(tags, 1, FLOOR, round=True), ValueError, "facets against facets"),
-        "friction": (
-            Contact(tags, 1, FLOOR, friction=0.3),
+        "friction": (Contact(tags, 1, FLOOR, friction=0.3), TypeError, "must be one law"),
+        "law": (Contact(tags, 1, FLOOR, friction={"mohr": 1.0}), ValueError, "must be one law"),
+        "two laws": (
+            Contact(tags, 1, FLOOR, friction={"coulomb": 0.1, "tresca": 1.0}),
             ValueError,
-            "has no friction",  # type: ignore[arg-type]
+            "one law",
         ),
+        "coefficient": (
+            Contact(tags, 1, FLOOR, friction={"coulomb": -0.1}),
+            ValueError,
+            "coulomb.*positive",
+        ),
+        "limit": (Contact(tags, 1, FLOOR, friction={"tresca": "x"}), TypeError, "a number"),
     }
 
 

@@ -1,0 +1,84 @@
+"""Friction of contacts of forms: tangential rows, and the fields at nodes that they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.forms.boundary import Facets, gathered_surface
+from contact_app.forms.contacts import Contact
+from contact_app.forms.parts import Parts
+from contact_app.forms.rows import side_of
+from contact_app.model.facets import moments
+from contact_app.model.tangential_rows import (
+    RoughContact,
+    slips_at_obstacle,
+    slips_between,
+    summed_at,
+    tangential_rows,
+)
+from contact_app.model.ties import decided_by
+from meshes.ties import mean_jumps
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.friction import FrictionRows
+
+Array = NDArray[np.float64]
+
+
+def friction_rows(
+    parts: Parts,
+    exchange: NodeExchange,
+    contacts: Sequence[Contact],
+    facets: Sequence[Facets],
+    held: HeldRows,
+    rows: tuple[ContactRows, ContactRows],
+) -> FrictionRows | None:
+    """The tangential rows of all contacts with friction (collective); None where there are none.
+
+    Parameters
+    ----------
+    facets
+        Of each contact on the side of `tag`.
+    rows
+        Contact rows this rank owns, and those that are redundant beside them.
+    """
+    rough = [
+        _rough(parts, exchange, held, (contact, own), number)
+        for number, (contact, own) in enumerate(zip(contacts, facets, strict=True))
+        if contact.law is not None
+    ]
+    if not rough:
+        return None
+    contact, merged = rows
+    return tangential_rows(exchange, rough, contact, merged, held, contact.none())
+
+
+def _rough(
+    parts: Parts,
+    exchange: NodeExchange,
+    held: HeldRows,
+    touching: tuple[Contact, Facets],
+    number: int,
+) -> RoughContact:
+    """One contact with friction."""
+    contact, facets = touching
+    assert contact.law is not None
+
+    def slips(own: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
+        if contact.against is None:
+            return slips_at_obstacle(own, held)
+        other = side_of(parts, contact, contact.against, f"contacts[{number}].against")
+        one, two = (gathered_surface(parts, side) for side in (facets, other))
+        jumps = mean_jumps(one, two, decided_by(exchange, held), gives=False)
+        return slips_between(exchange, own, jumps, number)
+
+    def shares(nodes: NDArray[np.int64]) -> Array:
+        values = np.zeros((0, 1))
+        if len(facets.copies):
+            values = moments(facets.points, parts.dimension).sum(axis=1)
+        return summed_at(exchange, facets.numbers.ravel(), values.ravel(), nodes)
+
+    return RoughContact(number, contact.law, shares, slips)

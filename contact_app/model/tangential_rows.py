@@ -1,0 +1,328 @@
+"""Tangential rows at contact points: the slip of a node, or its mean about one.
+
+At an obstacle the slip is that of the node along a tangent of the obstacle, or, where contact rows
+are means about vertices (`averaged_rows`), the same mean of it. Between bodies it is the mean jump
+of the displacements with the multiplier functions of mortar contact, as of tied surfaces
+(`meshes.ties`), along the tangents of the mean normal of the node: two flat surfaces that slide
+against each other do so by one slip, and rigid motions of both bodies are no slip.
+
+A tangent that displacement conditions hold has no row: there nothing slides. At nodes, tangents are
+turned so that what is left of them is orthogonal. Between bodies that are held along it on both
+sides, as at a plane of symmetry, a tangent has no row either: the mean about the node would be that
+of one half, which slides, where the mean of the whole does not.
+
+The slip limit that Tresca's law is given per area acts on the area of the node, ∫ φ_k over the
+boundary, or on that of the mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.pairs import owned_rows
+from contact_app.scene.conditions import Friction
+from meshes.ties import MeanJumps
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.friction import FrictionRows
+from solver.tfeti.constraints.merge import cut_held
+from solver.tfeti.constraints.ties import undecided
+
+Array = NDArray[np.float64]
+
+PARALLEL = 1e-8
+"""Difference of the normals of a contact row and of one that was merged into it."""
+
+HELD = 1e-8
+"""Length of what held components leave of a unit tangent below which nothing slides along it."""
+
+LEANING = 0.2
+"""The same between bodies, whose normals are means over facets: at the end of one half of a round
+side they lean by half the angle of a facet, 0.2 for facets of 23°."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoughContact:
+    """A contact with friction.
+
+    Attributes
+    ----------
+    number
+        Of the contact, as `sources` of contact rows count it.
+    law
+        Its law of friction.
+    shares
+        From numbers of nodes this rank owns, (n,), to ∫ φ_k over the boundary (collective).
+    slips
+        From the contact rows of the contact to their tangential rows, and the mask of those along
+        which something can slide (collective).
+    """
+
+    number: int
+    law: Friction
+    shares: Callable[[NDArray[np.int64]], Array]
+    slips: Callable[[ContactRows], tuple[ContactRows, NDArray[np.bool_]]]
+
+    def limits(self, rows: ContactRows) -> Array:
+        """Given slip limits of contact rows, forces (rows,); zero without any (collective)."""
+        if not self.law.tresca:
+            return np.zeros(len(rows.nodes))
+        shares = self.shares(rows.nodes)
+        return self.law.tresca * np.where(np.isnan(rows.areas), shares, rows.areas)
+
+
+def tangential_rows(
+    exchange: NodeExchange,
+    rough: Sequence[RoughContact],
+    contact: ContactRows,
+    merged: ContactRows,
+    held: HeldRows,
+    tied: ContactRows,
+) -> FrictionRows:
+    """The tangential rows of contacts with friction (collective).
+
+    Parameters
+    ----------
+    rough
+        In the order of their numbers.
+    contact, held, tied
+        Contact rows, held nodes and tied rows this rank owns.
+    merged
+        Rows that a tighter contact row of the same node makes redundant: it takes over the slip
+        limits that are given of their contacts.
+    """
+    d = contact.normals.shape[1]
+    parts, coefficients, limits = [contact.none()], [np.zeros(0)], [np.zeros(0)]
+    taken = _taken_over(rough, contact, merged)
+    for each in rough:
+        mine = contact.sources == each.number
+        own = contact.of(mine)
+        rows, left = each.slips(own)
+        parts.append(rows.of(left))
+        limits.append(np.repeat(each.limits(own) + taken[mine], d - 1)[left])
+        coefficients.append(np.full(int(left.sum()), each.law.coulomb or 0.0))
+    of_rows, of_limits = np.concatenate(coefficients), np.concatenate(limits)
+    nodes, sources = (np.concatenate([getattr(p, n) for p in parts]) for n in ("nodes", "sources"))
+    order = np.lexsort((sources, nodes))  # as `join` sorts them
+    found = FrictionRows(ContactRows.join(parts), of_rows[order], of_limits[order])
+    return _without_held(exchange, found, held, tied)
+
+
+def slips_at_obstacle(
+    own: ContactRows, held: HeldRows | None
+) -> tuple[ContactRows, NDArray[np.bool_]]:
+    """Slips at the contact rows of an obstacle, and the mask of those that are not held.
+
+    Parameters
+    ----------
+    held
+        Held nodes, to which tangents are turned; None where the obstacle moves.
+    """
+    fixed = None if held is None or own.wide.any() else _held_at(own.nodes, held)
+    tangents, along = _tangents(own, fixed)
+    return _at_obstacle(own, tangents), along.ravel() > HELD
+
+
+def slips_between(
+    exchange: NodeExchange, own: ContactRows, jumps: MeanJumps, number: int
+) -> tuple[ContactRows, NDArray[np.bool_]]:
+    """Slips at the contact rows of a pair, and the mask of those not held (collective).
+
+    Parameters
+    ----------
+    jumps
+        Mean jumps of the displacements of the pair, of all ranks.
+    number
+        Of the contact.
+    """
+    tangents, along = _tangents(own, jumps.held[np.searchsorted(jumps.nodes, own.nodes)])
+    owned = [owned_rows(exchange, rows, number) for rows in jumps.rows]
+    return _between(own, tangents, owned), along.ravel() > LEANING
+
+
+def summed_at(
+    exchange: NodeExchange,
+    every: NDArray[np.int64],
+    values: Array,
+    nodes: NDArray[np.int64],
+) -> Array:
+    """Sums over all ranks of values at nodes, at some nodes this rank owns, (n,) (collective).
+
+    Parameters
+    ----------
+    every, values : (k,), (k,)
+        Nodes of any ranks, repeated ones, too.
+    """
+    meeting = NodeExchange(exchange.comm, every, exchange.total)
+    arrived = meeting.to_owners(values)
+    known, place = np.unique(meeting.nodes, return_inverse=True)
+    sums = np.bincount(place.reshape(-1), arrived, len(known))
+    if not len(known):
+        return np.zeros(len(nodes))
+    at = np.minimum(np.searchsorted(known, nodes), len(known) - 1)
+    return np.where(known[at] == nodes, sums[at], 0.0)
+
+
+def _taken_over(rough: Sequence[RoughContact], contact: ContactRows, merged: ContactRows) -> Array:
+    """Slip limits of contact rows that come from merged ones, forces (rows,) (collective)."""
+    result = np.zeros(len(contact.nodes))
+    for each in rough:
+        own = merged.of(merged.sources == each.number)
+        limit = each.limits(own)
+        first = np.searchsorted(contact.nodes, own.nodes)
+        last = np.searchsorted(contact.nodes, own.nodes, side="right")
+        found = np.zeros(len(limit), bool)
+        for nth in range(int((last - first).max(initial=0))):
+            at = np.minimum(first + nth, max(len(contact.nodes) - 1, 0))
+            same = ~found & (first + nth < last)
+            apart = np.abs(contact.normals[at] - own.normals).max(axis=1, initial=0.0)
+            same &= apart < PARALLEL
+            np.add.at(result, at[same], limit[same])
+            found |= same
+    return result
+
+
+def _without_held(
+    exchange: NodeExchange, found: FrictionRows, held: HeldRows, tied: ContactRows
+) -> FrictionRows:
+    """Rows without what is held, and without those that tied rows decide (collective)."""
+    count = len(found.rows.nodes)
+    numbered = replace(found.rows, areas=np.arange(count, dtype=float))  # they tell which are left
+    cut = cut_held(exchange, numbered, held, 0.0, one_sided=False)
+    cut = cut.of(undecided(exchange.comm, cut, tied))
+    left = cut.areas.astype(np.int64)
+    rows = replace(cut, areas=found.rows.areas[left])
+    return FrictionRows(rows, found.coefficients[left], found.limits[left])
+
+
+def _held_at(nodes: NDArray[np.int64], held: HeldRows) -> NDArray[np.bool_] | None:
+    """Which components of some nodes are held, (n, d); None where nothing is held."""
+    if not len(held.nodes):
+        return None
+    at = np.minimum(np.searchsorted(held.nodes, nodes), len(held.nodes) - 1)
+    return np.asarray((held.nodes[at] == nodes)[:, None] & held.held[at])
+
+
+def _tangents(rows: ContactRows, fixed: NDArray[np.bool_] | None) -> tuple[Array, Array]:
+    """Unit tangents of contact rows, and the length that held components leave of each.
+
+    (rows, d - 1, d) and (rows, d - 1).
+
+    Parameters
+    ----------
+    fixed : (rows, d)
+        Held components; tangents are turned to suit them.
+    """
+    normal = rows.normals / np.linalg.norm(rows.normals, axis=1, keepdims=True)
+    d = normal.shape[1]
+    if d == 2:
+        tangents = np.stack([-normal[:, 1], normal[:, 0]], axis=1)[:, None]
+    else:
+        axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+        first = axis - np.einsum("ni,ni->n", axis, normal)[:, None] * normal
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        tangents = np.stack([first, np.cross(normal, first)], axis=1)
+    along = np.ones(tangents.shape[:2])
+    if fixed is None or not len(normal):
+        return tangents, along
+    some = np.flatnonzero(fixed.any(axis=1))
+    left = np.where(fixed[some, None], 0.0, tangents[some])
+    turn, along[some], _ = np.linalg.svd(left, full_matrices=False)
+    tangents[some] = np.swapaxes(turn, 1, 2) @ tangents[some]
+    return tangents, along
+
+
+def _at_obstacle(own: ContactRows, tangents: Array) -> ContactRows:
+    """Slips along tangents (rows, d - 1, d) with the weights that contact rows have on nodes."""
+    d = tangents.shape[2]
+    both = ContactEntries.join([own.entries, own.held], [0, 0])
+    key, first, place = np.unique(
+        np.stack([both.row, both.node]), axis=1, return_index=True, return_inverse=True
+    )
+    push = np.zeros((key.shape[1], d))
+    np.add.at(push, (place.reshape(-1), both.component), both.value)
+    size = np.linalg.norm(push, axis=1)
+    weight = -np.sign(np.einsum("ei,ei->e", push, own.normals[key[0]])) * size
+    return _rows(own, tangents, key[0], key[1], both.points[first], weight)
+
+
+def _rows(
+    own: ContactRows,
+    tangents: Array,
+    row: NDArray[np.int64],
+    node: NDArray[np.int64],
+    points: Array,
+    weight: Array,
+) -> ContactRows:
+    """Rows Σ weight t · u[node] of all tangents, those of a contact row one after another.
+
+    Parameters
+    ----------
+    row, node, points, weight : (entries,), …, (entries, 3), (entries,)
+        Weights of nodes in each contact row.
+    """
+    count, k, d = tangents.shape
+    value = weight[:, None, None] * tangents[row]
+    entry, tangent, component = np.nonzero(np.abs(value) > 1e-14)
+    force = np.zeros((len(row), k, 3))
+    force[..., :d] = -value
+    turned = np.cross((points - own.points[row])[:, None], force)
+    total = np.zeros((count, k, 3))
+    np.add.at(total, row, turned)
+    entries = ContactEntries(
+        row[entry] * k + tangent, node[entry], points[entry], component,
+        value[entry, tangent, component],
+    )  # fmt: skip
+    return _record(own, tangents, total, entries)
+
+
+def _record(
+    own: ContactRows, tangents: Array, turned: Array, entries: ContactEntries
+) -> ContactRows:
+    """Tangential rows of contact rows.
+
+    Parameters
+    ----------
+    turned : (rows, d - 1, 3)
+        Moments about the nodes.
+    """
+    k, d = tangents.shape[1:]
+    return ContactRows(
+        nodes=np.repeat(own.nodes, k),
+        points=np.repeat(own.points, k, axis=0),
+        sources=np.repeat(own.sources, k),
+        gaps=np.zeros(k * len(own.nodes)),
+        normals=-tangents.reshape(-1, d),
+        moments=turned.reshape(-1, 3),
+        areas=np.repeat(own.areas, k),
+        spread=np.ones(k * len(own.nodes)),
+        entries=entries,
+    )
+
+
+def _between(own: ContactRows, tangents: Array, jumps: Sequence[ContactRows]) -> ContactRows:
+    """Mean jumps of each component along tangents (rows, d - 1, d)."""
+    k, count = tangents.shape[1], len(own.nodes)
+    place = np.full(len(jumps[0].nodes), -1, np.int64)
+    at = np.searchsorted(jumps[0].nodes, own.nodes)
+    place[at] = np.arange(count)
+    turned, parts = np.zeros((count, k, 3)), []
+    for component, jump in enumerate(jumps):
+        share = tangents[:, :, component]
+        turned += share[:, :, None] * jump.moments[at][:, None]
+        entries, row = jump.entries, place[jump.entries.row]
+        for tangent in range(k):
+            value = np.where(row >= 0, share[row, tangent], 0.0) * entries.value
+            some = value != 0.0
+            parts.append(
+                ContactEntries(
+                    row[some] * k + tangent, entries.node[some], entries.points[some],
+                    entries.component[some], value[some],
+                )
+            )  # fmt: skip
+    joined = ContactEntries.join(parts, [0] * len(parts))
+    return _record(own, tangents, turned, joined)

@@ -1,0 +1,136 @@
+"""Friction of `ContactProblem` beside the contact of a scene, and the last way to an answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+import contact_app
+from contact_app import Contact, ContactProblem, Plane
+from contact_app.errors import NoEquilibriumError
+from tests import form_problems as problems
+
+CELLS, SIZE, PUSH = (5, 4, 3), (1.0, 0.6, 0.5), (0.08, -0.5, 0.03)
+
+
+class Rough:
+    """A block that is pressed on a rough floor and pushed along it, as a form and as a scene."""
+
+    def __init__(self, cell: str, degree: int, law: dict[str, float]) -> None:
+        d = 2 if cell in ("quadrilateral", "triangle") else 3
+        mesh = problems.box(cell, CELLS[:d], SIZE[:d], MPI.COMM_WORLD)
+        V = problems.vector_space(mesh, degree)
+        tags = problems.facet_tags(
+            mesh, {1: problems.bottom, 2: lambda x: np.isclose(x[1], SIZE[1])}
+        )
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+        self.push = fem.Constant(mesh, np.array(PUSH[:d]))
+        self.forms = (
+            ufl.inner(problems.isotropic(u, 10.0, 0.3), problems.strain(v)) * ufl.dx,
+            ufl.inner(self.push, v) * ds(2),
+        )
+        self.floor = Contact(tags, 1, Plane((0,) * d, (0, 1, 0)[:d]), friction=law)
+        box = {"lower": [0] * d, "upper": SIZE[:d], "cells": CELLS[:d], "cell": cell}
+        self.scene = {
+            "dimension": d,
+            "bodies": [{"name": "b", "degree": degree, "mesh": {"box": box},
+                        "material": {"young": 10.0, "poisson": 0.3}}],
+            "conditions": [{"on": "b.y+", "traction": PUSH[:d]}],
+            "contacts": [{"on": "b.y-", "friction": law, "obstacle": {
+                "plane": {"point": [0] * d, "normal": [0, 1, 0][:d]}}}],
+            "solver": {"tolerance": 1e-10},
+        }  # fmt: skip
+
+    def problem(self, **options: Any) -> ContactProblem:
+        return ContactProblem(*self.forms, [], [self.floor], tolerance=1e-10, **options)
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "law", "method"),
+    [
+        ("quadrilateral", 1, {"coulomb": 0.3}, "auto"),
+        ("triangle", 2, {"coulomb": 0.3}, "smalbe"),
+        ("hexahedron", 1, {"tresca": 0.25}, "active-set"),
+        ("tetrahedron", 2, {"coulomb": 0.3}, "auto"),
+    ],
+)
+def test_friction_is_that_of_a_scene(
+    cell: str, degree: int, law: dict[str, float], method: str
+) -> None:
+    rough = Rough(cell, degree, law)
+    problem, scene = rough.problem(method=method), contact_app.solve(rough.scene)
+    problem.solve()
+    assert problem.certificate.passed
+    assert scene.converged
+    one, other = (s["solution"] for s in (problem.summary, scene.summary))
+    for key in ("energy", "dissipated_work", "max_displacement", "max_contact_pressure"):
+        assert one[key] == pytest.approx(other[key], rel=1e-6), key
+    ours, theirs = (s["contacts"][0] for s in (problem.summary, scene.summary))
+    assert ours["nodes"] == theirs["nodes"]
+    assert min(ours["nodes"]["stick"], ours["nodes"]["slip"]) > 0
+    assert ours["force"] == pytest.approx(theirs["force"], abs=1e-8)
+    for name in ("friction_traction", "slip", "contact_status"):
+        field, known = getattr(problem, name).x.array, getattr(scene, name)
+        assert np.sort(np.abs(field)) == pytest.approx(
+            np.sort(np.abs(known).ravel()), abs=1e-6 * np.abs(known).max()
+        ), name
+
+
+def test_friction_of_a_pair_keeps_its_factors_and_is_in_balance() -> None:
+    """A second solve with another load is that of a new problem."""
+    forms = problems.two_blocks("hexahedron", 1)
+    push = fem.Constant(forms.space.mesh, np.array([0.004, 0.002, 0.0]))
+    v = forms.L.arguments()[0]
+    load = forms.L + ufl.inner(push, v) * ufl.dx
+    contact = replace(forms.contacts[0], friction={"coulomb": 0.3})
+    problem = ContactProblem(forms.a, load, forms.bcs, [contact], tolerance=1e-10)
+    problem.solve()
+    push.value *= 0.5
+    problem.solve()
+    new = ContactProblem(forms.a, load, forms.bcs, [contact], tolerance=1e-10)
+    new.solve()
+    assert problem.certificate.passed
+    energies = [p.summary["solution"]["energy"] for p in (problem, new)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+    (touching,), (held,) = (problem.summary[name] for name in ("contacts", "reactions"))
+    assert touching["force"][:2] == pytest.approx([-0.002 * 0.42, -0.001 * 0.42], rel=1e-6)
+    total = np.array([0.002, 0.001]) * (0.99 + 0.42)
+    assert held["force"][:2] == pytest.approx(-total, rel=1e-6)
+    assert touching["nodes"]["stick"] > 0
+    assert np.abs(problem.friction_traction.x.array).max() > 0.0
+
+
+def test_what_friction_cannot_hold_slides_away() -> None:
+    rough = Rough("quadrilateral", 1, {"coulomb": 0.15})
+    with pytest.raises(NoEquilibriumError, match=r"along \+x .*not even friction at its limit"):
+        rough.problem().solve()
+
+
+@pytest.mark.ratchet
+def test_where_the_dual_methods_fail_displacements_are_solved_for() -> None:
+    """A strip 500 times as long as thick, lifted at its end."""
+    mesh = problems.box("quadrilateral", (400, 2), (500.0, 1.0), MPI.COMM_SELF)
+    V = problems.vector_space(mesh, 1)
+    tags = problems.facet_tags(mesh, {1: problems.bottom})
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(problems.isotropic(u, 1e5, 0.3), problems.strain(v)) * ufl.dx
+    L = ufl.inner(fem.Constant(mesh, np.array([0.0, -1e-3])), v) * ufl.dx
+    bcs = [problems.held(V, problems.left, 0), problems.held(V, problems.left, 1, 0.02)]
+    floor = Contact(tags, 1, Plane((0, 0), (0, 1)))
+    found, known = (
+        ContactProblem(a, L, bcs, [floor], method=method) for method in ("active-set", "primal")
+    )
+    found.solve()
+    known.solve()
+    assert found.certificate.passed
+    assert found.summary["solver"]["method"] == "newton"
+    assert "Newton" in found.certificate.warnings[0]
+    energies = [p.summary["solution"]["energy"] for p in (found, known)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-6)
