@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -38,25 +39,30 @@ class SurfacesApartError(ValueError):
     """The two sides cannot be in contact; the message says why."""
 
 
-def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
-    """Integrals over the parts of two surfaces that face each other.
+def overlaps(
+    on: Surface, against: Surface, tilted: bool = False, comm: MPI.Intracomm = MPI.COMM_SELF
+) -> Overlaps:
+    """Integrals over the parts of two surfaces that face each other (collective).
 
     Parameters
     ----------
     tilted
         Whether to compute `Overlaps.tilt`.
+    comm
+        Ranks that have both surfaces and share the work.
 
     Raises
     ------
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    i, j = _candidates(on, against)
+    mine = np.array_split(np.arange(len(on.nodes)), comm.size)[comm.rank]
+    i, j = _candidates(on, against, mine)
     cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
     facing = cosine >= FACING
-    found = Overlaps.of(on, against, i[facing], j[facing], tilted)
+    found = Overlaps.of(on, against, i[facing], j[facing], tilted).gathered(comm)
     if len(found.i) == 0:
-        turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0])
+        turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0]).gathered(comm)
         if len(turned.i):
             raise SurfacesApartError(
                 "the two sides face the same way: their outward normals must point at each other"
@@ -68,15 +74,19 @@ def overlaps(on: Surface, against: Surface, tilted: bool = False) -> Overlaps:
     return found
 
 
-def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of facets (on, against) near enough for their projections to overlap, sorted.
+def _candidates(
+    on: Surface, against: Surface, mine: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of facets (`mine` of on, against) near enough for their projections to overlap, sorted.
 
     The wanted facets lie along the normal of an `on` facet, within the distance of the nearest
     facet that faces it within 60°. Search trees of the centres of the other side, one for each size
     of facets, are queried at points along the normal. So the work grows with the gap over the size
     of facets, not with its square.
     """
-    centres, radii = on.centres, on.radii
+    if len(mine) == 0:
+        return mine, mine
+    centres, radii, normals = on.centres[mine], on.radii[mine], on.normals[mine]
     middles, sizes = against.centres, against.radii
     level = np.floor(np.log2(sizes / sizes.min() * (1.0 + 1e-9))).astype(int)
     groups = [np.flatnonzero(level == k) for k in np.unique(level)]
@@ -85,7 +95,8 @@ def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArr
     reach = 2.0 * (nearest + radii)
     keys = [np.zeros(0, np.int64)]
     for group, tree in zip(groups, trees, strict=True):
-        which, asked, radius = _filled(on, tree, reach, radii + sizes[group].max())
+        across = radii + sizes[group].max()
+        which, asked, radius = _filled(centres, normals, tree, reach, across)
         for part in np.array_split(np.arange(len(which)), len(which) // QUERIES + 1):
             hits = tree.query_ball_point(asked[part], radius[part])
             count = np.fromiter(map(len, hits), np.int64, len(hits))
@@ -93,13 +104,17 @@ def _candidates(on: Surface, against: Surface) -> tuple[NDArray[np.int64], NDArr
             keys.append(np.repeat(which[part], count) * len(middles) + group[there])
     i, j = np.divmod(np.unique(np.concatenate(keys)), len(middles))
     across = middles[j] - centres[i]
-    across -= np.einsum("ij,ij->i", across, on.normals[i])[:, None] * on.normals[i]
+    across -= np.einsum("ij,ij->i", across, normals[i])[:, None] * normals[i]
     near = np.linalg.norm(across, axis=1) <= (radii[i] + sizes[j]) * (1.0 + 1e-9)
-    return i[near], j[near]
+    return mine[i[near]], j[near]
 
 
 def _filled(
-    on: Surface, tree: cKDTree, reach: NDArray[np.float64], across: NDArray[np.float64]
+    centres: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: cKDTree,
+    reach: NDArray[np.float64],
+    across: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Balls along the normals of facets that contain some point of a tree.
 
@@ -111,12 +126,12 @@ def _filled(
     -------
     The facet of each ball, its centre and its radius.
     """
-    centres, last = on.centres, np.ceil(2.0 * reach / across).astype(np.int64)
+    last = np.ceil(2.0 * reach / across).astype(np.int64)
     found: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
     facets, nth = np.arange(len(last)), np.zeros(len(last), np.int64)
     while len(facets):
         along = nth * across[facets] - reach[facets]
-        middles = centres[facets] + along[:, None] * on.normals[facets]
+        middles = centres[facets] + along[:, None] * normals[facets]
         away = tree.query(middles)[0] / across[facets] - 1.2  # in steps
         filled = away <= 1e-9
         found.append((facets[filled], middles[filled]))
@@ -215,6 +230,13 @@ class Overlaps:
             gap=integrate(phi * gap[:, None]),
             tilt=integrate(phi[:, :, None, None] * (gap[:, None, None] * slopes)[:, None]),
         )
+
+    def gathered(self, comm: MPI.Intracomm) -> Overlaps:
+        """Those of all ranks, in the order of ranks (collective)."""
+        if comm.size == 1:
+            return self
+        every = comm.allgather(self.__dict__)
+        return Overlaps(**{name: np.concatenate([own[name] for own in every]) for name in every[0]})
 
     def nearest_layer(self, on: Surface) -> Overlaps:
         """Keep the layer nearest to each `on` facet, where facets lie behind each other."""

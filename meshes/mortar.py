@@ -34,6 +34,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -89,15 +90,20 @@ class MeanGaps:
     entry_points: NDArray[np.float64]
 
 
-def mean_gaps(on: Surface, against: Surface) -> MeanGaps:
-    """The mortar rows of two surfaces.
+def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF) -> MeanGaps:
+    """The mortar rows of two surfaces (collective).
+
+    Parameters
+    ----------
+    comm
+        Ranks that have both surfaces and share the work.
 
     Raises
     ------
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    return _rows(on, against, overlaps(on, against))
+    return _rows(on, against, overlaps(on, against, comm=comm))
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,8 @@ def _mortar_rows(
     other = side_of(parts, contact, contact.against, f"{at}.against")
     try:
         sides = [gathered_surface(parts, side) for side in (own, other)]
-        found = mean_gaps(*(side.smooth() if contact.round else side for side in sides))
+        on, against = (side.smooth() if contact.round else side for side in sides)
+        found = mean_gaps(on, against, parts.comm)
     except SurfacesApartError as error:
         raise ValueError(f"{at}: {error}") from error
     found = replace(found, gaps=found.gaps - contact.interference)

@@ -360,11 +360,13 @@ def _nearest(
         sums = np.concatenate([np.zeros(len(chosen)), np.full(len(bounded) + 1, heavy)])
         columns = np.hstack([columns, bounded.T, np.zeros((len(load), 1))])
         columns, target = np.vstack([columns, sums]), np.append(load, heavy)
-    from scipy.optimize import lsq_linear  # slow to import, rarely needed
+    weights = np.linalg.lstsq(columns, target, rcond=None)[0]
+    if (weights < 0.0).any():
+        from scipy.optimize import lsq_linear  # slow to import, rarely needed
 
-    weights = lsq_linear(
-        columns, target, bounds=(0.0, np.inf), method="bvls", tol=1e-14, max_iter=1000
-    ).x
+        weights = lsq_linear(
+            columns, target, bounds=(0.0, np.inf), method="bvls", tol=1e-14, max_iter=1000
+        ).x
     return np.asarray((columns @ weights)[: len(load)])
 
 
