@@ -62,10 +62,12 @@ def run(
     Results of an earlier run in the directory are removed first. Ctrl-C or SIGTERM ends the solve:
     what it has reached is written, with a checkpoint for --resume.
     """
+    from mpi4py import MPI
+
     from contact_app.scene.build import build_scene
     from contact_app.scene.configuration import load
 
-    scene = build_scene(load(config, overrides or ()))
+    scene = build_scene(load(config, overrides or ()), comm=MPI.COMM_WORLD)
     directory = output or Path("results") / config.stem
     _refuse_unwritable(directory)
     from contact_app.run.run import run as run_scene

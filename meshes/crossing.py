@@ -23,8 +23,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from meshes.shares import joined, share
 
 TURN = {
     2: np.array([[0.80901699, -0.58778525], [0.58778525, 0.80901699]]),
@@ -167,8 +170,10 @@ def _apart(
     return np.asarray((first * second < 0.0) & (np.minimum(abs(first), abs(second)) > least))
 
 
-def triangle_crossings(surface: Surface) -> NDArray[np.int64]:
+def triangle_crossings(surface: Surface, comm: MPI.Intracomm) -> NDArray[np.int64]:
     """Pairs of triangles of which one has an edge that pierces the other, (pairs, 2).
+
+    Ranks that have the same surface share the edges (collective).
 
     The ends of the edge are farther from the plane of the triangle, and the point where it pierces
     the plane is farther inside the edges of the triangle, than `Surface.depth`.
@@ -177,6 +182,7 @@ def triangle_crossings(surface: Surface) -> NDArray[np.int64]:
     ends = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
     key = ends[:, 0] * len(places) + ends[:, 1]
     first = np.unique(key, return_index=True)[1]
+    first = first[share(comm, len(first))]
     edges, owner = ends[first], first // 3
     found = [np.zeros((0, 2), np.int64)]
     for e, t in meeting(Boxes.of(places, edges), Boxes.of(places, triangles)):
@@ -187,7 +193,7 @@ def triangle_crossings(surface: Surface) -> NDArray[np.int64]:
         least = surface.depth(owner[e], t)
         pierced = _pierces(places, edges[e], triangles[t], least)
         found.append(np.stack([owner[e[pierced]], t[pierced]], axis=1))
-    return np.concatenate(found)
+    return joined(comm, np.concatenate(found))
 
 
 def _pierces(

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, frames, is_curved
 from meshes.quadratic import FACETS
+from meshes.shares import joined, share
 from meshes.subdomains import vtk_places, vtk_shapes
 
 FACING = 0.5
@@ -56,8 +57,7 @@ def overlaps(
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    mine = np.array_split(np.arange(len(on.nodes)), comm.size)[comm.rank]
-    i, j = _candidates(on, against, mine)
+    i, j = _candidates(on, against, share(comm, len(on.nodes)))
     cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
     facing = cosine >= FACING
     found = Overlaps.of(on, against, i[facing], j[facing], tilted).gathered(comm)
@@ -233,10 +233,7 @@ class Overlaps:
 
     def gathered(self, comm: MPI.Intracomm) -> Overlaps:
         """Those of all ranks, in the order of ranks (collective)."""
-        if comm.size == 1:
-            return self
-        every = comm.allgather(self.__dict__)
-        return Overlaps(**{name: np.concatenate([own[name] for own in every]) for name in every[0]})
+        return Overlaps(**{name: joined(comm, values) for name, values in self.__dict__.items()})
 
     def nearest_layer(self, on: Surface) -> Overlaps:
         """Keep the layer nearest to each `on` facet, where facets lie behind each other."""

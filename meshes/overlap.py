@@ -39,6 +39,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from meshes.chords import chords, local_facets, reference_vertices
@@ -51,6 +52,7 @@ from meshes.crossing import (
     winding,
 )
 from meshes.quadratic import CENTRED, VERTICES
+from meshes.shares import joined, share
 from meshes.subdomains import vtk_places, vtk_shapes
 from meshes.unstructured import FACETS, MeshError, Topology, first_of
 
@@ -103,8 +105,9 @@ def refuse_overlaps(
     topology: Topology,
     middles: NDArray[np.float64] | None,
     number: NDArray[np.int64],
+    comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> None:
-    """Refuse a body that covers some place twice.
+    """Refuse a body that covers some place twice (collective).
 
     Parameters
     ----------
@@ -115,6 +118,8 @@ def refuse_overlaps(
         The nodes of second order where edges are curved.
     number : (cells,)
         Of each cell in the file, from 0.
+    comm
+        Ranks that have the same mesh and share the tests.
 
     Raises
     ------
@@ -129,8 +134,11 @@ def refuse_overlaps(
         TOUCH * parts.size[parts.facet],
         parts.deviation[parts.facet],
     )
-    find = segment_crossings if points.shape[1] == 2 else triangle_crossings
-    pairs = topology.facet_cells[parts.facet[find(surface)]]
+    if points.shape[1] == 2:
+        crossed = segment_crossings(surface)
+    else:
+        crossed = triangle_crossings(surface, comm)
+    pairs = topology.facet_cells[parts.facet[crossed]]
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     if len(pairs):
         facets = "edges" if points.shape[1] == 2 else "faces"
@@ -138,7 +146,7 @@ def refuse_overlaps(
             _told(body, pairs, f"s whose {facets} on the surface of the body cross those of others"
                                ": the body overlaps itself", "crossed by") + ADVICE
         )  # fmt: skip
-    pairs = _covered(body, surface)
+    pairs = _covered(body, surface, comm)
     if len(pairs):
         raise MeshError(_told(body, pairs, "s that lie in other cells", "in") + ADVICE)
 
@@ -158,13 +166,14 @@ def _told(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str)
     return f"{told}, {relation} cell {body.number[b] + 1} of the file"
 
 
-def _covered(body: CheckedBody, surface: Surface) -> NDArray[np.int64]:
-    """Pairs of cells.
+def _covered(body: CheckedBody, surface: Surface, comm: MPI.Intracomm) -> NDArray[np.int64]:
+    """Pairs of cells (collective).
 
     One on the surface, and another that contains a point just inside the first.
     """
     x, own = _just_inside(body)
-    rows = np.flatnonzero(winding(x, surface) > 1)
+    around = joined(comm, winding(x[share(comm, len(x))], surface))
+    rows = np.flatnonzero(around > 1)
     for start in range(0, len(rows), LOOKED_AT):
         part = rows[start : start + LOOKED_AT]
         point, other = containing(body, x[part])

@@ -19,12 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from meshes.cell_shape import at_vertices, corner_jacobians, edge_lengths, folded_inside, warped
 from meshes.connected import connected
-from meshes.crossing import Boxes, meeting
+from meshes.hanging import refuse_hanging
 from meshes.orientation import refuse_crowded, refuse_same_side
 from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
@@ -56,9 +57,6 @@ LONGEST_CELL = 1e4
 
 SHORTEST_EDGE = 1e-15
 """Smallest admissible length of an edge, as for boxes."""
-
-HANGING = 1e-6
-"""Distance to a facet, over its size, below which a node of other cells counts as hanging on it."""
 
 APART = 1e-6
 """Largest distance, over the size of cells, of the nodes of two cells on a common edge or face."""
@@ -113,6 +111,7 @@ def load_mesh(
     groups: Iterable[str] = (),
     degree: int = 1,
     read: Callable[[Path, int], FileContent] = read_file,
+    comm: MPI.Intracomm | None = None,
 ) -> CellMesh:
     """Read a mesh file, repair and check it.
 
@@ -128,13 +127,15 @@ def load_mesh(
         Degree of the displacement; 2 keeps the nodes on the edges of second-order cells.
     read
         Reads the file; a function that remembers serves bodies of one file.
+    comm
+        Ranks that all load this mesh and share its checks; None for one alone.
 
     Raises
     ------
     MeshError
         The message says what is wrong and how to correct it.
     """
-    content = read(path, dimension)
+    content, comm = read(path, dimension), comm or MPI.COMM_SELF
     notes, groups = list(content.notes), tuple(groups)
     given, row, _ = _once(content.cells)  # Gmsh 2.2 writes a cell once for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
@@ -182,8 +183,8 @@ def load_mesh(
     if (
         pieces.max() == 0
     ):  # test pieces first: overlapping pieces are bodies of their own and have hanging nodes
-        refuse_overlaps(points, cells, content.kind.name, topology, middles, number)
-    _refuse_hanging(points, topology)
+        refuse_overlaps(points, cells, content.kind.name, topology, middles, number, comm)
+    refuse_hanging(points, topology, comm)
     _refuse_pieces(points, cells, pieces)
     place = np.full(len(given), -1, np.int64)
     place[chosen] = rows
@@ -398,48 +399,6 @@ def _refuse(
     """Refuse a mesh of which some cells are `bad` (cells,)."""
     if bad.any():
         raise MeshError(first_of(points, cells, bad, what, number))
-
-
-def _refuse_hanging(points: NDArray[np.float64], topology: Topology) -> None:
-    """Refuse nodes that lie on a facet of the surface without being one of its corners."""
-    facets = topology.facets
-    surface = np.unique(facets)
-    corners = points[facets]
-    centre = corners.mean(axis=1)
-    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-    room = HANGING * radius[:, None]
-    boxes = Boxes(corners.min(axis=1) - room, corners.max(axis=1) + room)
-    found = [np.zeros((2, 0), np.int64)]
-    for node, row in meeting(Boxes(points[surface], points[surface]), boxes):
-        other = (facets[row] != surface[node, None]).all(axis=1)
-        found.append(np.stack([row[other], surface[node[other]]]))
-    row, node = np.concatenate(found, axis=1)
-    split = ((0, 1),) if facets.shape[1] == 2 else ((0, 1, 2), (0, 2, 3))[: facets.shape[1] - 2]
-    on = np.zeros(len(row), bool)
-    for part in split:
-        on |= _lies_on(points[node], corners[row][:, np.array(part)], radius[row])
-    if on.any():
-        place = ", ".join(f"{v:g}" for v in points[node[on][0]])
-        raise MeshError(
-            f"has {len(np.unique(node[on]))} hanging nodes: they lie on an edge or face of a cell "
-            f"that does not have them as corners, the first at ({place}); make the mesh conforming "
-            "(in Gmsh: BooleanFragments or Coherence before meshing)"
-        )
-
-
-def _lies_on(
-    x: NDArray[np.float64], simplex: NDArray[np.float64], size: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Mask (n,) of points (n, d) on segments or triangles (n, d or less, d)."""
-    origin, axes = simplex[:, 0], simplex[:, 1:] - simplex[:, :1]
-    gram = axes @ np.swapaxes(axes, 1, 2)
-    right = np.einsum("nkd,nd->nk", axes, x - origin)
-    sound = np.linalg.det(gram) > 0.0
-    weights = np.full(right.shape, np.nan)
-    weights[sound] = np.linalg.solve(gram[sound], right[sound][..., None])[..., 0]
-    foot = origin + np.einsum("nk,nkd->nd", weights, axes)
-    inside = (weights >= -HANGING).all(axis=1) & (weights.sum(axis=1) <= 1.0 + HANGING)
-    return np.asarray(inside & (np.linalg.norm(x - foot, axis=1) <= HANGING * size))
 
 
 def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:

@@ -103,7 +103,8 @@ def mortar_rows(
             )
         sides.append(side.smooth() if pair.round else side)
     try:
-        found = mean_gaps(*sides, partition.comm)
+        on, against = sides
+        found = mean_gaps(on, against, partition.comm)
     except SurfacesApartError as error:
         raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
     found = replace(found, gaps=found.gaps - pair.interference)

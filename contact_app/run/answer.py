@@ -204,7 +204,7 @@ def solve(
             f"a scene is the path of a YAML file or a mapping of its keys, not {scene!r:.80}"
         )
     given = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
-    built = build_scene(given)
+    built = build_scene(given, comm=comm)
     if built.symmetry:
         from contact_app.model.symmetry import halved
 

@@ -36,23 +36,31 @@ from contact_app.scene.schema.bodies import Body as BodyKeys
 from contact_app.scene.schema.options import Section as SectionKeys
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from solver.contact.options import SolverOptions
 
 
-def build_scene(configuration: Configuration, memory: float | None = None) -> Scene:
-    """Resolve a configuration.
+def build_scene(
+    configuration: Configuration,
+    memory: float | None = None,
+    comm: MPI.Intracomm | None = None,
+) -> Scene:
+    """Resolve a configuration (collective where ranks are given).
 
     Parameters
     ----------
     memory
         Bytes the scene may take; what the machine has left unless given.
+    comm
+        Ranks that all build this scene: they share the checks of meshes.
 
     Raises
     ------
     ConfigurationError
         Naming file, line, key and what is allowed.
     """
-    keys = Keys(configuration, memory)
+    keys = Keys(configuration, memory, comm)
     bodies, rigid_bodies = read_bodies(keys), read_rigid_bodies(keys)
     decomposition = _decomposition(keys, bodies)
     _check_memory(keys, bodies, decomposition)

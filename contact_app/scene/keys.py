@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from contact_app.errors import ConfigurationError
 from contact_app.machine.memory import available_bytes
 from contact_app.scene.configuration import Configuration
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 Place = tuple[str | int, ...]
 """Where a value stands: keys and positions from the top of the file."""
@@ -25,10 +28,17 @@ class Keys:
         Of the scene; `plane` is None in space.
     memory
         Bytes the scene may take.
+    comm
+        Ranks that build this scene together and share the checks of meshes; None for one alone.
     """
 
-    def __init__(self, configuration: Configuration, memory: float | None = None) -> None:
-        self.configuration = configuration
+    def __init__(
+        self,
+        configuration: Configuration,
+        memory: float | None = None,
+        comm: MPI.Intracomm | None = None,
+    ) -> None:
+        self.configuration, self.comm = configuration, comm
         self.memory = available_bytes() if memory is None else memory
         self.dimension, self.plane = configuration.space
 

@@ -212,7 +212,7 @@ def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
         keys.fail((*path, "file"), f"is {mesh.file!r}, which is no name of a file")
     file = keys.configuration.source.parent / mesh.file
     try:
-        found = load_mesh(file, keys.dimension, placement, groups, degree, read)
+        found = load_mesh(file, keys.dimension, placement, groups, degree, read, keys.comm)
     except MeshError as error:
         keys.fail((*path, "file"), f"is {file}, which {error}")
     dofs = float(found.nodes * keys.dimension * 2 ** (keys.dimension * mesh.refine))

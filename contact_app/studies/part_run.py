@@ -67,7 +67,7 @@ def ours(
     """This application on a scene; unless told to solve once, again with the contact known."""
     asked = [*overrides, f"solver.method={method}", f"solver.tolerance={tolerance}"]
     clock = _Clock()
-    scene = scene_of(path, asked)
+    scene = scene_of(path, asked, MPI.COMM_WORLD)
     reading, cpu_reading = clock.seconds()
     clock = _Clock()
     solved = solve_scene(scene, MPI.COMM_WORLD)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mpi4py import MPI
 
 from meshes import CellMesh, MeshError
 from meshes.cell_shape import folded_inside, warped
@@ -431,7 +432,7 @@ def test_triangles_cross_as_their_distances_say() -> None:
     places = (places + 0.2 * random.normal(size=(90, 3, 3))).reshape(-1, 3)
     triangles = np.arange(270).reshape(-1, 3)
     none = np.zeros(90)
-    pairs = triangle_crossings(Surface(places, triangles, none, none))
+    pairs = triangle_crossings(Surface(places, triangles, none, none), MPI.COMM_SELF)
     got = {tuple(sorted(pair)) for pair in pairs.tolist()}
     x = places[triangles]
     wanted = set()

@@ -1,0 +1,58 @@
+"""Nodes that hang on an edge or face of a cell that does not have them as corners."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from meshes.crossing import Boxes, meeting
+from meshes.shares import joined, share
+from meshes.unstructured import MeshError, Topology
+
+HANGING = 1e-6
+"""Distance to a facet, over its size, below which a node of other cells counts as hanging on it."""
+
+
+def refuse_hanging(points: NDArray[np.float64], topology: Topology, comm: MPI.Intracomm) -> None:
+    """Refuse nodes that lie on a facet of the surface without being one of its corners."""
+    facets = topology.facets
+    surface = np.unique(facets)
+    surface = surface[share(comm, len(surface))]
+    corners = points[facets]
+    centre = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    room = HANGING * radius[:, None]
+    boxes = Boxes(corners.min(axis=1) - room, corners.max(axis=1) + room)
+    found = [np.zeros((2, 0), np.int64)]
+    for node, row in meeting(Boxes(points[surface], points[surface]), boxes):
+        other = (facets[row] != surface[node, None]).all(axis=1)
+        found.append(np.stack([row[other], surface[node[other]]]))
+    row, node = np.concatenate(found, axis=1)
+    split = ((0, 1),) if facets.shape[1] == 2 else ((0, 1, 2), (0, 2, 3))[: facets.shape[1] - 2]
+    on = np.zeros(len(row), bool)
+    for part in split:
+        on |= _lies_on(points[node], corners[row][:, np.array(part)], radius[row])
+    hanging = np.unique(joined(comm, node[on]))
+    if len(hanging):
+        place = ", ".join(f"{v:g}" for v in points[hanging[0]])
+        raise MeshError(
+            f"has {len(hanging)} hanging nodes: they lie on an edge or face of a cell "
+            f"that does not have them as corners, the first at ({place}); make the mesh conforming "
+            "(in Gmsh: BooleanFragments or Coherence before meshing)"
+        )
+
+
+def _lies_on(
+    x: NDArray[np.float64], simplex: NDArray[np.float64], size: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Mask (n,) of points (n, d) on segments or triangles (n, d or less, d)."""
+    origin, axes = simplex[:, 0], simplex[:, 1:] - simplex[:, :1]
+    gram = axes @ np.swapaxes(axes, 1, 2)
+    right = np.einsum("nkd,nd->nk", axes, x - origin)
+    sound = np.linalg.det(gram) > 0.0
+    weights = np.full(right.shape, np.nan)
+    weights[sound] = np.linalg.solve(gram[sound], right[sound][..., None])[..., 0]
+    foot = origin + np.einsum("nk,nkd->nd", weights, axes)
+    inside = (weights >= -HANGING).all(axis=1) & (weights.sum(axis=1) <= 1.0 + HANGING)
+    return np.asarray(inside & (np.linalg.norm(x - foot, axis=1) <= HANGING * size))

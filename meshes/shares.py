@@ -1,0 +1,17 @@
+"""Work that ranks with the same data share, and results put together."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+
+def share(comm: MPI.Intracomm, count: int) -> NDArray[np.int64]:
+    """This rank's share of so many items: consecutive ones."""
+    return np.array_split(np.arange(count), comm.size)[comm.rank]
+
+
+def joined(comm: MPI.Intracomm, own: NDArray) -> NDArray:
+    """The rows of all ranks, in the order of ranks (collective)."""
+    return own if comm.size == 1 else np.concatenate(comm.allgather(own))
