@@ -20,7 +20,7 @@ _MODULES = {
     "Sphere": "contact_app.scene.obstacles",
     "solve": "contact_app.run.answer",
 }
-"""Where each name of the interface is defined."""
+"""Module that defines each name of the Python interface."""
 
 __all__ = [
     "Answer", "CaseAnswers", "Contact", "ContactProblem", "Cylinder", "Plane", "SignedDistance",
@@ -29,7 +29,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """The interface; dolfinx is imported when it is used, so that other commands start at once."""
+    """Names of the Python interface.
+
+    Importing them imports dolfinx, so other commands start fast.
+    """
     if name in _MODULES:
         return getattr(import_module(_MODULES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

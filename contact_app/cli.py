@@ -1,6 +1,6 @@
 """The command line: ``contact-app``.
 
-Heavy imports stand inside the commands, so that help and errors in a file come at once.
+Slow imports are inside the commands, so that help and input errors appear at once.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ app = typer.Typer(
 Config = Annotated[Path, typer.Argument(help="The scene, a YAML file.", show_default=False)]
 Directory = Annotated[
     Path | None,
-    typer.Option("--output", "-o", help="Where results go; results/<config name> unless given."),
+    typer.Option(
+        "--output", "-o", help="Directory of the results; results/<config name> by default."
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,
@@ -57,10 +59,10 @@ def run(
 
     Exit code 0: converged and certified. 1: solved but not certified or not converged; the results
     so far are written. 2: bad input. 3: the scene has no equilibrium. 4: the program could not run
-    (disk, memory, permissions, a failure of its own); the message says what to do.
+    (disk, memory, permissions, an internal error); the message says what to do.
 
     Results of an earlier run in the directory are removed first. Ctrl-C or SIGTERM ends the solve:
-    what it has reached is written, with a checkpoint for --resume.
+    the results reached so far are written, with a checkpoint for --resume.
     """
     from mpi4py import MPI
 
@@ -89,20 +91,28 @@ def check(config: Config, overrides: Overrides = None) -> None:
 
 @app.command()
 def plot(
-    directory: Annotated[Path, typer.Argument(help="What a run left.", show_default=False)],
+    directory: Annotated[
+        Path, typer.Argument(help="Directory of results of a run.", show_default=False)
+    ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Where pictures go; beside the result.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Directory of the pictures; that of the results by default."
+        ),
     ] = None,
     field: Annotated[
         list[str] | None,
-        typer.Option(help="Colour by this; may be repeated. [von_mises, contact_pressure]"),
+        typer.Option(
+            help="Field that colours the picture; may be repeated. [von_mises, contact_pressure]"
+        ),
     ] = None,
     scale: Annotated[
-        float | None, typer.Option(help="Factor of the displacements; a visible one if not given.")
+        float | None,
+        typer.Option(help="Factor on the displacements; chosen to be visible by default."),
     ] = None,
     camera: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="In space: the direction to the eye, three numbers."),
+        typer.Option(help="In 3D: direction from the body to the camera, three numbers."),
     ] = None,
 ) -> None:
     """Draw a result: the deformed bodies, the contact pressure, and where friction sticks."""
@@ -139,13 +149,13 @@ if importlib.util.find_spec("contact_app.studies.commands"):
 
 def main() -> None:
     """Run the command line; each exception becomes one message and an exit code (`exits`)."""
-    # PETSc's own handlers would answer a closed pipe (`| head`) with a page of its errors
+    # with PETSc's handlers a closed pipe (`| head`) would print a page of errors
     options = os.environ.get("PETSC_OPTIONS", "")
     os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
-    # waiting ranks yield: on shared cores three ranks take seconds instead of minutes
+    # waiting ranks yield the processor: on shared cores three ranks take seconds, not minutes
     os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     with safe_streams():
-        # compiling a form tells the root logger every command it runs
+        # compiling a form logs every command to the root logger
         terminal = logging.StreamHandler()
         terminal.setLevel(logging.WARNING)
         logging.getLogger().addHandler(terminal)
@@ -157,7 +167,7 @@ def main() -> None:
 
 
 def _run_app() -> int:
-    """Exit code of the command that was asked for."""
+    """Run the command of the command line and return its exit code."""
     try:
         usable_caches()
         try:
@@ -173,7 +183,7 @@ def _run_app() -> int:
 
 
 def _code_of_exit(ended: SystemExit) -> int:
-    """Exit code of a command; that of an interruption, which typer would make a 1, is its own."""
+    """Exit code of a command; typer would replace that of an interruption by 1."""
     cause: BaseException | None = ended
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):
@@ -183,7 +193,7 @@ def _code_of_exit(ended: SystemExit) -> int:
 
 
 def _refuse_unwritable(directory: Path) -> None:
-    """Find out that results cannot be written before anything is computed."""
+    """Raise an error before the run if results cannot be written."""
     if os.path.exists(directory) and not os.path.isdir(directory):
         raise ConfigurationError(
             f"--output {directory}: results cannot be written there: it is a file"

@@ -1,14 +1,14 @@
-"""What can go wrong in ways a user can mend; each error's text is the whole message."""
+"""Errors that a user can correct; the text of an error is the whole message."""
 
 from __future__ import annotations
 
 
 class ContactError(Exception):
-    """Base of the errors that are told to the user without a traceback: exit code 4."""
+    """Base of the errors that are printed without a traceback: exit code 4."""
 
 
 class ConfigurationError(ContactError):
-    """The input is wrong: exit code 2. The text names file, line, key and what is allowed."""
+    """The input is wrong: exit code 2. The text names file, line, key and the allowed values."""
 
 
 class NoEquilibriumError(ContactError):

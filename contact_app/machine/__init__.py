@@ -1,7 +1,6 @@
 """The process and the machine it runs on: memory, disk, streams, exit codes.
 
-Nothing here knows a scene. Other rooms ask how much memory is free (`memory`), measure their stages
-(`timings`), write files that appear whole or not at all (`disk`, `whole_file`) and end with
-the exit codes of the contract (`exits`). `environment` says which libraries and which BLAS a run
-uses.
+Nothing here depends on a scene. `memory` tells the free memory, `timings` measures stages, `disk`
+and `whole_file` write files that appear complete or not at all, and `exits` has the exit codes.
+`environment` names the libraries and the BLAS of a run.
 """

@@ -1,11 +1,11 @@
-"""Where compiled forms are kept when the home directory cannot be written.
+"""Directories for compiled forms if the home directory cannot be written.
 
 dolfinx compiles each form to a library below ``$XDG_CACHE_HOME`` or ``~/.cache`` and reads options
-below ``$XDG_CONFIG_HOME`` or ``~/.config``; matplotlib does alike. In a container, for a user
-without a home, or with a full quota none of this can be had. Then one directory of this user below
-the system's directory for temporary files serves: ``contact-app-<user number>``. Libraries in it
-are loaded as code, so it is used only if it is a real directory of this user with no access for
-others (mode 0700); otherwise a new one with a random name is made.
+below ``$XDG_CONFIG_HOME`` or ``~/.config``; matplotlib does the same. In a container, for a user
+without a home, or with a full quota these directories are not writable. Then one directory of this
+user below the system's directory for temporary files is used: ``contact-app-<user number>``.
+Libraries in it are loaded as code, so it is used only if it is a real directory of this user with
+no access for others (mode 0700); otherwise a new one with a random name is made.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from contact_app.errors import CouldNotRunError
 from contact_app.machine.disk import reserve
 
 ENOUGH = 1 << 20
-"""Bytes that a cache has to have room for: a handful of compiled forms."""
+"""Least free bytes of a cache: a handful of compiled forms."""
 
 
 @cache
 def usable_caches() -> tuple[str, ...]:
-    """Point the environment to directories that can be used; sentences on what was changed.
+    """Set the environment to usable directories; return sentences on the changes.
 
-    Done once a process, before dolfinx is imported.
+    Called once per process, before dolfinx is imported.
 
     Raises
     ------
     CouldNotRunError
-        No directory at all can be written.
+        No directory can be written.
     """
     said: list[str] = []
     home = _home()
@@ -46,7 +46,7 @@ def usable_caches() -> tuple[str, ...]:
         os.environ["XDG_CACHE_HOME"] = str(own)
         said.append(f"{cache_home} cannot be written: compiled forms are kept in {own}")
     elif not os.environ.get("XDG_CACHE_HOME", "x"):
-        del os.environ["XDG_CACHE_HOME"]  # empty: dolfinx would take the working directory
+        del os.environ["XDG_CACHE_HOME"]  # empty: dolfinx would use the working directory
     config_home = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
     if not _readable(config_home):
         own = own_directory()
@@ -78,13 +78,13 @@ def _writable(directory: Path) -> bool:
 
 
 def _allowed(directory: Path) -> bool:
-    """Whether files may be made in a directory or, if it is not there, in the next above it."""
+    """Whether files may be made in a directory or, if it does not exist, in its nearest parent."""
     there = next(place for place in (directory, *directory.parents) if place.exists())
     return os.access(there, os.W_OK | os.X_OK)
 
 
 def _readable(directory: Path) -> bool:
-    """Whether a file in a directory can be opened, or is known not to be there."""
+    """Whether a file in a directory can be opened, or certainly does not exist."""
     for name in ("ffcx", "dolfinx"):
         try:
             with (directory / name / "none").open():

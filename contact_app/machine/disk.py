@@ -1,9 +1,8 @@
-"""Room on the disk, taken before it is written to.
+"""Reservation of room on the disk before a file is written.
 
 A library that meets a full disk in the middle of a file may fail in its own way; HDF5 crashes when
-it closes the file. Here blocks are taken from the file system first (``posix_fallocate``), where a
-lack of them is an ordinary error. File systems that cannot reserve blocks are asked how many are
-free.
+it closes the file. Here blocks are reserved first (``posix_fallocate``), and a lack of blocks is an
+ordinary error. If the file system cannot reserve blocks, its free blocks are counted.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Let a file have room for its first `size` bytes; its length may grow.
+    """Reserve room for the first `size` bytes of a file; its length may grow.
 
     Raises
     ------
     OSError
-        With the number ENOSPC, EDQUOT or EFBIG where it cannot have as much.
+        With the number ENOSPC, EDQUOT or EFBIG if there is not enough room.
     """
     try:
         os.posix_fallocate(descriptor, 0, size)
@@ -43,7 +42,7 @@ def free_bytes(directory: Path) -> int:
 
 
 def refuse_without_room(directory: Path, name: str, needed: int) -> None:
-    """Say that a file will not fit into a directory, before the time is spent to compute it.
+    """Raise an error if a file will not fit into a directory, before it is computed.
 
     Raises
     ------

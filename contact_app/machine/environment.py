@@ -1,8 +1,8 @@
-"""What a run stood on: BLAS, releases of dolfinx and PETSc, ranks, memory.
+"""The environment of a run: BLAS, releases of dolfinx and PETSc, ranks, memory.
 
-Debian's packages leave the reference BLAS in place unless OpenBLAS is asked for, and a dense
-product is then a hundred times slower. Which one PETSc uses cannot be measured through numpy,
-which may carry its own; the libraries mapped into this process tell it.
+Debian's packages keep the reference BLAS unless OpenBLAS is installed, and a dense product is then
+a hundred times slower. numpy may bring a BLAS of its own, so the BLAS of PETSc is found among the
+libraries mapped into this process.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mpi4py import MPI
 REFERENCE = "reference BLAS"
 UNKNOWN = "unknown"
 
-#: What a path of a mapped library says about the BLAS, the first that matches.
+#: Name of the BLAS by patterns of the paths of mapped libraries; the first match counts.
 _FLAVOURS = (
     (r"/openblas-(pthread|openmp|serial)/", "OpenBLAS ({0})"),
     (r"/lib(?:scipy_)?openblas", "OpenBLAS"),
@@ -66,12 +66,12 @@ def blas() -> str:
 
 
 def slow_blas_warning(name: str | None = None) -> str | None:
-    """Sentence for the user when the BLAS in use is the slow one, else None.
+    """Warning if the slow reference BLAS is in use, otherwise None.
 
     Parameters
     ----------
     name
-        As `blas` gives it; asked for when not given.
+        Name of the BLAS as from `blas`, which is the default.
     """
     if (blas() if name is None else name) != REFERENCE:
         return None
@@ -97,7 +97,7 @@ def petsc_version() -> str:
 
 def peak_rss_gb(comm: MPI.Comm = MPI.COMM_SELF) -> float:
     """Largest memory that a rank of `comm` has held so far, in GB (collective)."""
-    # the kernel's count since this program began; ru_maxrss knows what the one before it held, too
+    # the kernel's count since this program began; ru_maxrss includes the program that started it
     try:
         mark = re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())
     except OSError:

@@ -1,8 +1,9 @@
-"""How the program ends: its exit codes, and the message and code of each exception.
+"""The end of the program: exit codes, and the message and code of each exception.
 
-On several ranks an exception is met by all of them or by some. Ranks that meet one wait a moment
-for the others. If all arrive, rank 0 tells what happened and all exit with one code. Otherwise the
-rank tells what it met and aborts the others, which would wait for it in some exchange for ever.
+On several ranks an exception occurs on all of them or on some. A rank with an exception waits a
+moment for the others. If all arrive, rank 0 prints the message and all exit with one code.
+Otherwise the rank prints its message and aborts the others, which would wait for it in some
+exchange for ever.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ from typing import Any
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 
 PATIENCE = 5.0
-"""Seconds that a rank with an exception waits for the others to meet theirs."""
+"""Seconds that a rank with an exception waits for the exceptions of the others."""
 
 MOMENT = 2.0
-"""Seconds that other ranks leave rank 0 to speak where MPI has not begun."""
+"""Seconds that other ranks wait for the message of rank 0 before MPI has begun."""
 
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 MET, TOLD = 30_101, 30_102
-"""Tags of messages between ranks that end; solvers use small ones, and MPI allows 32,767."""
+"""Tags of messages between ending ranks; solvers use small tags, and MPI allows 32,767."""
 
 LONGEST = 1000
-"""Characters of a message that are sent to other ranks: it must go without being received."""
+"""Characters of a message that are sent to other ranks: few, so that sending does not block."""
 
 PETSC_OUT_OF_MEMORY = 55
 """``PETSC_ERR_MEM``."""
@@ -46,9 +47,9 @@ class Exit(IntEnum):
     BAD_INPUT = 2
     NO_EQUILIBRIUM = 3
     COULD_NOT_RUN = 4
-    """Disk, memory, permissions, or a failure of the program's own."""
+    """Disk, memory, permissions, or an internal error."""
     INTERRUPTED = 130
-    """By Ctrl-C before there was anything to write (128 + SIGINT, as shells count)."""
+    """Ctrl-C before there were results to write (128 + SIGINT, as in shells)."""
 
 
 def code_of(error: BaseException) -> Exit:
@@ -80,15 +81,15 @@ def _what_happened(error: BaseException) -> str:
     where = logged_in(error)
     place = f"the traceback is in {where}" if where else "the traceback is above"
     return (
-        f"the run ended by a failure of the program itself ({what}); {place}: please report it "
+        f"the run ended by an internal error of the program ({what}); {place}: please report it "
         "together with the scene"
     )
 
 
 def _of_system(error: OSError) -> str:
-    """The refusal of the operating system; HDF5's own words fill a screen and are left out."""
+    """The message for an error of the operating system, without HDF5's long output."""
     number = error.errno
-    if isinstance(error, TimeoutError) and not number:  # of dolfinx's compiler: says what to do
+    if isinstance(error, TimeoutError) and not number:  # from dolfinx's compiler, with a remedy
         return f"the run ended: {str(error).splitlines()[0]}"
     what = os.strerror(number) if number else str(error).splitlines()[0] or type(error).__name__
     where = f"{error.filename}: " if error.filename else ""
@@ -112,7 +113,7 @@ def _is_memory(error: BaseException) -> bool:
 
 
 def is_own_failure(error: BaseException) -> bool:
-    """Whether an exception is a mistake in this program, whose traceback is needed to find it."""
+    """Whether an exception is an internal error, which needs a traceback."""
     return not isinstance(error, ContactError | OSError) and not _is_memory(error)
 
 
@@ -122,15 +123,15 @@ def mark_logged(error: BaseException, path: Path) -> None:
 
 
 def logged_in(error: BaseException) -> Path | None:
-    """The file that has the traceback of an exception, if one has."""
+    """The file with the traceback of an exception, if there is one."""
     found = error.__dict__.get("logged_in")
     return found if isinstance(found, Path) else None
 
 
 def end(error: BaseException) -> Exit:
-    """Tell of an exception and return the exit code; does not return where others must be aborted.
+    """Print the message of an exception and return the exit code, or abort all ranks.
 
-    Called by each rank that meets an exception.
+    Called by each rank with an exception.
     """
     code, message = code_of(error), message_of(error)
     if is_own_failure(error) and logged_in(error) is None:
@@ -151,17 +152,17 @@ def end(error: BaseException) -> Exit:
         for rank in range(1, world.size):
             world.send(None, dest=rank, tag=TOLD)
     else:
-        world.recv(source=0, tag=TOLD)  # the first rank that exits takes the others with it
+        world.recv(source=0, tag=TOLD)  # the first rank that exits ends the others
     return Exit(max(number for number, _ in found.values()))
 
 
 def add_remedy(error: BaseException, sentence: str) -> None:
-    """Add to what is told of an exception."""
+    """Add a sentence to the message of an exception."""
     error.__dict__["remedy"] = sentence
 
 
 def _world() -> Any:
-    """MPI's world where it has begun and has several ranks, else None."""
+    """MPI's world communicator if MPI has begun with several ranks, otherwise None."""
     module = sys.modules.get("mpi4py.MPI")
     if module is None or not module.Is_initialized() or module.Is_finalized():
         return None
@@ -170,10 +171,10 @@ def _world() -> Any:
 
 
 def _exchanged(world: Any, mine: tuple[int, str]) -> dict[int, tuple[int, str]] | None:
-    """Code and message of every rank, by rank; None if not all come here in `PATIENCE` seconds.
+    """Code and message of every rank, by rank; None if some do not arrive in `PATIENCE` seconds.
 
-    By messages with a tag of their own: ranks that have met nothing may be in any collective, and
-    another one would be taken for a part of it.
+    Uses point-to-point messages: ranks without an exception may be inside any collective operation,
+    which another collective would corrupt.
     """
     others = [rank for rank in range(world.size) if rank != world.rank]
     sent = [world.isend(mine, dest=rank, tag=MET) for rank in others]
@@ -191,7 +192,7 @@ def _exchanged(world: Any, mine: tuple[int, str]) -> dict[int, tuple[int, str]] 
 
 
 def _tell_without_mpi(message: str, of_all: bool) -> None:
-    """Before MPI has begun the first rank that exits takes the others with it."""
+    """Print the message before MPI has begun, when the first rank that exits ends the others."""
     rank = rank_by_environment()
     if rank > 0 and of_all:
         time.sleep(MOMENT)
@@ -208,7 +209,7 @@ def rank_by_environment() -> int:
 
 
 def tell(message: str, rank: int = 0) -> None:
-    """Print a message; what a terminal would obey is shown as its code."""
+    """Print a message; control characters are shown as codes."""
     if rank > 0:
         message = f"rank {rank}: {message}"
     shown = (

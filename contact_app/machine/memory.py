@@ -5,10 +5,10 @@ decomposed and as one subdomain, to within a factor of two:
 
     0.2 GB + 0.15 kB · unknowns + 0.9 kB · rows of B + factors,
 
-a sparse Cholesky factor of n unknowns and what is made on the way taking 270 bytes · n^(4/3) in
-space and 60 bytes · n log₂ n in the plane, beside 0.35 MB for its class. Congruent subdomains share
-one factor. Where the answer is evaluated on the surface alone, fields at all nodes and cells fall
-away, and an unknown takes 0.05 kB (measured at 81,812,703).
+A sparse Cholesky factor of n unknowns, with temporary memory, takes 270 bytes · n^(4/3) in space
+and 60 bytes · n log₂ n in the plane, plus 0.35 MB for its class. Congruent subdomains share one
+factor. If the answer is evaluated on the surface alone, there are no fields at all nodes and cells,
+and an unknown takes 0.05 kB (measured at 81,812,703).
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ BASE_BYTES = 0.2e9
 BYTES_PER_DOF = 150.0
 BYTES_PER_ROW = 900.0
 BYTES_PER_CLASS = 0.35e6
-"""Fitted to runs of cubes and of shipped scenes (`python -m contact_app.studies.estimates`)."""
+"""Memory of a class, fitted to runs of cubes and scenes (`contact_app.studies.estimates`)."""
 
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 ROWS_PER_DOF = 0.25
-"""Rows of B per unknown where nothing better is known: subdomains of about 1000 nodes."""
+"""Rows of B per unknown by default: for subdomains of about 1000 nodes."""
 
 
 def needed_bytes(
     dofs: float, rows: float | None = None, factors: tuple[tuple[float, int], ...] = ()
 ) -> float:
-    """Estimate for a scene.
+    """Estimated memory of a scene in bytes.
 
     Parameters
     ----------
     dofs
         Undecomposed degrees of freedom.
     rows
-        Rows of B; a share of `dofs` unless given.
+        Rows of B; a share of `dofs` by default.
     factors
-        Unknowns and dimension of each subdomain that has a factor of its own.
+        Unknowns and dimension of each subdomain with a separate factor.
     """
     rows = ROWS_PER_DOF * dofs if rows is None else rows
     factored = sum(factor_bytes(unknowns, dimension) for unknowns, dimension in factors)
@@ -58,19 +58,19 @@ def factor_bytes(unknowns: float, dimension: int) -> float:
 
 
 def give_back() -> None:
-    """Return what was freed to the system; glibc keeps freed blocks of moderate size otherwise.
+    """Return freed memory to the system; glibc would keep freed blocks of moderate size.
 
-    Making a model frees several times what it keeps.
+    Building a model frees several times the memory that it keeps.
     """
     with contextlib.suppress(OSError, AttributeError):  # another C library: nothing to do
         ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 def available_bytes() -> float:
-    """Memory this process may still take; infinite where that cannot be known.
+    """Memory that this process may still take, in bytes; infinite if unknown.
 
-    The least of what the machine has left, what a container or a service manager leaves (control
-    groups, version 2 or 1) and the limit on address space (``ulimit -v``).
+    The least of: free memory of the machine, the limit of a container or service manager (control
+    groups, version 2 or 1), and the limit on address space (``ulimit -v``).
     """
     return min(_machine(), control_group(), _address_space())
 
@@ -88,7 +88,7 @@ def _address_space() -> float:
 
 
 def control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgroup")) -> float:
-    """The memory that the control groups of this process leave it."""
+    """The memory that the control groups of this process still allow."""
     least = math.inf
     for line in _text(own).splitlines():
         _, controllers, path = line.split(":", 2)
@@ -103,7 +103,7 @@ def control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgro
         for here in (group, *group.parents):
             allowed, taken = _text(here / limit).strip(), _text(here / used).strip()
             if allowed.isdigit() and taken.isdigit():
-                cached = _field(here / "memory.stat", "inactive_file")  # given back when needed
+                cached = _field(here / "memory.stat", "inactive_file")  # freed when needed
                 cached = cached if math.isfinite(cached) else 0.0
                 least = min(least, max(float(allowed) - float(taken) + cached, 0.0))
             if here == base:
@@ -112,7 +112,7 @@ def control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgro
 
 
 def _field(path: Path, name: str) -> float:
-    """Number after a word that begins a line; infinite where there is none."""
+    """Number after a word at the start of a line; infinite if there is none."""
     for line in _text(path).splitlines():
         words = line.split()
         if len(words) > 1 and words[0] == name:

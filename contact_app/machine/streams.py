@@ -1,12 +1,12 @@
-"""Standard streams that are closed, that fill up, or that know no characters but ASCII.
+"""Standard streams that are closed, full, or limited to ASCII.
 
 A program is started with a stream closed (``>&-``), with one that a reader closes (``| head``), or
-with one that cannot encode what is written. None of these is a reason to lose a solved scene.
+with one that cannot encode what is written. None of these must lose a solved scene.
 
 - A closed descriptor 0, 1 or 2 is put on the null device. Otherwise the next file to be opened
   would get its number, and libraries that print to it would write into a file of results.
-- What is written to a pipe that nobody reads is dropped, and so is what standard error cannot take.
-- A character that the encoding has not is replaced by one like it: × by x, … by three dots.
+- Output to a pipe without a reader is dropped, and so is output that standard error cannot take. -
+A character that is missing in the encoding is replaced by a similar one: × by x, … by three dots.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from typing import TextIO
 
 ERRORS = "contact-app-alike"
-"""Name of the handler of characters that an encoding has not."""
+"""Name of the handler of characters that an encoding lacks."""
 
 ALIKE = {
     "×": "x", "…": "...", "‖": "||", "≤": "<=", "≥": ">=", "≠": "!=", "·": "*", "−": "-",
@@ -33,7 +33,7 @@ ALIKE = {
 
 
 def alike(text: str) -> str:
-    """The same in ASCII.
+    """The text in ASCII, with similar characters.
 
     >>> alike("‖u‖ ≤ 2 × 10⁻³ …")
     '||u|| <= 2 x 10-3 ...'
@@ -62,7 +62,7 @@ codecs.register_error(ERRORS, _replace)
 
 
 class _Output(io.FileIO):
-    """A descriptor that drops what nobody reads, and everything after an error."""
+    """An output stream that drops what nobody reads, and all output after an error."""
 
     def __init__(self, descriptor: int, strict: bool) -> None:
         super().__init__(descriptor, "w", closefd=False)
@@ -80,10 +80,10 @@ class _Output(io.FileIO):
 
 @contextmanager
 def safe_streams() -> Iterator[None]:
-    """Replace the standard streams for as long as the block runs.
+    """Context manager that replaces the standard streams.
 
-    An error of standard output other than a pipe without a reader is still raised: what it should
-    have taken is lost. Streams that someone else put in place, such as pytest, stay.
+    An error of standard output, other than a pipe without a reader, is still raised: its output is
+    lost. Streams that another program has replaced, such as pytest, stay.
     """
     for descriptor in range(3):
         try:
@@ -121,7 +121,7 @@ def _text(descriptor: int, before: TextIO | None, strict: bool) -> TextIO:
 
 
 def _to_null(descriptor: int) -> None:
-    """Let a descriptor lead nowhere."""
+    """Connect a descriptor to the null device."""
     null = os.open(os.devnull, os.O_RDWR)
     if null != descriptor:
         os.dup2(null, descriptor)

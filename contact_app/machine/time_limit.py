@@ -1,4 +1,4 @@
-"""Ends runs that may take for ever."""
+"""A limit on the processor time of a run."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class OutOfTime(Exception):
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Raise :class:`OutOfTime` at the next line of Python after so much time of this process.
+    """Context manager that raises :class:`OutOfTime` after some processor time of this process.
 
-    Time that others use on a busy machine does not count; that of all threads does.
+    The processor time of all threads counts, that of other processes does not.
     """
 
     def ring(*_: object) -> None:

@@ -10,12 +10,12 @@ STAGES = ("setup", "assembly", "factorization", "solve", "estimate", "output")
 
 
 class Timings:
-    """Wall-clock seconds by stage, counted from when it was made.
+    """Wall-clock seconds by stage, counted from the creation of the object.
 
     Parameters
     ----------
     clock
-        Tells the seconds.
+        Function that returns the time in seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -23,11 +23,11 @@ class Timings:
         self._clock = clock
         self._start = clock()
 
-        self._inner = 0.0  # seconds of stages inside the one that runs
+        self._inner = 0.0  # seconds of inner stages of the running stage
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
-        """Add the time spent inside to a stage; stages inside it count for themselves alone."""
+        """Context manager that adds its time to a stage; inner stages are not counted twice."""
         begin, outer = self._clock(), self._inner
         self._inner = 0.0
         try:
@@ -38,12 +38,12 @@ class Timings:
             self._inner = outer + spent
 
     def branched(self, total: float) -> Timings:
-        """What was measured so far, as the start of one of several runs that share it.
+        """A copy of the present timings, for one of several runs that share this part.
 
         Parameters
         ----------
         total
-            Seconds in all that the shared part took.
+            Total seconds of the shared part.
         """
         result = Timings(self._clock)
         result.seconds = dict(self.seconds)
@@ -51,5 +51,5 @@ class Timings:
         return result
 
     def as_dict(self) -> dict[str, float]:
-        """Seconds by stage and in all."""
+        """Seconds by stage and in total."""
         return {**self.seconds, "total": self._clock() - self._start}

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def part_of(path: Path) -> Path:
-    """Name of a file that is not whole yet.
+    """Name of a file while it is being written.
 
     >>> str(part_of(Path("out/summary.json")))
     'out/.summary.json.part'
@@ -18,9 +18,9 @@ def part_of(path: Path) -> Path:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """The name to write a file under, which is renamed at the end of the block.
+    """Context manager with a temporary name for a file, which is renamed at the end of the block.
 
-    If the block ends by an exception the part is removed and an older file stays.
+    If the block ends by an exception, the incomplete file is removed and an older file stays.
     """
     part = part_of(path)
     try:

@@ -49,7 +49,7 @@ def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
 
     Other packages' messages are kept from the terminal, their warnings in the file: compiling a
     form tells the root logger every command it runs. An exception that passes is logged, one that
-    is a failure of the program itself with its traceback, by whichever rank meets it.
+    is an internal error with its traceback, by whichever rank meets it.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 `run` solves and writes a scene, `check` says beforehand what will be modelled (`model_report`) and
 what it costs (`cost`).
-`result_directory` removes what earlier runs left. `fallback` decides what is tried where an answer
-cannot be certified. `model_warnings` holds the answer against the assumptions
-of its model.
+`result_directory` removes what earlier runs left. `ways` and `fallback` decide the next method
+where an answer cannot be certified. `model_warnings` compares the answer with the assumptions of
+its model.
 """

@@ -1,4 +1,4 @@
-"""The Python interface to scenes: `solve` takes a file or a mapping, the answer has arrays."""
+"""The Python interface to scenes: `solve` takes a file or a mapping and returns arrays."""
 
 from __future__ import annotations
 
@@ -38,32 +38,34 @@ Array = NDArray[np.float64]
 class Answer:
     """The answer to a scene; arrays are of the nodes and cells of this rank.
 
-    On one rank these are all of them. A scene that was cut at planes of symmetry has the arrays of
-    the whole.
+    On one rank these are all nodes and cells. A scene that was cut at planes of symmetry has the
+    arrays of the whole.
 
     Attributes
     ----------
     summary
-        What `summary.json` holds.
+        Content of `summary.json`.
     points : (nodes, 3)
     displacement : (nodes, dimension)
     contact_pressure : (nodes,)
-        Zero away from contact; the largest where a node lies on several contacts.
+        Force per area; zero away from contact, the largest value where a node lies on several
+        contacts.
     smoothed_contact_pressure : (nodes,)
-        The same without what single facets make of it.
+        Contact pressure without the variation within single facets.
     gap : (nodes,)
-        Distance left; NaN where nothing is near.
+        Remaining distance; NaN where nothing is near.
     friction_traction, slip : (nodes, dimension)
-        Friction force per area on the body of `on`, and its slip along what it touches. None
+        Friction force per area on the body of `on`, and its slip (length) on the other side. None
         without friction.
     contact_status : (nodes,)
         0 where a node is open, 1 where it sticks, 2 where it slides. None without friction.
     stress : (cells, 6)
-        xx, yy, zz, xy, yz, xz, the mean of each cell.
+        Components xx, yy, zz, xy, yz, xz: the mean over each cell.
     von_mises : (cells,)
     nodal_stress : (nodes, 6), nodal_von_mises : (nodes,)
-        The stress recovered at nodes, of the material with the largest where several meet. None
-        where `output.fields` leaves them out or no file of fields is asked for.
+        The stress recovered at nodes; where several materials meet, that of the material with the
+        largest von Mises stress. None if `output.fields` leaves them out or no file of fields is
+        written.
     """
 
     summary: dict[str, Any]
@@ -83,7 +85,10 @@ class Answer:
 
     @property
     def certificate(self) -> Certificate:
-        """How far the answer may be off; `certificate.passed` says whether it is certified."""
+        """The certificate.
+
+        Relative errors of the answer; `passed` tells whether all meet the tolerance.
+        """
         return self.solved.solution.certificate
 
     @property
@@ -92,7 +97,7 @@ class Answer:
         return self.solved.solution.converged
 
     def write(self, directory: Path | str) -> None:
-        """Write the files of fields that `output` asks for and `summary.json` (collective)."""
+        """Write the files of fields in `output`, and `summary.json` (collective)."""
         directory, model = Path(directory), self.solved.model
         on_first(model.comm, lambda: directory.mkdir(parents=True, exist_ok=True))
         fields = Fields(self.solved.nodes, self.solved.cells, self.solved.nodal)
@@ -115,7 +120,7 @@ class CaseAnswers:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The overview that ``summary.json`` holds beside the directories of the cases."""
+        """The overview in ``summary.json`` beside the directories of the cases."""
         return self._overview.summary
 
     @property
@@ -138,9 +143,10 @@ class StepAnswers:
     Attributes
     ----------
     increments
-        The answer to each increment, in their order; the `summary` of each is that of its record.
+        The answer to each increment, in order; the `summary` of each is its record.
     summary
-        What `summary.json` holds: that of the last increment, and `steps`, a record of each.
+        Content of `summary.json`: the summary of the last increment, and `steps` with a record per
+        increment.
     """
 
     increments: Sequence[Answer]
@@ -180,15 +186,14 @@ def solve(
     Parameters
     ----------
     scene
-        A YAML file, or a mapping of the same keys. Mesh files are found beside the YAML file, of a
-        mapping from the working directory on.
+        A YAML file, or a mapping of the same keys. Mesh files are relative to the directory of the
+        YAML file; for a mapping, to the working directory.
     overrides
         Changes as ``path.to.key=value``, as after ``--set`` on the command line.
 
     Returns
     -------
-    The answer; for a scene with `cases` the answers to all of them, with `steps` those to all
-    increments.
+    The answer; for a scene with `cases` the answers to all cases, with `steps` to all increments.
 
     Raises
     ------
@@ -246,7 +251,7 @@ def _refuse(scene: Scene, known: Outline) -> None:
 
 
 def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
-    """With the arrays of all images."""
+    """The answer with the arrays of all mirror images."""
     nodes, cells = solved.nodes, solved.cells
     points, displacement, pressure, smoothed, gap, stress = [], [], [], [], [], []
     images, rough = whole(solved.model, nodes).images, solved.model.scene.has_friction
@@ -276,7 +281,7 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
 
 
 def _nodal(name: str, solved: SolvedScene, images: Sequence[Image]) -> Array | None:
-    """A recovered field at the nodes of all images."""
+    """A recovered field at the nodes of all mirror images."""
     if name not in solved.nodal:
         return None
     return np.concatenate([image.field(name, solved.nodal[name])[image.new] for image in images])

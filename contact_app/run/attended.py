@@ -1,4 +1,4 @@
-"""A run of several solves: its log, its progress and its attention to an interruption."""
+"""Log, progress and interruption of a run of several solves."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from solver.contact.checkpoint import Attention, Checkpoint
 def attended(
     directory: Path, comm: MPI.Intracomm, resume: bool, every: float
 ) -> Iterator[tuple[Progress, Attention]]:
-    """Clear a directory of results and attend a run that writes to it (collective).
+    """Context manager of a run of several solves that writes to a directory (collective).
 
     Parameters
     ----------
     resume
-        Whether files of an earlier run stay, to go on from.
+        Whether files of an earlier run stay, so that this one goes on from them.
     every
-        Seconds between two looks at whether the run was interrupted; nothing is saved then.
+        Seconds between two tests for an interruption; nothing is saved then.
     """
     first = comm.rank == 0
     on_first(comm, lambda: clear(directory, resume))
@@ -38,6 +38,6 @@ def attended(
         Interruption() as interruption,
     ):
         log_caches()
-        # its clock alone is used: nothing is saved within a solve
+        # only its clock is used: nothing is saved within a solve
         clock = Checkpoint(directory, comm, False, every)
         yield progress, Attention(comm, lambda: interruption.asked, clock)

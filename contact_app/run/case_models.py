@@ -1,11 +1,12 @@
-"""The models of load cases or of a load history: one for all, and what each loading adds to it.
+"""The models of load cases or of a load history, which share all that is independent of loads.
 
 All cases, and all increments of a history, have the meshes, the subdomains, the rows and the
 factors of one model. A node gets a contact row if any of the cases, or of the ends of steps, may
 need it. Later cases begin with the multipliers of the earlier case whose loads are nearest, scaled
 to theirs: with d = B K⁺ f - c, the gaps that the loads of a case open without forces of
-constraints, that is the case k and the factor a ≥ 0 of least ‖d - a d_k‖. Where loads are combined
-of a few, d is a sum of those of earlier cases, and the multipliers begin with the same sum.
+constraints, that is the case k and the factor a ≥ 0 of least ‖d - a d_k‖. If the loads are a
+combination of earlier ones, d is nearly the same combination of earlier d_k, and the multipliers
+begin with that combination.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from solver.tfeti.constraints.matrix import ConstraintMatrix
 Array = NDArray[np.float64]
 
 FAR = 0.7
-"""‖d - a d_k‖ over ‖d‖ above which an earlier case is no better to begin with than nothing."""
+"""‖d - a d_k‖ over ‖d‖ above which an earlier case is not used as initial guess."""
 
 NEAR = 1e-6
 """‖d - Σ a_k d_k‖ over ‖d‖ below which no further case joins."""
@@ -41,18 +42,18 @@ GAINED = 0.5
 """A further case joins where it brings the sum nearer by at least this factor."""
 
 MOST = 4
-"""Cases in a sum."""
+"""Largest number of cases in a sum."""
 
 LARGEST = 3.0
-"""Factors of cases in a sum of several."""
+"""Largest factor of a case in a sum of several."""
 
 
 def outlines_of_cases(
     scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None
 ) -> dict[str, Outline | None]:
-    """The outline of each loading of a scene, all with the contact rows that any of them needs.
+    """The outline of each loading of a scene, with the contact rows that any loading needs.
 
-    None where the displacements of a loading change which rows are redundant; never of the first.
+    None for a loading whose displacements change which rows are redundant, never for the first one.
     Collective.
 
     Raises
@@ -80,7 +81,7 @@ def outlines_of_cases(
 
 @dataclass(frozen=True, eq=False)
 class _Earlier:
-    """A loading that was solved.
+    """A solved loading.
 
     Attributes
     ----------
@@ -97,14 +98,14 @@ class _Earlier:
 
 
 class CaseModels:
-    """Makes the models of a scene's loadings; making and using it are collective.
+    """Makes the models of a scene's loadings; all methods are collective.
 
     Parameters
     ----------
     scene
         With its cases or steps.
     outlines
-        Those of `outlines_of_cases`, or others with fewer contact rows to begin with.
+        Outlines of `outlines_of_cases`, or outlines with fewer contact rows.
     """
 
     keeps_subdomains = False
@@ -122,10 +123,10 @@ class CaseModels:
         self._earlier: list[_Earlier] = []
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
-        """The model of the scene of a loading; parameters as of `build_model`.
+        """The model of the scene of a loading; parameters as in `build_model`.
 
-        In other subdomains than the scene's, with rigid bodies, which are in a place of their own,
-        or where other rows are redundant, it is made alone.
+        A loading gets a model of its own if it has other subdomains or rigid bodies (whose
+        placements differ), or if other rows are redundant.
         """
         with timings.measure("setup"):
             if not self._outlines:
@@ -137,7 +138,7 @@ class CaseModels:
             return self._shared(scene, known, timings, needed, tell)
 
     def _outline(self, scene: Scene, timings: Timings) -> Outline | None:
-        """The outline of a loading; of one within a step with the rows that the steps need."""
+        """The outline of a loading; within a step, with the rows that the steps need."""
         if scene.case in self._outlines:
             return self._outlines[scene.case]
         first = next(known for known in self._outlines.values() if known is not None)
@@ -147,7 +148,7 @@ class CaseModels:
     def _shared(
         self, scene: Scene, known: Outline, timings: Timings, needed: Needed, tell: Tell | None
     ) -> Model:
-        """The model of a case on the factors of the others, or with new ones for more rows."""
+        """The model of a case with the factors of other cases, or with new ones for more rows."""
         wanted = known.needed.copy()
         if not isinstance(needed, str):
             wanted |= needed
@@ -174,12 +175,12 @@ class CaseModels:
         return ErrorEstimator(model, self._patches)
 
     def add(self, model: Model, solution: Solution) -> None:
-        """Let later cases begin with the answer of this one."""
+        """Store the answer of a case as initial guess for later ones."""
         problem = model.problem
         self._earlier.append(_Earlier(problem.B, problem.effect_of_loads, solution.multiplier))
 
     def on(self, model: Model) -> Array | None:
-        """Multipliers to begin with, (dual,); None where no earlier case is near (collective)."""
+        """Initial multipliers (dual,); None if no earlier case is near (collective)."""
         alike = [e for e in self._earlier if e.B is model.problem.B]
         if not alike:
             return None
@@ -191,11 +192,11 @@ class CaseModels:
 
 
 def nearest_combination(products: Array) -> Array | None:
-    """Factors a_k of earlier cases for which Σ a_k d_k is near to the last vector d.
+    """Factors a_k of earlier cases so that Σ a_k d_k is near the last vector d.
 
-    The nearest earlier case comes first, with a factor a ≥ 0. Others join while each brings the sum
-    nearer: of those that bring it about as near as any, the one nearest to d, for the answer
-    depends on the loads linearly only as long as contact stays as it is.
+    The nearest earlier case comes first, with a factor a ≥ 0. Others join while each reduces the
+    distance. Of several cases with about the same reduction the one nearest to d joins, because the
+    answer depends linearly on the loads only as long as contact does not change.
 
     Parameters
     ----------
@@ -231,9 +232,9 @@ def nearest_combination(products: Array) -> Array | None:
 
 
 def _joined(inner: Array, own: Array, square: float, some: list[int]) -> tuple[Array, float]:
-    """Least ‖d - Σ a_k d_k‖² over some cases: the factors, and what is left.
+    """Minimise ‖d - Σ a_k d_k‖² over some cases: the factors and the minimum.
 
-    Factors above `LARGEST` lead far away from the cases: infinite.
+    Factors above `LARGEST` extrapolate too far: the minimum counts as infinite.
     """
     factors = np.linalg.lstsq(inner[np.ix_(some, some)], own[some], rcond=1e-10)[0]
     left = square - 2.0 * factors @ own[some] + factors @ inner[np.ix_(some, some)] @ factors

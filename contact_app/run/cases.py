@@ -1,7 +1,7 @@
 """Load cases: each from the unloaded state, on one model; a directory of results for each.
 
-All but the solves, the fields and the files is done once (`run.case_models`). Later cases start
-from the nearest earlier one.
+The model is built once (`run.case_models`); each case has its own solve, fields and files. Later
+cases start from the nearest earlier one.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def solved_cases(
     Parameters
     ----------
     monitor_of
-        Asked for the monitor of each case, by its name, before it is solved.
+        Returns the monitor of a case, given its name; called before the case is solved.
     tell
         Called with the scene and the outline of the model of its first case.
     """
@@ -68,12 +68,12 @@ def solved_cases(
 
 
 class Overview:
-    """Collects what a run says of all its cases together; collective.
+    """Collects the summary and the envelope of all cases of a run; collective.
 
     Attributes
     ----------
     warnings
-        Of all certificates, each with the case it is about.
+        Warnings of all certificates, each with its case.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
@@ -85,7 +85,7 @@ class Overview:
         self._warnings: dict[str, list[str]] = {}
 
     def add(self, solved: SolvedScene, summary: dict[str, Any]) -> None:
-        """Take in a case."""
+        """Add a solved case."""
         model, name = solved.model, solved.model.scene.case
         stress = float(solved.cells.von_mises.max(initial=0.0))
         largest = model.comm.allreduce(stress, op=MPI.MAX)
@@ -109,7 +109,7 @@ class Overview:
 
     @property
     def warnings(self) -> list[str]:
-        """Each sentence once, with the cases it is said of."""
+        """Warnings: each sentence once, with its cases."""
         said = []
         for sentence, names in self._warnings.items():
             of = "all cases" if len(names) == len(self._scene.cases) > 1 else ", ".join(names)
@@ -132,12 +132,15 @@ class Overview:
         }
 
     def leave_out(self, names: list[str]) -> None:
-        """Say that cases were not solved, because the run was interrupted."""
+        """Record that cases were not solved because the run was interrupted."""
         for name in names:
             self._warnings.setdefault("not solved: the run was interrupted", []).append(name)
 
     def write(self, directory: Path) -> tuple[dict[str, Any], list[Path]]:
-        """Write ``envelope.xdmf`` and the summary; the summary and the files (collective)."""
+        """Write ``envelope.xdmf`` and the summary.
+
+        Return the summary and the paths (collective).
+        """
         assert self._envelope is not None
         files = [*self._envelope.write(directory), directory / "summary.json"]
         summary, comm = self.summary, self._comm
@@ -155,10 +158,10 @@ def run_cases(
     resume: bool = False,
     every: float = EVERY_SECONDS,
 ) -> int:
-    """Solve all cases, write a directory for each and the overview; the exit code (collective).
+    """Solve all cases, write their directories and the overview; return the exit code (collective).
 
-    Interrupted, the case that is being solved ends with what it has reached, and no other is begun.
-    Parameters are those of `run.run`; the exit code is the worst of the cases.
+    If the run is interrupted, the present case ends with its partial results, and no other case
+    begins. Parameters are those of `run.run`; the exit code is the worst of the cases.
     """
     if resume:
         raise ConfigurationError(
@@ -178,7 +181,7 @@ def run_cases(
 def _solve_and_write(
     scene: Scene, directory: Path, comm: MPI.Intracomm, progress: Progress, attention: Attention
 ) -> tuple[Overview, int]:
-    """Solve the cases and write the files of each; the overview and the exit code (collective)."""
+    """Solve the cases and write the files of each; return overview and exit code (collective)."""
     overview, code, left = (
         Overview(scene, comm),
         Exit.CERTIFIED,
@@ -187,7 +190,7 @@ def _solve_and_write(
     with ExitStack() as histories:
 
         def monitor_of(name: str) -> Monitor:
-            histories.close()  # that of the case before
+            histories.close()  # close the file of the case before
             progress.stage(f"case {name}")
             on_first(comm, lambda: clear(directory / name, resume=False))
             path = directory / name / "history.csv" if comm.rank == 0 else None
@@ -212,7 +215,7 @@ def _solve_and_write(
 
 
 def _print(summary: dict[str, Any], warnings: list[str], files: list[Path]) -> None:
-    """Print the overview; a terminal that is gone does not end the run."""
+    """Print the overview; an error of the terminal does not end the run."""
     try:
         print_cases(summary, warnings, files)
     except OSError as error:

@@ -1,7 +1,7 @@
 """The model of a scene, what it leaves out, and what it costs, without solving it.
 
-The outline of the model (subdomains, conditions, loads, what balances them) is the one a run
-begins with, so whatever a run would refuse before it assembles a matrix, `check` refuses too.
+The outline of the model (subdomains, conditions, loads and their equilibrium) is the first stage of
+a run. So `check` refuses whatever a run would refuse before it assembles a matrix.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     Raises
     ------
     ConfigurationError, NoEquilibriumError
-        What a run would refuse, too.
+        A run would raise the same error.
     """
     from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed, stress_bytes
     from contact_app.model.symmetry import halved

@@ -1,18 +1,18 @@
-"""Whether the increments of a load history are too coarse for its answer.
+"""Test whether the increments of a load history are too coarse for its answer.
 
-An increment knows where its slips begin and end, and not the way there. The answer depends on the
-way where
+An increment knows the slips at its beginning and end, not the path between. The answer depends on
+the path where
 
 * slips turn aside from one increment to the next, or
-* points with Coulomb friction close or open within the increment: one that closes and sticks is
-  held where it was at the start, not where it touched. The last increment of a step is asked: all
-  that touches closes in the first ones of a step that begins without contact, however small they
-  are, and little of what is wrong then is left at the end.
+* points with Coulomb friction close or open within the increment: a point that closes and sticks is
+  held where it was at the start of the increment, not where it touched. The last increment of a
+  step is tested: if a step begins without contact, points close in its first increments, however
+  small these are, and little of their error remains at the end.
 
-Neither tells how much. Where every point closes, friction changes by nothing or by 40 % of its
-limits (`python -m tests.stability.increments`). So where either is seen, the increment is solved
-once more in two halves, and a warning is given where that changes the answer. That costs about as
-much as the increment itself, and is done once in a step.
+Neither tells the size of the error: if every point closes, it is anything from zero to 40 % of the
+slip limits (`python -m tests.stability.increments`). So in either case the increment is solved once
+more in two halves, and a warning follows if this changes the answer. It costs about as much as the
+increment itself, and is done once per step.
 """
 
 from __future__ import annotations
@@ -50,14 +50,19 @@ and in twelve, friction forces differ by more than 5 % of their limits in 16 of 
 2 of 26 with fewer, both with given limits. Halving finds 15 of these 18."""
 
 FORCES, MOVED = 0.05, 0.01
-"""Changes by halving that are told: of friction forces, over their limits, and of displacements,
-over the largest."""
+"""Smallest changes by halving that cause a warning.
+
+Of friction forces over their limits, and of displacements over the largest.
+"""
 
 TOLERANCE = 1e-3
-"""Of the halves: what is asked is whether an answer changes by a hundredth."""
+"""Tolerance of the halves: it only has to show changes of a hundredth."""
 
 LEAST, TIMES = 60, 1.5
-"""Iterations that the halves may take: so many, or so many times those of the increment."""
+"""Iterations that the halves may take.
+
+The larger of this number and this factor times those of the increment.
+"""
 
 log = logging.getLogger("contact_app")
 
@@ -79,17 +84,17 @@ class Change:
 
     @property
     def matters(self) -> bool:
-        """Whether a user is told."""
+        """Whether the change causes a warning."""
         return self.forces > FORCES or self.displacements > MOVED
 
 
 class CoarseIncrements:
-    """Tells where increments are too coarse, at most once in a step; methods are collective.
+    """Finds increments that are too coarse, at most one per step; methods are collective.
 
     Parameters
     ----------
     models
-        Those of the increments; the last one that was added is the one before.
+        Models of the increments; the last added one is the increment before.
     """
 
     def __init__(self, models: IncrementModels) -> None:
@@ -104,18 +109,18 @@ class CoarseIncrements:
         solved: tuple[SolvedScene | None, SolvedScene],
         monitor: Callable[[], Monitor | None],
     ) -> str:
-        """A sentence where the last increment is too coarse; empty where it is not.
+        """A warning if the last increment is too coarse; otherwise empty.
 
         Parameters
         ----------
         step, at_end
-            The step it belongs to, and whether it ends there.
+            Step of the increment, and whether it is the last increment of the step.
         middle
-            Gives the scene as loaded half-way through it.
+            Returns the scene with the loads half-way through the increment.
         solved
-            The increment before, if there is one, and the last.
+            The increment before, if there is one, and the last one.
         monitor
-            Gives the monitor of the halves, if there are any.
+            Returns the monitor of the halves.
         """
         before, now = solved
         done = step in self._checked or not now.solution.converged
@@ -129,7 +134,7 @@ class CoarseIncrements:
         seen = "; ".join(suspicions)
         said = f"friction may depend on how large this increment is ({seen})"
         if now.model.scene.rigid_bodies:
-            return f"{said}, which is not looked into with rigid bodies: try more increments"
+            return f"{said}, which is not tested with rigid bodies: try more increments"
         change = halved(self._models, middle(), now, monitor())
         if change is None:
             return (
@@ -146,7 +151,7 @@ class CoarseIncrements:
 
 
 def _turning(before: SolvedScene | None, now: SolvedScene) -> str:
-    """How many slips turn aside from one increment to the next; empty where few do."""
+    """Phrase with the number of slips that change direction between increments; empty if few do."""
     if before is None or len(before.nodes.slip) != len(now.nodes.slip):
         return ""
     lengths = [np.linalg.norm(solved.nodes.slip, axis=1) for solved in (before, now)]
@@ -164,7 +169,10 @@ def _turning(before: SolvedScene | None, now: SolvedScene) -> str:
 
 
 def _closing(models: IncrementModels, now: SolvedScene) -> str:
-    """How many points with Coulomb friction close or open; empty where few do."""
+    """Phrase with the number of points with Coulomb friction that close or open.
+
+    Empty if few do.
+    """
     changed, touching = closing_points(now.model.problem, now.solution, models.displacements)
     if changed <= CLOSING * touching:
         return ""
@@ -174,12 +182,12 @@ def _closing(models: IncrementModels, now: SolvedScene) -> str:
 def halved(
     models: IncrementModels, middle: Scene, now: SolvedScene, monitor: Monitor | None
 ) -> Change | None:
-    """Solve an increment in two halves; what that changes, None where it is not known.
+    """Solve an increment in two halves and return the change; None if it is unknown.
 
     Parameters
     ----------
     middle
-        The scene as loaded half-way through the increment.
+        The scene with the loads half-way through the increment.
     """
     whole, comm = now.model, now.model.comm
     alike = replace(middle, solver=whole.scene.solver, decomposition=whole.scene.decomposition)
@@ -208,12 +216,12 @@ def halved(
 
 
 def _alone(problem: DualProblem) -> DualProblem:
-    """The same problem with search directions of its own: those of increments stay as they are."""
+    """The problem with separate search directions, so that those of increments do not change."""
     return problem.recycling(None) if problem.factored and problem.coarse is not None else problem
 
 
 class _Patience:
-    """A monitor that stops solves after so many iterations in all."""
+    """A monitor that stops solves after a total number of iterations."""
 
     def __init__(self, iterations: int) -> None:
         self._left = iterations
@@ -226,7 +234,7 @@ class _Patience:
 def _change(
     now: SolvedScene, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
 ) -> Change:
-    """How far an answer is from another one to the same rows."""
+    """Difference between two answers with the same rows."""
     comm, points, solution = now.model.comm, now.model.problem.friction, now.solution
     sums = np.zeros(2)
     if points is not None:

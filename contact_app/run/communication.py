@@ -1,8 +1,8 @@
-"""The messages between the ranks of a run while it was solved.
+"""Counts of the messages between ranks during a solve.
 
 PETSc counts the messages and bytes of its halo exchanges (of B and Bᵀ, and the scatters around the
-coarse factor); the solver counts its sums over all ranks. The coarse factor's own messages are
-MUMPS's and are not seen.
+coarse factor); the solver counts its sums over all ranks. The messages of MUMPS for the coarse
+factor are not counted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from solver import Counts
 
 
 def on_first(comm: MPI.Intracomm, action: Callable[[], object]) -> None:
-    """Do something on rank 0 alone; its errors are raised on all ranks (collective)."""
+    """Run an action on rank 0 alone; its errors are raised on all ranks (collective)."""
     fault: Exception | None = None
     if comm.rank == 0:
         try:

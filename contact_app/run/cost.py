@@ -3,7 +3,7 @@
 Time is estimated from the sizes of the subdomains by the model that chooses the decomposition
 (`solver.tfeti.subdomain.costs`), for the Hessian multiplications that bodies of such a shape were
 seen to need; a badly conditioned scene needs several times as many. Each cell adds its share of
-error estimate and output. `python -m contact_app.studies.estimates` holds estimates against runs.
+error estimate and output. `python -m contact_app.studies.estimates` compares estimates with runs.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from meshes import Subdomain
 from solver.tfeti.subdomain.costs import Group, run_seconds
 
 CELL_RATE = {2: 8e-7, 3: 2e-6}
-"""Seconds for error estimate, fields and output of a cell, by dimension."""
+"""Seconds per cell for error estimate, fields and output, by dimension."""
 
 PACE = 0.6
-"""Seconds of runs in an ordinary hour over those of the cost model, fitted in a slow one."""
+"""Ratio of measured seconds to those of the cost model, which was fitted on a slower machine."""
 
 STEP_SECONDS = 7e-4
-"""Calls and exchanges of each operator application where there is gluing, however it is cut."""
+"""Seconds of calls and exchanges per operator application with gluing, for any decomposition."""
 
 STARTED = 0.022
-"""Seconds of a run beside, whatever its size."""
+"""Constant seconds of a run of any size."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def estimate(scene: Scene, known: Outline) -> Cost:
 
 
 def _applications(scene: Scene, glued: bool) -> float:
-    """Applications of the dual operator expected: more for slender bodies and more digits."""
+    """Expected applications of the dual operator: more for slender bodies and small tolerances."""
     slenderness = 1.0
     for body in scene.bodies:
         edges = np.subtract(body.mesh.upper, body.mesh.lower)[: scene.dimension]
@@ -70,7 +70,7 @@ def _applications(scene: Scene, glued: bool) -> float:
 
 
 def cost_lines(scene: Scene, known: Outline) -> list[str]:
-    """Memory and time of a run, and what was checked (collective)."""
+    """Lines on memory and time of a run, and on the checks done (collective)."""
     cost = estimate(scene, known)
     each = "for the first case and less for each later one, " if scene.cases else ""
     if scene.steps:
@@ -113,7 +113,7 @@ def groups_of(scene: Scene, known: Outline) -> list[Group]:
 
 
 def _reflections(scene: Scene, known: Outline, s: Subdomain) -> int:
-    """Reflections, their products and the identity that a subdomain is expected to have."""
+    """Expected order of the reflection group of a subdomain."""
     graph = isinstance(scene.decomposition.subdomains, int)
     if known.eliminated[s.body] or graph or not scene.bodies[s.body].mesh.congruent:
         return 1
@@ -121,14 +121,14 @@ def _reflections(scene: Scene, known: Outline, s: Subdomain) -> int:
 
 
 def gluing_rows(scene: Scene, known: Outline) -> int:
-    """Rows of B that glue: one less than the copies of each shared unknown."""
+    """Number of gluing rows of B: one less than the copies of each shared unknown."""
     comm = known.partition.comm
     distinct = comm.allreduce(len(distinct_nodes(known, [known.surface.nodes])))
     return int((comm.allreduce(len(known.surface.nodes)) - distinct) * scene.dimension)
 
 
 def distinct_nodes(known: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Distinct node numbers of all ranks on rank 0, none elsewhere."""
+    """Distinct node numbers of all ranks on rank 0; empty on other ranks."""
     here = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
     parts = known.partition.comm.gather(here)
     return here[:0] if parts is None else np.unique(np.concatenate(parts))

@@ -1,16 +1,16 @@
-"""The fallbacks where the first way to an answer ends without a certificate.
+"""Fallbacks for solves that end without a certificate.
 
-Cells a hundred times longer than wide, cut into subdomains, make forces between them that cancel to
-the last digit of the answer: conjugate gradients end at rounding errors, run on for more steps than
-there are multipliers, which in exact arithmetic is the most they take, or meet directions whose
-curvature has no digits left, along which the cost seems to fall without end. Two ways are left:
+With cells a hundred times longer than wide, forces between subdomains cancel to the last digit of
+the answer. Conjugate gradients then end at rounding errors, take more steps than there are
+multipliers (the limit in exact arithmetic), or meet directions whose curvature is lost in rounding
+errors, along which the cost seems unbounded. Two methods remain:
 
 1. the scene in as few subdomains as bodies and ranks allow (`fewest_subdomains`). Held unknowns are
-   then eliminated, and contact rows alone are left to the dual problem;
-2. that system solved for its displacements by Newton's method, a sparse factor a step
-   (`solve_directly`), which needs no dual operator at all.
+then eliminated, and the dual problem has contact rows alone; 2. Newton's method for the
+displacements of this system, with a sparse factor per step (`solve_directly`); it needs no dual
+operator.
 
-Both are tried whatever ended the first way, an exception of the solver included, unless the user
+Both are tried for any end of the first method, also an exception of the solver, unless the user
 stopped it or limited its iterations.
 """
 
@@ -35,25 +35,25 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
 
 STEPS = 10
-"""Steps over the rows of B after which a limit on steps is not what ended a solve."""
+"""Steps over the rows of B above which the iteration limit is not the reason why a solve ended."""
 
 SLENDER = 20.0
-"""Length over thickness of a body from which on the user is told that it is slender."""
+"""Length over thickness from which on a message names a body as slender."""
 
 CONTRAST = 1e4
-"""Largest over smallest Young's modulus from which on the user is told of it."""
+"""Largest over smallest Young's modulus from which on a message names the contrast."""
 
 FAILURES = (QPError, ArithmeticError, np.linalg.LinAlgError)
-"""The exceptions of the solver where rounding errors take its matrices' properties away."""
+"""Exceptions of the solver when rounding errors destroy the properties of its matrices."""
 
 
 class NoAnswerError(Exception):
-    """A way ended without any answer; the text says why.
+    """A method ended without any answer; the text says why.
 
     Attributes
     ----------
     subdomains
-        Of that way; None where they are not known.
+        Number of subdomains of the method; None if unknown.
     """
 
     def __init__(self, text: str, subdomains: int | None = None) -> None:
@@ -62,24 +62,24 @@ class NoAnswerError(Exception):
 
 
 class NoWayLeftError(CouldNotRunError):
-    """No way left an answer; the text says what to do."""
+    """No method left an answer; the text says what to do."""
 
 
 def failure_text(error: Exception) -> str:
-    """A sentence on an exception of the solver for a scene that has an equilibrium.
+    """The message for an exception of the solver on a scene that has an equilibrium.
 
-    Its cost is bounded below: directions along which it seems to fall without end are such along
-    which rounding errors took the curvature away.
+    The cost of such a scene is bounded below. If it seems unbounded along a direction, rounding
+    errors have destroyed the curvature along it.
     """
     return ROUNDED_AWAY if isinstance(error, UnboundedError) else f"{error}."
 
 
 def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
-    """Whether no other way is to be tried (collective).
+    """Whether to try no other method (collective).
 
-    So it is where the answer is certified, or the user stopped or limited the solve. A method that
-    the user named is tried first and gives way to the others like the automatic one: the warnings
-    and `summary.solver.method` tell which method answered.
+    This holds if the answer is certified, or if the user stopped or limited the solve. A method
+    named by the user is tried first and has the same fallbacks as the automatic one; the warnings
+    and `summary.solver.method` name the method of the answer.
     """
     if solution.converged or solution.reason is Reason.STOPPED:
         return True
@@ -90,12 +90,12 @@ def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
 def fewest_subdomains(scene: Scene, count: int | None, comm: MPI.Intracomm) -> Scene | None:
     """The scene in as few subdomains as bodies and ranks allow (collective).
 
-    None where it has no fewer, or there is no memory for them.
+    None if no fewer are possible, or if they need too much memory.
 
     Parameters
     ----------
     count
-        Subdomains of the way that failed; None where they are not known.
+        Number of subdomains of the failed method; None if unknown.
     """
     fewest = max(len(scene.bodies), comm.size)
     if (count is not None and count <= fewest) or scene.decomposition.subdomains == fewest:
@@ -118,7 +118,7 @@ def solve_directly(
     before: Solution | None,
     monitor: Monitor | None,
 ) -> Solution | None:
-    """The answer by Newton's method (collective); None where it cannot be had.
+    """The answer by Newton's method (collective); None if it fails.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def solve_directly(
     tolerance
         Of the certificate.
     before
-        Where the dual methods ended, if they left anything.
+        The last answer of the dual methods, if any.
     """
     if not problem.comm.allreduce(problem.size) or not _has_room(problem, dofs):
         return None
@@ -148,13 +148,13 @@ def solve_directly(
 
 
 def _has_room(problem: DualProblem, dofs: int) -> bool:
-    """Whether there is memory for a factor of everything (collective)."""
+    """Whether there is memory for a factor of the whole problem (collective)."""
     factor = factor_bytes(dofs, problem.dimension)
     return factor <= float(problem.comm.allreduce(available_bytes(), op=MPI.SUM))
 
 
 def cause(scene: Scene) -> str:
-    """The cause of rounding errors in a scene, as an addition to a sentence."""
+    """The cause of rounding errors in a scene, as a phrase in parentheses; may be empty."""
     said = []
     for body in scene.bodies:
         extent = np.subtract(body.mesh.upper, body.mesh.lower)

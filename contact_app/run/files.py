@@ -1,4 +1,4 @@
-"""The log of a run's model and the files of its answer."""
+"""Log of the model of a run, and the files of its answer."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 
 def log_caches() -> None:
-    """Log which directories for compiled forms could not be used, and what is used instead."""
+    """Log unusable directories for compiled forms, and their replacements."""
     for sentence in usable_caches():
         log.info("%s", sentence)
 
 
 def part_that_is_solved(scene: Scene) -> Scene:
-    """The half, quarter or eighth of a scene that mirrors, if that is asked for; else all of it."""
+    """The half, quarter or eighth of a symmetric scene, with `symmetry: allow`; else the scene."""
     if not scene.symmetry:
         return scene
     from contact_app.model.symmetry import halved
@@ -46,10 +46,10 @@ def part_that_is_solved(scene: Scene) -> Scene:
 def write_run(
     solved: SolvedScene, refined: Refined | None, directory: Path, progress: Progress
 ) -> tuple[dict[str, Any], list[Path]]:
-    """Write the files of a run; the summary, and the files (collective).
+    """Write the files of a run; return the summary and the paths (collective).
 
-    The summary is written last: where it is, everything is. An error of the disk is raised on all
-    ranks.
+    The summary is written last: if it exists, all other files do. An error of the disk is raised on
+    all ranks.
     """
     comm = solved.model.comm
     bodies = [body.name for body in solved.model.scene.bodies]
@@ -74,7 +74,7 @@ def write_run(
 
 
 def log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
-    """As `log_model`; refuse a result that will not fit on the disk (collective)."""
+    """Run `log_model`, and refuse a result that will not fit on the disk (collective)."""
     log_model(scene, known)
     names = file_names(scene)
     if names:
@@ -89,7 +89,7 @@ def log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
 
 
 def log_model(scene: Scene, known: Outline) -> None:
-    """What is modelled and what is left out, as `check` says and refuses it (collective)."""
+    """Log the model and what it leaves out, with the lines of `check` (collective)."""
     if scene.guaranteed:
         from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
 
@@ -101,7 +101,7 @@ def log_model(scene: Scene, known: Outline) -> None:
 
 @contextmanager
 def without_parts(directory: Path) -> Iterator[None]:
-    """Leave no file that is not whole, whichever rank an exception ends the run on."""
+    """Context manager that removes incomplete files if an exception ends the run on some rank."""
     try:
         yield
     except BaseException:

@@ -1,10 +1,10 @@
-"""The models of increments: slip is measured from the end of the last one.
+"""Models of increments: slip is measured from the end of the last one.
 
-Everything else is a load case of the model that all increments share (`run.case_models`). An
-increment begins with the combination of earlier multipliers that is nearest to it, else with those
-of the last one. Search directions of one increment serve all later ones, unless its active sets did
-not settle: these cost a roller that is pressed in eight increments 1000 operator applications in an
-increment that takes 20 without them.
+Apart from the slip, an increment is a load case of the model that all increments share
+(`run.case_models`). An increment begins with the nearest combination of earlier multipliers, or
+with those of the last increment. All later increments use the search directions of an increment,
+unless its active sets did not settle: such directions cost a roller that is pressed in eight
+increments 1000 operator applications in an increment that takes 20 without them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Displacements = list[NDArray[np.float64]]
 
 
 class IncrementModels:
-    """Makes the models of increments, and remembers the last one; methods are collective."""
+    """Makes the models of increments, and stores the last answer; methods are collective."""
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
         self._models = CaseModels(scene, comm)
@@ -46,7 +46,7 @@ class IncrementModels:
 
     @property
     def displacements(self) -> Displacements | None:
-        """Those that slip is measured from; None before the first increment."""
+        """Displacements from which slip is measured; None before the first increment."""
         return self._displacements
 
     @property
@@ -61,9 +61,9 @@ class IncrementModels:
         Parameters
         ----------
         last
-            The scene as it was loaded then.
+            The scene with the loads of that time.
         read
-            Gives them, (n, members) of each class, by these shapes (collective).
+            Returns the displacements, (n, members) for each class, given their shapes (collective).
         """
         self._last, self._earlier = last, read
 
@@ -84,7 +84,7 @@ class IncrementModels:
         return replace(model, problem=problem)
 
     def _moved(self, model: Model) -> NDArray[np.float64] | None:
-        """What held components of rigid bodies add to slips in this increment, (dual,)."""
+        """Slips (dual,) from held components of rigid bodies in this increment."""
         problem, friction = model.problem, model.problem.system.friction
         if self._last is None or friction is None or not self._last.rigid_bodies:
             return None
@@ -94,19 +94,19 @@ class IncrementModels:
         return moved
 
     def estimator(self, model: Model) -> ErrorEstimator:
-        """What estimates the errors of answers to a model."""
+        """The estimator of errors of answers to a model."""
         return self._models.estimator(model)
 
     def add(self, solved: SolvedScene) -> None:
-        """Go on from an answer."""
+        """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
-        if solved.solution.method == "smalbe":  # of sets that did not settle: they lead astray
+        if solved.solution.method == "smalbe":  # from sets that did not settle
             self._directions = None
         self._multiplier = solved.solution.multiplier
         self._models.add(solved.model, solved.solution)
 
     def on(self, model: Model) -> NDArray[np.float64] | None:
-        """Multipliers to begin with, (dual,)."""
+        """Initial multipliers (dual,)."""
         near = self._models.on(model)
         if near is not None:
             return near

@@ -1,9 +1,9 @@
 """A load history, solved increment by increment.
 
 With friction each increment is the incremental quasi-static problem: slip w is measured from the
-end of the last increment, so that the tangential rows ask for B u - B u_last = 0 where a point
-sticks, and where it slides the friction force is at its limit along w. Everything else is a load
-case of the model that all increments share (`run.increment_models`).
+end of the last increment, so the tangential rows require B u - B u_last = 0 where a point sticks,
+and where it slides the friction force is at its limit along w. All increments share one model
+(`run.increment_models`).
 
 An increment without a certified answer is halved, and its halves again, up to `HALVINGS` times.
 """
@@ -33,7 +33,7 @@ from contact_app.scene.scene import Scene
 from solver.qp.result import Monitor, Reason
 
 HALVINGS = 4
-"""Times that an increment without a certified answer is halved."""
+"""Largest number of halvings of an increment without a certified answer."""
 
 log = logging.getLogger("contact_app")
 
@@ -47,9 +47,9 @@ class Place:
     step
         From one.
     share
-        Of the step, in (0, 1]: its factor.
+        Share of the step, in (0, 1]: its factor.
     number
-        Of the increment that ends here, from one, over all steps.
+        Number of the increment that ends here, from one, over all steps.
     """
 
     step: int
@@ -58,7 +58,7 @@ class Place:
 
     @property
     def time(self) -> float:
-        """Steps that are over: the end of the first step is at 1."""
+        """Time in units of steps: the end of the first step is at 1."""
         return float(self.step - 1 + self.share)
 
 
@@ -69,11 +69,11 @@ class SolvedIncrement:
     Attributes
     ----------
     factors
-        Of named conditions at its end.
+        Factors of named conditions at the end of the increment.
     dissipated
-        Work that friction has taken up to its end.
+        Work of friction up to the end of the increment, an energy.
     halved
-        How often the increment that was asked for was halved until this part of it had an answer.
+        Number of halvings of the requested increment until this part of it had an answer.
     """
 
     place: Place
@@ -85,16 +85,16 @@ class SolvedIncrement:
 
 @dataclass(frozen=True)
 class Position:
-    """Where a load history has come to.
+    """Position in a load history.
 
     Attributes
     ----------
     step, share
-        The step, from one, and the share of it that is over.
+        The step, from one, and its finished share.
     number
-        Increments that are over.
+        Number of finished increments.
     dissipated
-        Work that friction has taken.
+        Work of friction so far, an energy.
     """
 
     step: int = 1
@@ -113,16 +113,16 @@ def solved_increments(
 ) -> Iterator[SolvedIncrement]:
     """Solve the steps of a scene one after another; writes nothing (collective).
 
-    The last one that is given has no certified answer if the history ends early.
+    If the history ends early, the last increment has no certified answer.
 
     Parameters
     ----------
     monitor_of
-        Asked for the monitor of each increment before it is solved.
+        Returns the monitor of an increment; called before the increment is solved.
     tell
         Called with the scene and the outline of the model of its first increment.
     models, begin
-        What is known of increments that were solved before, and where these ended.
+        Models and position after increments that were solved before.
 
     Raises
     ------
@@ -169,18 +169,18 @@ def solved_increments(
 
 
 Part = tuple[Fraction, Fraction]
-"""From which share of a step to which."""
+"""Begin and end of an increment, as shares of a step."""
 
 
 def _parts(over: Fraction, increments: int) -> list[Part]:
-    """The increments of a step from a share on, the last one first."""
+    """The increments of a step after a share, in reverse order."""
     ends = [Fraction(k, increments) for k in range(1, increments + 1)]
     ends = [over, *(end for end in ends if end > over)]
     return list(zip(ends[:-1], ends[1:], strict=True))[::-1]
 
 
 def _halvings(part: Part, increments: int) -> int:
-    """How often an increment was halved."""
+    """Number of halvings of an increment."""
     return max(0, round(math.log2(1 / ((part[1] - part[0]) * increments))))
 
 
@@ -192,7 +192,7 @@ def _solved(
     tell: Tell | None,
     models: IncrementModels,
 ) -> SolvedScene | NoWayLeftError:
-    """The answer to an increment, or why there is none (collective)."""
+    """The answer to an increment, or the reason why there is none (collective)."""
     loaded = _loaded(scene, place)
     try:
         return solve_scene(loaded, comm, monitor_of(place), tell=tell, start=models, cases=models)
@@ -205,12 +205,12 @@ def _solved(
 
 
 def _loaded(scene: Scene, place: Place) -> Scene:
-    """The scene as it is loaded at a place of its history."""
+    """The scene with the loads at a place of its history."""
     return scene.under(scene.loading_at(place.step - 1, float(place.share)))
 
 
 def _is_final(solved: SolvedScene | NoWayLeftError) -> bool:
-    """Whether smaller increments would not help, or the user wants no more."""
+    """Whether smaller increments would not help, or the user stopped the run."""
     if isinstance(solved, NoWayLeftError):
         return False
     return solved.solution.converged or solved.solution.reason is Reason.STOPPED

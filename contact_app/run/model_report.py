@@ -40,7 +40,7 @@ LEFT_OUT = (
 
 
 def modelled_lines(scene: Scene, known: Outline) -> list[str]:
-    """What is modelled, how, and what is left out (collective)."""
+    """Lines on the model, its method and what it leaves out (collective)."""
     return [
         *_modelled(scene, known),
         *_cases(scene),
@@ -127,7 +127,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
 
 
 def _held(scene: Scene, known: Outline) -> list[str]:
-    """Displacement conditions, a line each (collective)."""
+    """Displacement conditions, one line each (collective)."""
     lines = []
     for condition in scene.displacements:
         held = ", ".join(
@@ -143,7 +143,7 @@ def _held(scene: Scene, known: Outline) -> list[str]:
 
 
 def _friction(contact: Contact | BodyContact) -> str:
-    """The law of friction of a contact; nothing where there is none."""
+    """The law of friction of a contact as a phrase; empty without friction."""
     law = contact.friction
     if law is None:
         return ""
@@ -161,7 +161,7 @@ def _interference(contact: Contact | BodyContact) -> str:
 
 
 def _name(condition: Condition) -> str:
-    """Where a condition stands in the file, and its name if it has one."""
+    """Place of a condition in the file, and its name if it has one."""
     return f"{condition.source} ({condition.name})" if condition.name else condition.source
 
 
@@ -216,7 +216,7 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
         elif found.free_motions.shape[1]:
             how = (
                 f"free in {found.free_motions.shape[1]} rigid motions on which no load does work: "
-                "the run holds it in its place"
+                "the run holds the body in its place"
             )
         else:
             how = "held by its contacts alone, or by its contacts and conditions together"
@@ -259,7 +259,7 @@ def _left_out(scene: Scene, known: Outline) -> list[str]:
 
 
 def _repeated(scene: Scene) -> list[str]:
-    """Contacts that add no rows because another says the same."""
+    """Contacts that add no rows because an earlier contact has them."""
     contacts = scene.contacts
     return [
         f"{later.source}: repeats {earlier.source} and adds no rows"
@@ -270,7 +270,7 @@ def _repeated(scene: Scene) -> list[str]:
 
 
 def _unloaded(scene: Scene, known: Outline) -> list[str]:
-    """Bodies that nothing loads, heats, moves or overlaps, themselves or through others."""
+    """Bodies without load, heat, displacement or overlap, directly or through other bodies."""
     comm = known.partition.comm
     acted = np.zeros(len(scene.bodies), bool)
     for loads in (known.loads, known.thermal):
@@ -283,7 +283,7 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
     gaps, sources = known.candidates
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
-    group = group_numbers(scene)[: len(acted)]  # what the one does the others feel
+    group = group_numbers(scene)[: len(acted)]  # bodies of a group act on each other
     acted = np.isin(group, group[comm.allreduce(acted.astype(int)) > 0])
     return [
         f"{body.name}: has no load, no prescribed displacement and no overlap; it does not deform"
@@ -308,7 +308,7 @@ def _facets(scene: Scene, known: Outline, load: Traction | Pressure) -> str:
 
 
 def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:
-    """How many nodes may touch of those on the boundary, and how near they are."""
+    """Phrase with the number of candidate nodes on the boundary, and their smallest gap."""
     comm = known.partition.comm
     gaps, sources = known.candidates
     smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
@@ -342,7 +342,7 @@ def _moment(scene: Scene, load: TotalLoad) -> str:
 
 
 Named = DisplacementCondition | Traction | TotalLoad | Pressure | Contact | BodyContact
-"""What acts on a boundary of a body."""
+"""Conditions and contacts on a boundary of a body."""
 
 
 def _on(scene: Scene, item: Named) -> str:

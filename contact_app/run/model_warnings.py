@@ -1,17 +1,17 @@
-"""Where the model itself is too coarse for the answer it gave.
+"""Warnings where the answer violates assumptions of the model.
 
-The gap is linearised: the distance of the undeformed node along the obstacle's normal there. That
-is right for small strains and rotations, and on curved obstacles for small sliding.
+The gap is linearised: the distance of the undeformed node along the obstacle's normal there. This
+is accurate for small strains and rotations, and on curved obstacles for small sliding.
 
-First-order cells lock, that is, answer far too stiffly, in bending (their shear strain cannot
-vanish together with a curvature) and as ν nears 0.5 (their volume cannot be kept point by point).
-Quadrilaterals and hexahedra show it: the strain energy lies in strains that vary within cells,
+First-order cells lock: they are far too stiff in bending (their shear strain cannot vanish together
+with a curvature) and near ν = 0.5 (their volume cannot be constant at every point). Quadrilaterals
+and hexahedra show this by the share of the strain energy in strains that vary within cells,
 
     1 - Σ |T| σ̄ : ε̄ / a(u, u)    with the means σ̄, ε̄ over each cell T,
 
-which falls with the square of the size of the cells where they resolve the answer and stays near
-one where they lock. Strains of triangles and tetrahedra do not vary; they are told by ν
-and by the estimated error of the mesh.
+which falls with the square of the cell size if the cells resolve the answer, and stays near one if
+they lock. Strains of triangles and tetrahedra are constant; for them ν and the estimated error of
+the mesh are tested.
 """
 
 from __future__ import annotations
@@ -46,29 +46,30 @@ from solver.contact.solution import Solution
 from solver.driver import reason_text
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
-"""Strain, and rotation in radians, above which the user is told that they are not small."""
+"""Strain, and rotation in radians, above which a warning says that they are not small."""
 
 SMALL_SAGITTA = 0.01
-"""Error of a gap by sliding along a curved obstacle, over the displacement of the body, above which
-the user is told."""
+"""Error of a gap by sliding along a curved obstacle, over the displacement, that is warned of."""
 
 SIMPLICES = ("triangle", "tetrahedron")
 
 LARGE_ERROR = 0.4
-"""Estimated relative error of first-order simplices above which the user is told."""
+"""Estimated relative error of first-order simplices above which there is a warning."""
 
 ROUNDED_STRAINS = 1e-3
-"""Energy norm of rounding errors over that of the strains, above which the user is told."""
+"""Energy norm of rounding errors over that of the strains, above which there is a warning."""
 
 STRADDLED = 0.01
-"""Area of facets partly on a loaded boundary, over its area, above which the user is told."""
+"""Area of facets partly on a loaded boundary, over its area, above which there is a warning."""
 
 SMALL_PART = 0.05
-"""Relative error of the solver in heated bodies above which the user is told."""
+"""Relative error of the solver in heated bodies above which there is a warning."""
 
 VARYING_ENERGY = 0.3
-"""Share of the energy in strains that vary within first-order cells above which they are too few:
-in bending 1/n² for n cells across the thickness, about as long as thick."""
+"""Largest admissible share of the energy in strains that vary within first-order cells.
+
+In bending the share is 1/n² for n cells of equal sides across the thickness.
+"""
 
 
 CLOSING = 0.5
@@ -79,7 +80,7 @@ the load was applied in twelve increments; of 34 with fewer in 6
 
 
 LARGE_FRICTION = 1.0
-"""Coefficient of friction from which on the user is told that there may be other answers. For
+"""Coefficient of friction from which on a warning says that there may be other answers. For
 isotropic bodies in the plane an answer is known to exist below √(3 - 4ν)/(2 - 2ν), 0.87 to 1 (C.
 Eck, J. Jarušek, *Existence results for the static contact problem with Coulomb friction*, Math.
 Models Methods Appl. Sci. 8, 1998); examples of several have larger ones (P. Hild, *Non-unique
@@ -89,7 +90,7 @@ Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """An answer that is held against the assumptions of its model."""
+    """An answer that is tested for the assumptions of its model."""
 
     model: Model
     solution: Solution
@@ -98,7 +99,7 @@ class Answer:
 
 
 def model_warnings(answer: Answer) -> list[str]:
-    """Sentences for the certificate (collective)."""
+    """Warnings for the certificate, one sentence each (collective)."""
     warnings = [sentence for check in CHECKS for sentence in check(answer)]
     return said_once(warnings, [body.name for body in answer.model.scene.bodies])
 
@@ -136,7 +137,7 @@ def _straight_edges(answer: Answer) -> Iterator[str]:
 
 
 def _straight_facets(answer: Answer) -> Iterator[str]:
-    """Round bodies that touch each other by flat facets, coarse beside displacements or gaps."""
+    """Round bodies in contact through flat facets that are coarse beside displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
     found = pair_sagittas(answer.model, answer.nodes)
     gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(found) else []
@@ -186,7 +187,7 @@ def _beside_obstacles(answer: Answer) -> Iterator[str]:
 
 
 def _between_nodes(answer: Answer) -> list[str]:
-    """Obstacles that pass between the nodes."""
+    """Obstacles that enter the body between its nodes."""
     return slipped_through(answer.model, answer.solution)
 
 
@@ -253,7 +254,7 @@ def _locking_in_bending(answer: Answer) -> Iterator[str]:
 
 
 def _coarse_meshes(answer: Answer) -> Iterator[str]:
-    """Bodies of few cells, and first-order simplices with a large error."""
+    """Bodies with few cells, and first-order simplices with a large error."""
     scene, solution = answer.model.scene, answer.solution
     error = solution.accuracy.discretisation if solution.accuracy else np.nan
     yield from few_cells(scene, error)
@@ -267,7 +268,7 @@ def _coarse_meshes(answer: Answer) -> Iterator[str]:
 
 
 def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
-    """Stresses that are small beside those which would stop the expansion by heat."""
+    """Stresses that are small beside those that would prevent the thermal expansion."""
     accuracy = answer.solution.accuracy
     if not answer.model.scene.temperatures or accuracy is None:
         return
@@ -325,7 +326,7 @@ def _certificates(answer: Answer) -> Iterator[str]:
 
 
 def _free_motions(answer: Answer) -> list[str]:
-    """Bodies that nothing holds and no load drives."""
+    """Bodies that are not held and not driven by a load."""
     return [note for note in answer.model.notes if "can move freely" in note]
 
 
@@ -342,7 +343,7 @@ def _rubs_where_open(answer: Answer) -> Iterator[str]:
 
 
 def _several_answers(answer: Answer) -> Iterator[str]:
-    """Coulomb friction so large that the answer need not be the only one."""
+    """Coulomb friction so large that the answer need not be unique."""
     for contact, found in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
         law = contact.friction
         pressed = answer.model.comm.allreduce(int(found.closed.any()), op=MPI.MAX)
@@ -368,7 +369,7 @@ def _closes_at_once(answer: Answer) -> Iterator[str]:
 
 
 def _slides(answer: Answer) -> Iterator[str]:
-    """Bodies that slide where facets alone resist (collective)."""
+    """Bodies that slide along round surfaces, resisted by their facets alone (collective)."""
     scene = answer.model.scene
     touching = {b for item in scene.touching for b in (item.body, getattr(item, "other", -1))}
     for found in free_motions(answer.model, answer.solution):
@@ -385,12 +386,12 @@ def _slides(answer: Answer) -> Iterator[str]:
 
 
 def _apart(answer: Answer) -> list[str]:
-    """Tied surfaces that do not lie on each other."""
+    """Tied surfaces at a distance from each other."""
     return [note for note in answer.model.notes if "the tied surfaces are" in note]
 
 
 def _yielding(answer: Answer) -> list[str]:
-    """Bodies whose stress exceeds a yield stress that was given (collective)."""
+    """Bodies whose stress exceeds a given yield stress (collective)."""
     model, cells = answer.model, answer.cells
     comm, scene = model.comm, model.scene
     above, total, worst = (np.zeros(len(scene.bodies)) for _ in range(3))
@@ -415,7 +416,7 @@ def _yielding(answer: Answer) -> list[str]:
 
 
 def _moved_far(answer: Answer) -> list[str]:
-    """Bodies whose strains or contact forces are small beside rounding errors."""
+    """Bodies whose strains or contact forces are comparable with rounding errors."""
     model, measures, said = answer.model, answer.solution.measures, []
     elastic, every = model.scene.bodies, slice(len(model.scene.bodies))
     for body, moved, scale, rounding, force in zip(
@@ -491,4 +492,4 @@ CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _certificates, _free_motions, _slides, _rubs_where_open,
     _closes_at_once, _several_answers, _apart,
 )  # fmt: skip
-"""What an answer is asked, in the order in which its warnings are told."""
+"""The tests of an answer, in the order of their warnings."""

@@ -1,13 +1,13 @@
-"""Rigid bodies where their answer has brought them.
+"""Placement of rigid bodies by the displacements of an answer.
 
-Contact rows with a moving rigid body are linear in its motion about where it is placed. If the
-answer moves it far beside the curvature of its shapes, the gaps that the rows tell are not those of
-the shapes any more. The body is then placed where its displacement has brought it and the scene is
-solved again, until both agree: the answer is that of obstacles that are fixed there.
+Contact rows with a moving rigid body are linearised about its placement. If its displacement is
+large beside the radius of curvature of its shapes, the linearised gaps differ from those of the
+shapes. The body is then moved by its displacement and the scene is solved again, until both agree:
+the answer is that of obstacles that are fixed there.
 
-Free rotations stay linear, as those of elastic bodies are: normals do not turn with them, and a
-plate that tilts a little on frictionless supports does not slide off. Rotations that a condition
-prescribes are no part of this: the body is placed by them from the start.
+Free rotations are small, as rotations of elastic bodies: normals do not rotate with them, and a
+plate that tilts slightly on frictionless supports does not slide off. Prescribed rotations are
+exact: the placement contains them from the start.
 """
 
 from __future__ import annotations
@@ -28,29 +28,32 @@ from contact_app.scene.rigid import Placement
 from contact_app.scene.scene import Scene
 
 PLACINGS = 20
-"""Times a body is placed anew. Each takes the error down by the ratio of the contact pressure to
-the stiffness of the bodies, or squares it."""
+"""Largest number of new placements of a body.
+
+Each multiplies the error by the ratio of contact pressure to stiffness of the bodies, or squares
+it.
+"""
 
 MISPLACED = 0.1
-"""Error of gaps over the largest displacement, in units of the solver's tolerance, that is left."""
+"""Admissible error of gaps over the largest displacement, in units of the solver's tolerance."""
 
 SMALL_ROTATION = 0.1
-"""Free rotation in radians above which it is not small: as of cells of elastic bodies."""
+"""Free rotation in radians above which a warning says that it is not small."""
 
 LEAST, MOST = 0.3, 3.0
-"""Shares of the way to where a body was found that are taken."""
+"""Least and largest factor on the displacement of a new placement."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class SameRows:
-    """Multipliers of the same scene with rigid bodies in other places, to begin with."""
+    """Initial multipliers from the same scene with other placements of rigid bodies."""
 
     multiplier: Array
 
     def on(self, model: Model) -> Array | None:
-        """The same where there are as many rows (collective)."""
+        """The multipliers if the number of rows is the same, otherwise None (collective)."""
         same = model.problem.size == len(self.multiplier)
         if not model.comm.allreduce(int(same), op=MPI.MIN):
             return None
@@ -58,19 +61,19 @@ class SameRows:
 
 
 class Relaxation:
-    """How far to go towards where an answer has brought rigid bodies: Aitken's Δ² for vectors.
+    """Relaxation of the placements of rigid bodies: Aitken's Δ² for vectors.
 
-    Placing them there is a fixed-point iteration. Where contact forces turn with the body it comes
-    nearer by the same factor each time, and the factor of the step before tells how much farther
-    to go (U. Küttler, W. A. Wall, *Fixed-point fluid-structure interaction solvers with dynamic
-    relaxation*, Comput. Mech. 43 (2008), section 3.2).
+    New placements are a fixed-point iteration. If contact forces turn with the body, the error
+    decreases by the same factor each time, and the factor of the last step gives the relaxation (U.
+    Küttler, W. A. Wall, *Fixed-point fluid-structure interaction solvers with dynamic relaxation*,
+    Comput. Mech. 43 (2008), section 3.2).
     """
 
     def __init__(self) -> None:
         self._share, self._before = 1.0, np.zeros(0)
 
     def towards(self, now: Sequence[Placement], found: Sequence[Placement]) -> list[Placement]:
-        """Where to place bodies that are in one place and were found in another."""
+        """The next placement of bodies, from their present placement and that of the answer."""
         places, targets = (np.array([p.displacement for p in some]) for some in (now, found))
         step = targets - places
         if len(self._before):
@@ -87,7 +90,10 @@ class Relaxation:
 
 
 def placed_anew(solved: SolvedScene) -> list[Placement] | None:
-    """Where the rigid bodies are to be placed; None where they are near enough (collective)."""
+    """The next placements of the rigid bodies.
+
+    None if the present ones are accurate (collective).
+    """
     scene = solved.model.scene
     if not scene.moving or not solved.solution.converged:
         return None
@@ -104,7 +110,7 @@ def placed_anew(solved: SolvedScene) -> list[Placement] | None:
 def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
     """Largest error of a gap over the displacement of its body, where contact is near (collective).
 
-    The normal counts by what it makes of the displacement.
+    An error of the normal counts by its effect on the displacement along it.
     """
     model, moved = solved.model, solved.solution.measures.deformations
     scene, contact = model.scene, model.problem.contact
@@ -128,7 +134,7 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
 def _told(
     scene: Scene, places: list[Placement], item: Contact, points: Array
 ) -> tuple[Array, Array]:
-    """Gap of points that the rows tell of a rigid body elsewhere, and the normal they take."""
+    """Linearised gap of points to a rigid body after its displacement, and the rows' normal."""
     assert item.rigid is not None
     before, after = scene.placements[item.rigid], places[item.rigid]
     gap, normal = item.gap_and_normal(points)
@@ -136,33 +142,34 @@ def _told(
 
 
 def rotation_warnings(scene: Scene, places: list[Placement]) -> list[str]:
-    """Rigid bodies whose free rotation is not small, a sentence each."""
+    """Warnings on rigid bodies whose free rotation is not small."""
     angles = [
         float(np.linalg.norm(np.subtract(place.rotation, before.rotation)))
         for place, before in zip(places, scene.placements, strict=True)
     ]
     return [
-        f"{body.name} turns by {angle:.2g} radians beside what is prescribed; the model assumes "
-        f"small rotations of rigid bodies (below {SMALL_ROTATION:g})"
+        f"{body.name} turns by {angle:.2g} radians besides its prescribed rotation; the model "
+        f"assumes small rotations of rigid bodies (below {SMALL_ROTATION:g})"
         for body, angle in zip(scene.rigid_bodies, angles, strict=True)
         if angle > SMALL_ROTATION
     ]
 
 
 def leaves_where_placed(error: NoEquilibriumError) -> NoEquilibriumError:
-    """The same error, of a scene whose rigid bodies an earlier answer has brought elsewhere."""
+    """The error, with a note that an earlier answer has moved the rigid bodies."""
     return NoEquilibriumError(
-        f"{error}\n  That is where earlier solves have brought the rigid bodies; where they are "
-        "drawn the loads keep them. Hold them along what they slide on"
+        f"{error}\n  This is at the place to which earlier solves moved the rigid bodies; at "
+        "their place in the scene file the loads hold them. Hold them along the surfaces on "
+        "which they slide"
     )
 
 
 def never_placed(solved: SolvedScene) -> SolvedScene:
-    """The last answer of bodies that did not come to rest: no certificate passes."""
+    """The last answer of bodies that did not come to rest; it is not certified."""
     certificate = solved.solution.certificate
     text = (
-        f"the rigid bodies did not come to rest in {PLACINGS} solves, each about where the last "
-        "one brought them: they may slide off what they touch; hold them along it"
+        f"the rigid bodies did not come to rest in {PLACINGS} solves, each at the place of the "
+        "last answer: they may slide off the surfaces that they touch; hold them along these"
     )
     certificate = replace(certificate, passed=False, warnings=(*certificate.warnings, text))
     return replace(solved, solution=replace(solved.solution, certificate=certificate))

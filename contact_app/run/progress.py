@@ -1,8 +1,8 @@
-"""The progress of a run: a live line on a terminal, plain lines in a pipe.
+"""Progress of a run: a live line on a terminal, plain lines in a pipe.
 
-A monitor is a callable that gets every step of the solver and may answer True to stop it. Progress
-and `Interruption` are monitors, as is `contact_app.results.history.History`; `together` makes one
-of many.
+A monitor is a callable that gets every step of the solver and may return True to stop it.
+`Progress`, `Interruption` and `contact_app.results.history.History` are monitors; `together` joins
+several.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ from rich.text import Text
 from solver.qp.result import Monitor, Step
 
 LIVE_SECONDS, PLAIN_SECONDS, OUTER_SECONDS = 0.1, 2.0, 0.2
-"""Seconds between updates: of a line on a terminal, of lines elsewhere, of outer iterations."""
+"""Seconds between updates.
+
+Of the line on a terminal, of lines in a pipe, and of lines on outer iterations.
+"""
 
 log = logging.getLogger("contact_app")
 
 
 def together(*monitors: Monitor | None) -> Monitor:
-    """One monitor of several: all see every step, and it stops when one asks for it."""
+    """One monitor for several: each gets every step, and any of them can stop the solver."""
     asked = [monitor for monitor in monitors if monitor is not None]
 
     def monitor(event: Step) -> bool:
-        answers = [bool(each(event)) for each in asked]  # all of them: each is to see the step
+        answers = [bool(each(event)) for each in asked]  # every monitor has to get the step
         return any(answers)
 
     return monitor
@@ -42,11 +45,11 @@ class Progress:
     Parameters
     ----------
     show
-        False on ranks other than the first, where it does nothing.
+        False on ranks other than the first: nothing is shown there.
     console
-        Where to; standard error when not given. A terminal gets one line that is rewritten, any
-        other file a line every few seconds and one for each outer iteration that is not over at
-        once; the log has them all.
+        Output; standard error by default. A terminal gets one line that is rewritten. Other files
+        get a line every few seconds, and one per outer iteration that takes long. The log has all
+        lines.
     """
 
     def __init__(
@@ -77,7 +80,7 @@ class Progress:
             self._live = None
 
     def stage(self, name: str) -> None:
-        """Say that a stage of the run begins, such as "assembling"."""
+        """Show that a stage of the run begins, such as "assembling"."""
         if not self._show:
             return
         log.info("%s", name)
@@ -85,7 +88,7 @@ class Progress:
         self._line(f"{name} ...")
 
     def __call__(self, event: Step) -> None:
-        """Show a step, unless another was shown a moment ago."""
+        """Show a step, unless the last one was shown a moment ago."""
         if not self._show:
             return
         begins = self._last is None or event.outer != self._last.outer
@@ -104,7 +107,7 @@ class Progress:
             self._line(_sentence(event))
 
     def _say_last(self) -> None:
-        """In a pipe, the step that a stage ended with, if it came too soon after another."""
+        """In a pipe, show the last step of a stage if it was left out."""
         if self._waiting and self._last is not None and self._live is None:
             self._line(_sentence(self._last))
         self._waiting = False
@@ -127,9 +130,9 @@ def _sentence(event: Step) -> str:
 
 
 class Interruption:
-    """A monitor that stops the solve after Ctrl-C or a polite kill, so that results are written.
+    """A monitor that stops the solve after Ctrl-C or SIGTERM, so that results are written.
 
-    The second signal ends the program at once, as it would without this.
+    The second signal ends the program at once.
     """
 
     def __init__(self) -> None:
@@ -140,7 +143,7 @@ class Interruption:
         for number in (signal.SIGINT, signal.SIGTERM):
             try:
                 self._before[number] = signal.signal(number, self._ask)
-            except ValueError:  # not in the main thread: signals are someone else's
+            except ValueError:  # not in the main thread: signals belong to the caller
                 break
         return self
 

@@ -1,7 +1,7 @@
-"""Sentences that differ in nothing but the names of bodies and contacts, said once with a count.
+"""Warnings that differ only in the names of bodies and contacts become one with a count.
 
-A tower of 50 blocks makes one remark 49 times. The reader needs it once, with how many more there
-are and what they are about.
+A tower of 50 blocks causes the same warning 49 times. The reader needs it once, with the number of
+repetitions and their names.
 """
 
 from __future__ import annotations
@@ -10,22 +10,22 @@ import re
 from collections.abc import Iterable, Sequence
 
 LISTED = 5
-"""Names that are listed of those beyond the first."""
+"""Largest number of listed names after the first."""
 
 PLACE = r"\b(?:contacts|conditions|bodies)\[\d+\](?:\.\w+)*"
-"""How messages name a part of the configuration."""
+"""Pattern of names of parts of the configuration in messages."""
 
 
 def said_once(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
-    """Sentences, those alike joined into one where the first of them stood.
+    """The sentences, with equal ones joined into one at the place of the first.
 
-    Two are alike if they are equal once the names of bodies and the places in the configuration are
-    left out. Numbers count: the largest of several is never hidden behind another.
+    Two sentences count as equal if they differ only in names of bodies and places in the
+    configuration. Different numbers make them different, so no larger value is hidden.
 
     Parameters
     ----------
     names
-        Of bodies.
+        Names of bodies.
 
     >>> said_once(["b1: is loose", "b2: is stiff", "b3: is loose"], ["b1", "b2", "b3"])
     ['b1: is loose (and 1 more alike: b3)', 'b2: is stiff']
@@ -40,7 +40,7 @@ def said_once(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
 
 
 def _joined(group: list[str], pattern: re.Pattern[str]) -> str:
-    """The first sentence of a group, with a count of the others and what some are about."""
+    """The first sentence of a group, with the number of the others and names of some."""
     first, *others = group
     if not others:
         return first

@@ -1,9 +1,9 @@
-"""The directory of a run: cleared of older results, and free of files that are not whole.
+"""The directory of a run: removal of older results and of incomplete files.
 
-A run begins by removing what an earlier one left there, so that a summary beside a failed run is
-never that of the last scene. Only files with the names that this program gives are touched. A file
-is written under another name, ``.NAME.part``, and renamed when it is whole; a run that is killed
-leaves such a part, and the next one removes it. `run.log` and `history.csv` grow during the run.
+A run begins by removing the results of an earlier run, so that the summary beside a failed run
+never belongs to another scene. Only files with names of this program are touched. A file is written
+as ``.NAME.part`` and renamed when it is complete; a killed run leaves such a part, and the next run
+removes it. `run.log` and `history.csv` grow during the run.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ HISTORY = "history.csv"
 
 
 def clear(directory: Path, resume: bool) -> None:
-    """Make a directory, and remove the results of an earlier run and parts of files from it.
+    """Make a directory, and remove results of an earlier run and incomplete files from it.
 
     Parameters
     ----------
     resume
-        Keep the checkpoint and what belongs to it: the history, and increments that are finished.
+        Whether to keep the checkpoint with its history and finished increments.
     """
     directory.mkdir(parents=True, exist_ok=True)
     _clear_cases(directory)
@@ -62,7 +62,7 @@ def clear(directory: Path, resume: bool) -> None:
 
 
 def _kept(directory: Path) -> set[str]:
-    """The files that a run keeps which goes on from the checkpoint in a directory."""
+    """The files that a resumed run keeps in its directory."""
     kept = {HISTORY}
     try:
         saved = json.loads((directory / CHECKPOINT).read_text(encoding="utf-8"))
@@ -90,7 +90,7 @@ def _clear_cases(directory: Path) -> None:
 
 
 def remove_parts(directory: Path) -> None:
-    """Remove files that are not whole."""
+    """Remove incomplete files."""
     for name in RESULTS:
         part_of(directory / name).unlink(missing_ok=True)
     for path in directory.glob(".solution-*.part"):

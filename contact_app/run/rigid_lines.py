@@ -1,4 +1,4 @@
-"""The lines of `check` on rigid bodies and their conditions."""
+"""Lines of `check` on rigid bodies and their conditions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ TURNS = {2: ("rotation",), 3: ("rotation x", "rotation y", "rotation z")}
 
 
 def rigid_lines(scene: Scene) -> list[str]:
-    """A line a body, its shapes below it, and a line a condition."""
+    """One line per body with its shapes below it, and one line per condition."""
     lines, d = [], scene.dimension
     for body in scene.rigid_bodies:
         at = ", ".join(f"{v:g}" for v in body.center[:d])

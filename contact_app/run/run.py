@@ -42,16 +42,16 @@ def run(
     resume: bool = False,
     every: float = EVERY_SECONDS,
 ) -> int:
-    """Solve a scene, show progress, write everything to a directory; the exit code (collective).
+    """Solve a scene, show progress, write its files; return the exit code (collective).
 
-    The results of an earlier run in the directory are removed first. Interrupted (Ctrl-C or
-    SIGTERM) the solve stops at its next step with a checkpoint, and what it has reached is
-    recovered, certified and written.
+    The results of an earlier run in the directory are removed first. After an interruption (Ctrl-C
+    or SIGTERM) the solve stops at its next step with a checkpoint, and its last iterate is
+    recovered, measured by a certificate and written.
 
     Parameters
     ----------
     resume
-        Go on from the checkpoint an earlier run left in the directory, if there is one.
+        Whether to go on from the checkpoint of an earlier run in the directory, if there is one.
     every
         Seconds of solving between two checkpoints.
     """
@@ -93,7 +93,7 @@ def run(
             solved = refined.solved
         solution = solved.solution
         stopped = solution.reason is Reason.STOPPED and not solution.converged and refined is None
-        # a long solve is safe before its results meet the disk
+        # save the state of a long solve before its results are written
         if stopped or comm.bcast(solved.timings.seconds["solve"] > checkpoint.every):
             checkpoint.save_held()
         try:
@@ -114,7 +114,7 @@ def run(
 
 
 def _to_accuracy(scene: Scene, once: Solve, progress: Progress) -> Refined:
-    """The answer on meshes that were refined to the accuracy asked for (collective)."""
+    """The answer on meshes refined to the requested accuracy (collective)."""
     from contact_app.accuracy.refine.refinement import solve_to_accuracy
 
     return solve_to_accuracy(scene, once, progress.stage)
@@ -132,7 +132,7 @@ def _run_of_loadings(scene: Scene) -> Callable[[Scene, Path, MPI.Intracomm, bool
 
 
 def _print(summary: dict[str, Any], tolerance: float, files: list[Path]) -> None:
-    """Print the summary; a terminal that is gone does not end the run."""
+    """Print the summary; an error of the terminal does not end the run."""
     try:
         print_summary(summary, tolerance, files)
     except OSError as error:

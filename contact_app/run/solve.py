@@ -1,4 +1,4 @@
-"""Solve a scene: model, solver, fallbacks, fields, summary; no files."""
+"""Solution of a scene: model, solver, fallbacks, fields and summary, without files."""
 
 from __future__ import annotations
 
@@ -53,30 +53,32 @@ from solver.driver import reason_text, solve
 from solver.qp.result import Monitor
 
 EXTENSIONS = 4
-"""Solves with some of the contact rows before all are taken."""
+"""Largest number of solves with a part of the contact rows; the next one takes all rows."""
 
 
 CROSSED = 1e-6
-"""Largest penetration of contacts that were left out, over the largest displacement: the duality
-gap does not know of it."""
+"""Admissible penetration of contacts that were left out, over the largest displacement.
+
+The duality gap does not contain it.
+"""
 
 
 class Start(Protocol):
-    """An answer to another scene to begin with: on another mesh, or under other loads."""
+    """Initial guess from the answer to another scene: on another mesh, or under other loads."""
 
     def on(self, model: Model) -> NDArray[np.float64] | None:
-        """Multipliers of a model, (dual,); None where they are of no help (collective)."""
+        """Initial multipliers (dual,) of a model; None if there are no useful ones (collective)."""
 
 
 class Shared(Protocol):
-    """Makes models that share what does not depend on loads (collective)."""
+    """Makes models that share all data independent of loads (collective)."""
 
     @property
     def keeps_subdomains(self) -> bool:
-        """Whether a model has to have the subdomains of those before, which know what slipped."""
+        """Whether a model must have the subdomains of the models before, where slip is known."""
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
-        """The model of a scene; parameters as of `build_model`."""
+        """The model of a scene; parameters as in `build_model`."""
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""
@@ -84,16 +86,16 @@ class Shared(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    """The scene to solve, who is told of it, and the work spent on it before.
+    """The scene to solve, its callbacks, and the work spent on it before.
 
     Attributes
     ----------
     start
-        The answer to another scene to begin with.
+        Initial guess from the answer to another scene.
     needed
         Candidate rows that become contact rows.
     cases
-        What it shares with other load cases or increments.
+        Models shared with other load cases or increments.
     """
 
     scene: Scene
@@ -108,7 +110,7 @@ class _Request:
     cases: Shared | None = None
 
     def model(self) -> Model:
-        """The scene made ready to solve (collective)."""
+        """The model of the scene (collective)."""
         if self.cases is not None:
             return self.cases.model(self.scene, self.timings, self.needed, self.tell)
         return build_model(self.scene, self.comm, self.timings, self.needed, self.tell)
@@ -128,18 +130,18 @@ def solve_scene(
     needed: Needed = "estimated",
     cases: Shared | None = None,
 ) -> SolvedScene:
-    """Solve a scene and summarise it; writes nothing.
+    """Solve a scene and summarise the answer; writes no files (collective).
 
     Parameters
     ----------
     start
-        The answer to another scene to begin with.
+        Initial guess from the answer to another scene.
     tell
         Called with the scene and the outline of its model (collective).
     needed
-        Candidate contact rows to begin with; more join where the answer crosses others.
+        Candidate contact rows to begin with; more join if the answer penetrates others.
     cases
-        What the scene, that of a load case or an increment, shares with those of others.
+        Models shared with other load cases or increments.
 
     Raises
     ------
@@ -170,7 +172,7 @@ def solve_scene(
 
 
 def _at_rest(asked: _Request) -> SolvedScene:
-    """Solve a scene, anew about where its rigid bodies have come to until they stay there."""
+    """Solve a scene repeatedly until the placements of its rigid bodies agree with the answer."""
     relaxation = Relaxation()
     for count in range(PLACINGS):
         try:
@@ -181,7 +183,7 @@ def _at_rest(asked: _Request) -> SolvedScene:
         if places is None:
             return solved
         if asked.comm.rank == 0:
-            log.info("rigid bodies are placed where they have come to: solving again")
+            log.info("rigid bodies have moved: solving again with new placements")
         places = relaxation.towards(solved.model.scene.placements, places)
         asked = replace(
             asked, scene=asked.scene.placed(places), start=SameRows(solved.solution.multiplier),
@@ -192,7 +194,7 @@ def _at_rest(asked: _Request) -> SolvedScene:
 
 
 def _certified(asked: _Request) -> SolvedScene:
-    """Solve a scene in the first way that ends certified (collective)."""
+    """Solve a scene by the first method that ends with a certificate (collective)."""
 
     def solve_one_way(scene: Scene, spent: Counts, first: bool) -> SolvedScene:
         checkpoint = asked.checkpoint if first else None
@@ -203,9 +205,9 @@ def _certified(asked: _Request) -> SolvedScene:
 
 
 def _solved(asked: _Request) -> SolvedScene:
-    """Solve a scene, again where the answer crosses contacts that were left out (collective)."""
+    """Solve a scene, and again if the answer penetrates omitted contacts (collective)."""
     comm = asked.comm
-    comm.barrier()  # processes begin at different times: nobody's seconds are the wait for others
+    comm.barrier()  # processes begin at different times: waiting must not count as time of a stage
     for _ in range(EXTENSIONS):
         solved = _solve_once(asked)
         model, solution, slack = solved.model, solved.solution, solved.nodes.slack
@@ -217,12 +219,12 @@ def _solved(asked: _Request) -> SolvedScene:
         needed = model.needed.copy()
         needed[~needed] = more_needed(model.left_out, model.reach, slack, sizes)
         log.info(
-            "the displacements cross contacts that were left out, by %.3g: solving again with %d "
-            "more contact rows",
+            "the displacements penetrate contacts that were left out, by %.3g: solving again with "
+            "%d more contact rows",
             deepest,
             comm.allreduce(int(needed.sum() - model.needed.sum())),
         )
-        # the checkpoint stays that of the first solve, which a resumed run begins with, too
+        # the checkpoint remains that of the first solve, with which a resumed run begins
         asked = replace(asked, checkpoint=None, spent=solution.counts, needed=needed)
     return _solve_once(replace(asked, needed="all"))
 
@@ -235,9 +237,9 @@ def _lengths_of_contacts(solved: SolvedScene) -> NDArray[np.float64]:
 
 
 def _solve_once(asked: _Request) -> SolvedScene:
-    """Solve with the contact rows that are needed, after work that was spent (collective)."""
+    """Solve with the needed contact rows, after some work spent before (collective)."""
     comm, timings = asked.comm, asked.timings
-    for whose in (PETSc.COMM_SELF, comm):  # what earlier solves left to Python's collector
+    for whose in (PETSc.COMM_SELF, comm):  # free the memory of earlier solves
         PETSc.garbage_cleanup(whose)
     try:
         model = asked.model()
@@ -247,7 +249,7 @@ def _solve_once(asked: _Request) -> SolvedScene:
     estimator = asked.estimator(model)
     with timings.measure("solve"):
         solution, failed = _solution_of(model, estimator, asked)
-    give_back()  # what the solver freed; the estimate would not find it
+    give_back()  # return freed memory to the system, so that the estimate of free memory sees it
     said = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
@@ -267,16 +269,16 @@ def _solve_once(asked: _Request) -> SolvedScene:
 
 
 def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tuple[Solution, str]:
-    """The answer of the dual methods, or, where these fail in the fewest subdomains, of Newton's.
+    """The answer of the dual methods; if they fail in the fewest subdomains, of Newton's method.
 
     Returns
     -------
-    The answer, and a sentence on what failed before.
+    The answer, and a sentence on the method that failed before.
 
     Raises
     ------
     NoAnswerError
-        The solver failed, and this was the last way or there are fewer subdomains to try.
+        The solver failed, and Newton's method failed or is not to be tried yet.
     """
     scene, options, solution = model.scene, model.scene.solver, None
     begin = asked.start.on(model) if asked.start is not None else None

@@ -1,11 +1,11 @@
-"""Where a load history has come to, on disk: ``--resume`` goes on from there.
+"""The checkpoint of a load history, from which ``--resume`` goes on.
 
-After each increment are written: the displacements at its end, from which slip is measured and
-which the next increment begins with; and in ``checkpoint.json`` the position in the history and the
-records of all increments. The vectors come first and the scalars at once, so that a run killed
-while it writes leaves the checkpoint before it whole. Bodies, conditions and contacts have to be as
-they were, and so have the steps that are over or begun, but for their increments; later steps may
-change.
+It is written after each increment. One file has the displacements at the end of the increment, from
+which slip is measured and with which the next increment begins. ``checkpoint.json`` has the
+position in the history and the records of all increments. It is written last and renamed into
+place, so that a run killed while it writes leaves the previous checkpoint intact. A resumed scene
+must have the same bodies, conditions and contacts, and the same finished or begun steps up to the
+number of increments; later steps may change.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Displacements = list[NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """Where an earlier run has come to.
+    """State of an earlier run.
 
     Attributes
     ----------
@@ -52,12 +52,12 @@ class Reached:
     vectors: Path
 
     def displacements(self, shapes: list[tuple[int, int]], comm: MPI.Intracomm) -> Displacements:
-        """The displacements at its end, (n, members) of each class (collective).
+        """The displacements of that state, (n, members) for each class (collective).
 
         Raises
         ------
         ConfigurationError
-            They are of another mesh, or cannot be read.
+            The displacements belong to another mesh, or cannot be read.
         """
         sizes = [n * members for n, members in shapes]
         try:
@@ -78,12 +78,12 @@ class StepCheckpoint:
         self._path, self._scene, self._comm = directory / CHECKPOINT, scene, comm
 
     def read(self) -> Reached | None:
-        """Where an earlier run in the directory has come to; None where it left nothing.
+        """The state of an earlier run in the directory; None if there is none.
 
         Raises
         ------
         ConfigurationError
-            The checkpoint is of another scene or number of ranks, or cannot be read.
+            The checkpoint belongs to another scene or number of ranks, or cannot be read.
         """
         found = self._comm.bcast(self._read() if self._comm.rank == 0 else None)
         if isinstance(found, ConfigurationError):
@@ -122,7 +122,7 @@ class StepCheckpoint:
     def write(
         self, at: Position, records: list[Record], last: Record, displacements: Displacements
     ) -> None:
-        """Write it; a disk that does not take it is no reason to end the run."""
+        """Write the checkpoint; a failure to write is logged and does not end the run."""
         vectors = self._path.with_name(f"checkpoint-{at.number}.vectors")
         flat = np.concatenate([np.zeros(0), *(u.ravel() for u in displacements)])
         saved = {
@@ -149,13 +149,13 @@ class StepCheckpoint:
                 log.warning("no checkpoint could be written: %s", error)
 
     def remove(self) -> None:
-        """Nothing is left to go on from."""
+        """Remove the checkpoint: the history has ended."""
         if self._comm.rank == 0:
             remove_checkpoint(self._path.parent)
 
 
 def digest(scene: Scene, steps: int) -> str:
-    """The numbers that identify a scene beside the checkpoint of one of its first steps."""
+    """A hash that identifies the scene up to one of its first steps."""
     parts: list[Any] = [getattr(scene, key) for key in CONDITIONS]
     parts += [scene.dimension, scene.plane, scene.contacts, scene.pairs, scene.ties]
     parts += [scene.decomposition, [step.factors for step in scene.steps[:steps]]]

@@ -1,9 +1,9 @@
-"""Where in a load step a body leaves.
+"""The factor within a load step at which a body leaves.
 
-The loads that contact forces can carry, pressures with friction within their limits at each point,
-are a convex set: if the loads at both ends of a step belong to it, so do those between. So each
-step is judged by its end, and where the end has no equilibrium, the factor at which the bodies
-begin to move is found by bisection.
+The loads that contact forces and friction forces within their limits can balance form a convex set:
+if it contains the loads at both ends of a step, it contains all loads between. So each step is
+tested at its end. If the end has no equilibrium, bisection finds the factor at which the bodies
+begin to move.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ DIGITS = 1e-3
 """Relative accuracy of the factor."""
 
 LEAST = 1e-4
-"""Factor below which a body leaves from the start of the step on."""
+"""Factor below which a body counts as leaving from the start of the step on."""
 
 
 class LeavesInStepError(NoEquilibriumError):
-    """A body leaves in a load step; the text names the step and its factor.
+    """A body leaves in a load step; the text names the step and the factor.
 
     Attributes
     ----------
     share
-        Of the step, in [0, 1], from which on the body leaves.
+        Share of the step, in [0, 1], from which on the body leaves.
     """
 
     def __init__(self, text: str, share: float) -> None:
@@ -43,22 +43,22 @@ def leaving_in_step(
     error: NoEquilibriumError,
     digits: float = DIGITS,
 ) -> LeavesInStepError:
-    """The message on a step at whose end a body leaves (collective).
+    """The error for a step at whose end a body leaves (collective).
 
     Parameters
     ----------
     scene
-        With its steps.
+        The scene with its steps.
     step
         Number of the step, from zero.
     known
         The outline of another loading, if there is one.
     error
-        What is said of the end of the step.
+        The error at the end of the step.
     digits
         Relative accuracy of the factor.
     """
-    stands, leaves, share = 0.0, 1.0, 0.0  # first whether it stands at the start of the step
+    stands, leaves, share = 0.0, 1.0, 0.0  # test the start of the step first
     while leaves - stands > digits * leaves and leaves > LEAST:
         loaded = scene.under(scene.loading_at(step, share))
         try:

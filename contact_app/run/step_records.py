@@ -1,4 +1,4 @@
-"""The records of a load history: one for each increment, and the summary of all of them."""
+"""Records of a load history: one per increment, and the summary of all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contact_app.machine.whole_file import whole
 from contact_app.run.increments import SolvedIncrement
 
 OF_THE_RUN = ("scene", "mesh", "decomposition", "environment")
-"""Parts of a summary that are the same in all increments, and not in their records."""
+"""Parts of a summary that are equal in all increments and left out of their records."""
 
 Record = dict[str, Any]
 
@@ -19,8 +19,8 @@ Record = dict[str, Any]
 def record_of(increment: SolvedIncrement) -> Record:
     """The record of an increment in `steps` of ``summary.json``.
 
-    What friction has taken is that since the beginning; what it took in the increment stands
-    beside it.
+    The work of friction counts from the beginning; the work within the increment is a separate
+    number.
     """
     place, summary = increment.place, increment.solved.summary
     own = {key: value for key, value in summary.items() if key not in OF_THE_RUN}
@@ -42,9 +42,9 @@ def record_of(increment: SolvedIncrement) -> Record:
 
 
 def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Record:
-    """``summary.json`` of a load history: that of the last increment, and a list of all.
+    """``summary.json`` of a load history: the summary of the last increment, and all records.
 
-    Timings add up; of the warnings of earlier increments each is told once.
+    Timings are summed, and each warning of earlier increments appears once.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Reco
 
 
 def write_table(path: Path, records: Sequence[Record]) -> None:
-    """Write ``increments.csv``: a row for each increment."""
+    """Write ``increments.csv`` with one row per increment."""
     rows = [dict(_row(record)) for record in records]
     columns = list(dict.fromkeys(column for row in rows for column in row))
     with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:

@@ -41,10 +41,10 @@ def run_steps(
     resume: bool = False,
     every: float = EVERY_SECONDS,
 ) -> int:
-    """Solve all steps, write the files of each increment; the exit code (collective).
+    """Solve all steps, write the files of each increment; return the exit code (collective).
 
-    Interrupted, the increment that is being solved is given up, and ``--resume`` goes on from the
-    last one that was finished. Parameters are those of `run.run`.
+    After an interruption the present increment is dropped, and ``--resume`` goes on from the last
+    finished one. Parameters are those of `run.run`.
     """
     first = comm.rank == 0
     with attended(directory, comm, resume, every) as (progress, attention):
@@ -65,9 +65,9 @@ class _Files:
     Attributes
     ----------
     found
-        Whether an earlier run is gone on from.
+        Whether the run goes on from an earlier one.
     summary
-        What ``summary.json`` holds; None before the first increment is solved.
+        Content of ``summary.json``; None before the first increment is solved.
     paths
         Of all files but the log.
     """
@@ -87,7 +87,7 @@ class _Files:
 
     @property
     def position(self) -> Position:
-        """Where the history begins."""
+        """Position at which the history begins."""
         return self.reached.position if self.reached is not None else Position()
 
     def add(self, increment: SolvedIncrement) -> None:
@@ -111,7 +111,7 @@ class _Files:
             self._checkpoint.write(at, self.records, last, solved.solution.displacements)
 
     def finish(self) -> None:
-        """The history is at its end."""
+        """Remove the checkpoint: the history has reached its end."""
         self._checkpoint.remove()
 
     def _write_texts(self) -> None:
@@ -123,7 +123,7 @@ class _Files:
 def _solve_and_write(
     files: _Files, progress: Progress, history: History, attention: Attention
 ) -> int:
-    """Solve the increments and write each; the exit code (collective)."""
+    """Solve the increments and write each; return the exit code (collective)."""
     scene, comm = files.scene, files.comm
     monitor = together(progress, history, attention)
     count = sum(step.increments for step in scene.steps)
@@ -169,7 +169,7 @@ def _solve_and_write(
 
 
 def _failure(increment: SolvedIncrement) -> str:
-    """Why the history ends at an increment; empty where the user stopped it."""
+    """Message why the history ends at an increment; empty if the user stopped it."""
     if increment.solved.solution.reason is Reason.STOPPED:
         return ""
     place, halved = increment.place, increment.halved
@@ -180,9 +180,9 @@ def _failure(increment: SolvedIncrement) -> str:
 
 
 def _end(over: Position) -> str:
-    """Where a history ends that is not at its end."""
+    """Message on the place at which an unfinished history ends."""
     if over.step == 1 and over.share == 0:
-        return "the history ends in its first increment: there is nothing to go on from"
+        return "the history ends in its first increment: there is no checkpoint to resume from"
     return (
         f"the history ends after step {over.step}, factor {float(over.share):.6g}; --resume goes "
         "on from there"
@@ -200,7 +200,7 @@ def _sentence(record: Record) -> str:
 
 
 def _print(summary: dict[str, Any], files: list[Path]) -> None:
-    """Print the table; a terminal that is gone does not end the run."""
+    """Print the table; an error of the terminal does not end the run."""
     try:
         print_steps(summary, files)
     except OSError as error:

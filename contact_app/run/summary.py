@@ -1,4 +1,4 @@
-"""The summary of a solved scene, as `summary.json` holds it."""
+"""The summary of a solved scene, the content of `summary.json`."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Totals:
     Attributes
     ----------
     max_displacement, mean_displacement
-        Of |u| over the nodes of the undecomposed mesh.
+        Largest and mean |u| over the nodes of the undecomposed mesh, lengths.
     contact_force : (3,)
-        Resultant of the obstacles on the bodies.
+        Resultant force of the obstacles on the bodies.
     max_contact_pressure
     """
 
@@ -87,7 +87,7 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
 
 
 def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings) -> dict[str, Any]:
-    """`summary.json`, but for what only fields at all nodes and cells can tell (collective)."""
+    """The part of `summary.json` that needs no fields at all nodes and cells (collective)."""
     problem, scene, comm = model.problem, model.scene, model.comm
     multiplier = solution.multiplier[problem.inequality]
     certificate = solution.certificate.as_dict()
@@ -128,7 +128,7 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
     Parameters
     ----------
     subdomains
-        On all ranks.
+        Number of subdomains on all ranks.
     """
     tied, tangential = (problem.count(kind) for kind in (RowKind.TIED, RowKind.TANGENT))
     holding = RowKind.DIRICHLET, RowKind.SUPPORT, RowKind.MEAN
@@ -145,7 +145,7 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
 
 
 def _distinct_classes(problem: DualProblem) -> int:
-    """Classes of equal stiffness on all ranks; one that several ranks have counts once."""
+    """Number of classes of equal stiffness on all ranks; a class on several ranks counts once."""
     found = []
     for cls in problem.classes:
         K = cls.stiffness
@@ -155,7 +155,7 @@ def _distinct_classes(problem: DualProblem) -> int:
 
 
 def solver_record(solution: Solution) -> dict[str, Any]:
-    """`solver` of a summary: method, why it ended, and its work."""
+    """`solver` of a summary: method, reason of the end, and work."""
     counts = solution.counts
     return {
         "method": solution.method,

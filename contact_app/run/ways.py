@@ -1,4 +1,4 @@
-"""The ways to an answer of a scene, in the order in which they are tried.
+"""Methods to solve a scene, in the order in which they are tried.
 
 ==============  =======================================  =========================================
 way             for scenes                               what comes next
@@ -13,9 +13,9 @@ fewest          all that have fewer, and the memory      nothing: its answer cou
 subdomains                                               it is
 ==============  =======================================  =========================================
 
-A way ends the search where its answer is certified, or where the user stopped or limited it
-(`run.fallback.is_final`). Otherwise the next one is tried, and the user is told why. Within Total
-FETI, `solve._solution_of` has ways of its own that need no other model.
+A method ends the search if its answer is certified, or if the user stopped or limited it
+(`run.fallback.is_final`). Otherwise the next one is tried, and a message says why. Within Total
+FETI, `solve._solution_of` has a fallback that needs no other model.
 """
 
 from __future__ import annotations
@@ -49,32 +49,33 @@ from solver.driver import reason_text
 
 
 class Solve(Protocol):
-    """Solves a scene in one way (collective)."""
+    """Solve a scene by one method (collective)."""
 
     def __call__(self, scene: Scene, spent: Counts, first: bool) -> SolvedScene:
-        """After work that was spent; the first one may go on from a checkpoint.
+        """Solve after some work spent before; the first method may go on from a checkpoint.
 
         Raises
         ------
         NoAnswerError
-            It ended without any answer.
+            The method ended without any answer.
         """
 
 
 @dataclass(frozen=True)
 class Way:
-    """One way to an answer.
+    """One method to solve a scene.
 
     Attributes
     ----------
     scene
-        With its method; None for the fewest subdomains, which depend on the way that failed.
+        The scene with this method; None for the fewest subdomains, which depend on the failed
+        method.
     patience
-        Iterations after which the next way is tried; None for the limit of the scene.
+        Iterations after which the next method is tried; None for the limit of the scene.
     instead
-        What the user is told when it is tried after another one, which ended for a reason {why}.
+        Message when this method is tried after another one that ended for a reason {why}.
     warns
-        Whether the certificate tells that, too.
+        Whether the message is also a warning of the certificate.
     """
 
     scene: Scene | None
@@ -84,7 +85,7 @@ class Way:
 
 
 def ways_to(scene: Scene) -> Iterator[Way]:
-    """All ways to an answer of a scene, in order."""
+    """All methods to solve a scene, in order."""
     instead = ""
     if is_undecomposed(scene):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
@@ -111,17 +112,17 @@ def first_certified(
     spent: Counts,
     keeps_subdomains: bool = False,
 ) -> SolvedScene:
-    """The answer of the first way that ends certified, or of the last one (collective).
+    """The answer of the first method that ends with a certificate, or of the last one (collective).
 
     Parameters
     ----------
     keeps_subdomains
-        Whether fewer subdomains are no way.
+        Whether the number of subdomains must not change.
 
     Raises
     ------
     NoWayLeftError
-        No way left an answer.
+        No method left an answer.
     """
     answer: SolvedScene | None = None
     failed, warnings = _Failure(), list[str]()
@@ -129,14 +130,14 @@ def first_certified(
         own = way.scene
         if own is None and not keeps_subdomains:
             own = fewest_subdomains(scene, failed.subdomains, comm)
-        if own is None:  # there are no fewer: what the way before left counts
+        if own is None:  # no fewer subdomains: the answer of the method before counts
             break
         if number and way.instead:
             text = failed.told(way.instead, own)
             if comm.rank == 0:
                 log.info("%s", text)
             warnings += [text] * way.warns
-        scene, answer = own, None  # the factors of the last way make room
+        scene, answer = own, None  # free the factors of the last method
         try:
             answer = solve(_limited(own, way.patience), spent, number == 0)
         except NoAnswerError as error:
@@ -156,13 +157,13 @@ def first_certified(
 
 @dataclass(frozen=True)
 class _Failure:
-    """Why a way left no certified answer, and in how many subdomains, where that is known."""
+    """Reason why a method left no certified answer, and its number of subdomains if known."""
 
     why: str = ""
     subdomains: int | None = None
 
     def told(self, text: str, scene: Scene) -> str:
-        """The sentence on the way that is tried instead, with its scene."""
+        """The message on the method that is tried instead, with its scene."""
         where = (
             "in its subdomains" if self.subdomains is None else f"in {self.subdomains} subdomains"
         )
@@ -179,7 +180,7 @@ def _limited(scene: Scene, patience: int | None) -> Scene:
 
 
 def _ends(way: Way, answer: SolvedScene, limit: int) -> bool:
-    """Whether no other way is to be tried (collective)."""
+    """Whether to try no other method (collective)."""
     impatient = way.patience is not None and way.patience < limit
     if impatient and answer.solution.reason is Reason.MAX_ITERATIONS:
         return answer.solution.converged
@@ -187,7 +188,7 @@ def _ends(way: Way, answer: SolvedScene, limit: int) -> bool:
 
 
 def warned(solved: SolvedScene, texts: list[str]) -> SolvedScene:
-    """The same with more warnings."""
+    """The answer with more warnings."""
     certificate = solved.solution.certificate
     certificate = replace(certificate, warnings=(*certificate.warnings, *texts))
     solved = replace(solved, solution=replace(solved.solution, certificate=certificate))

@@ -1,9 +1,9 @@
-"""A scene: bodies, materials, conditions and contacts by name, numbers checked; it knows no mesh.
+"""A scene: bodies, materials, conditions and contacts with resolved names and checked numbers.
 
-Input is a YAML file or a mapping of the same keys: `yaml_reader` keeps the line of each key,
-`schema` has the sections of the file, `configuration` reads and checks a whole one, `overrides`
-carries out ``--set``, `expressions` reads arithmetic in x, y and z. The product is a
-`scene.Scene`, whose records stand in `bodies`, `material`, `obstacles` and `conditions`.
-`build.build_scene` resolves names and checks numbers; its errors name file, line, key and what is
-allowed.
+Input is a YAML file or a mapping of the same keys: `yaml_reader` stores the line of each key,
+`schema` has the sections of the file, `configuration` reads and checks a file, `overrides` applies
+``--set``, and `expressions` parses arithmetic in x, y and z. The product is a `scene.Scene`; its
+records are defined in `bodies`, `material`, `obstacles` and `conditions`. It is independent of
+meshes. `build.build_scene` resolves names and checks numbers; its errors name file, line, key and
+what is allowed.
 """

@@ -1,4 +1,4 @@
-"""An elastic body: its mesh, its materials and the boundaries that have a name."""
+"""An elastic body: its mesh, its materials and its named boundaries."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CELLS_PER_CUBE = {"tetrahedron": 6, "triangle": 2}
 
 
 class BodyMesh(Protocol):
-    """What anyone may ask of a body's mesh, wherever it comes from."""
+    """The interface of a body's mesh, from a box or a file."""
 
     @property
     def dimension(self) -> int:
@@ -36,35 +36,38 @@ class BodyMesh(Protocol):
 
     @property
     def nodes(self) -> int:
-        """Nodes."""
+        """Number of nodes."""
 
     @property
     def total_cells(self) -> int:
-        """Cells."""
+        """Number of cells."""
 
     @property
     def boundaries(self) -> tuple[str, ...]:
-        """Names of the parts of the surface the mesh itself knows."""
+        """Names of the boundaries defined in the mesh."""
 
     @property
     def congruent(self) -> bool:
-        """Whether `auto` cuts it into equal parts, which share one factor."""
+        """Whether `decomposition.
+
+        Auto` cuts the mesh into congruent parts, which share one factor.
+        """
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was repaired or left out, a sentence each."""
+        """Notes on repaired or dropped data of the mesh, one sentence each."""
 
     def nodes_of(self, degree: int) -> int:
-        """Nodes a displacement of a degree has."""
+        """Number of nodes of a displacement of a degree."""
 
     def shape(self, degree: int) -> Any:
-        """What `meshes.decompose` cuts, with the nodes of a degree."""
+        """The mesh that `meshes.decompose` cuts, with the nodes of a degree."""
 
     def describe(self) -> str:
         """A phrase for reports."""
 
     def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
-        """Why the body of this name cannot be cut into so many parts; empty where it can."""
+        """Message why the body of this name cannot be cut into so many parts; empty if it can."""
 
 
 @dataclass(frozen=True)
@@ -86,25 +89,25 @@ class Box:
 
     @property
     def nodes(self) -> int:
-        """Nodes of the mesh."""
+        """Number of nodes of the mesh."""
         return self.nodes_of(1)
 
     def nodes_of(self, degree: int) -> int:
-        """Nodes a displacement of a degree has."""
+        """Number of nodes of a displacement of a degree."""
         return math.prod(degree * n + 1 for n in self.cells)
 
     @property
     def total_cells(self) -> int:
-        """Cells of the mesh."""
+        """Number of cells of the mesh."""
         return math.prod(self.cells) * CELLS_PER_CUBE.get(self.cell, 1)
 
     @property
     def boundaries(self) -> tuple[str, ...]:
-        """The faces."""
+        """Names of the faces of the box."""
         return FACES[: 2 * self.dimension]
 
     def shape(self, degree: int) -> Any:
-        """The box as `meshes` knows it."""
+        """The box as a shape of `meshes`."""
         from meshes import BoxShape
 
         return BoxShape(self.lower, self.upper, self.cells, self.cell, degree)
@@ -117,7 +120,7 @@ class Box:
         return f"box ({lower}) to ({upper}) of {cells} {unit} ({self.cell})"
 
     def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
-        """Why the body of this name cannot be cut into so many parts; empty where it can."""
+        """Message why the body of this name cannot be cut into so many parts; empty if it can."""
         for axis, (part, cells) in enumerate(zip(parts, self.cells, strict=True)):
             if part > cells:
                 where = f"along {'xyz'[axis]}, where {name} has {cells} cells"
@@ -132,18 +135,17 @@ class Body:
     Attributes
     ----------
     materials
-        By the number each cell of the mesh is tagged with; a box has one.
+        Materials by the tags of cells; a box has one material.
     boundaries
-        Those defined by an expression.
+        Boundaries defined by an expression.
     degree_given
-        Whether the file names a degree or asks for what holds for degree 1 alone: else a run to an
-        accuracy chooses one.
+        Whether the scene fixes the degree, by the key `degree` or by an option of degree 1.
+        Otherwise a run to an accuracy chooses the degree.
     cuts
-        Boundaries at which it was cut from the rest of a symmetric body, whose surface has no part
-        of them.
+        Boundaries made by cutting a symmetric body; they are not on the surface of the whole body.
     hold
-        Numbers of the rigid motions that are held in the mean, as `rigid_motions` counts them:
-        along the axes, then about them.
+        Numbers of the rigid motions that are held in the mean: translations along the axes, then
+        rotations about them, as in `rigid_motions`.
     """
 
     name: str
@@ -157,12 +159,12 @@ class Body:
 
     @property
     def nodes(self) -> int:
-        """Nodes of its displacement."""
+        """Number of nodes of its displacement."""
         return self.mesh.nodes_of(self.degree)
 
     @property
     def expansion(self) -> float:
-        """Largest coefficient of thermal expansion of its materials, in size."""
+        """Largest magnitude of the coefficients of thermal expansion of its materials."""
         return max(abs(material.expansion) for material in self.materials)
 
     @property
@@ -172,14 +174,14 @@ class Body:
 
     @property
     def mean_dilatation(self) -> bool:
-        """Whether its change of volume is taken as the mean over each cell (B-bar)."""
+        """Whether the change of volume is averaged over each cell (B-bar)."""
         return any(material.mean_dilatation for material in self.materials)
 
     def nearly_incompressible(self, plane: str | None) -> bool:
-        """Whether one of its materials is."""
+        """Whether one of its materials is nearly incompressible."""
         return any(material.nearly_incompressible(plane) for material in self.materials)
 
     @property
     def plain(self) -> bool:
-        """Whether its cells are of first order and fully integrated: they lock."""
+        """Whether its cells are of first order and fully integrated, so that they lock."""
         return self.degree == 1 and not self.mean_dilatation

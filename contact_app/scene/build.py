@@ -1,6 +1,6 @@
-"""From a configuration to a scene: everything read, and what only the whole scene can tell.
+"""Construction of a scene from a configuration, and checks that need the whole scene.
 
-Here the decomposition, the memory that is needed and the presence of a load are checked.
+These checks are of the decomposition, the required memory and the presence of a load.
 """
 
 from __future__ import annotations
@@ -106,18 +106,18 @@ def build_scene(
 
 
 def _refuse_with_loadings(keys: Keys, scene: Scene) -> None:
-    """Refuse loads that load nothing, and what cases or steps do not allow."""
+    """Refuse loads that load nothing, and options that cases or steps exclude."""
     if scene.cases and scene.accuracy is not None:
         keys.fail(
             ("accuracy",),
-            "is not available with cases: each case asks for a mesh of its own, and they share "
-            "one; find the mesh by a scene without cases whose loads are those of the worst",
+            "is not available with cases: each case needs another mesh, and all cases share one; "
+            "find the mesh by a scene without cases that has the loads of the worst case",
         )
     if scene.steps and scene.accuracy is not None:
         keys.fail(
             ("accuracy",),
-            "is not available with steps: what has slipped is known at the nodes of one mesh; find "
-            "the mesh by a scene without steps whose loads are those of the worst increment",
+            "is not available with steps: slip is known at the nodes of one mesh only; find the "
+            "mesh by a scene without steps that has the loads of the worst increment",
         )
     if scene.steps and not any(_loaded(scene.under(end)) for end in scene.loadings):
         keys.fail(("steps",), "load nothing: give a condition that does a factor")
@@ -134,8 +134,8 @@ def _refuse_with_loadings(keys: Keys, scene: Scene) -> None:
 
 
 def _solver_options(configuration: Configuration) -> SolverOptions:
-    """With an accuracy the solver follows the mesh, unless a tolerance is given."""
-    from solver.contact.options import SolverOptions  # with PETSc, which reading needs not
+    """Options of the solver; with `accuracy` its tolerance follows the mesh unless one is given."""
+    from solver.contact.options import SolverOptions  # imports PETSc
 
     given, accuracy = configuration.solver, configuration.accuracy
     options = SolverOptions(**given.model_dump())
@@ -169,7 +169,7 @@ def _section(keys: Keys, bodies: tuple[Body, ...], name: str, given: SectionKeys
 
 
 def _places(configuration: Configuration) -> dict[str, str]:
-    """Where conditions, contacts and the decomposition stand in the file."""
+    """Places of conditions, contacts and the decomposition in the file."""
     keys = [("conditions", i) for i in range(len(configuration.conditions))]
     keys += [("contacts", i) for i in range(len(configuration.contacts))]
     places = {f"{name}[{i}]": configuration.where((name, i)) for name, i in keys}
@@ -220,7 +220,7 @@ def _decomposition(keys: Keys, bodies: tuple[Body, ...]) -> Decomposition:
 
 
 def _check_memory(keys: Keys, bodies: tuple[Body, ...], decomposition: Decomposition) -> None:
-    """Refuse what cannot fit: the mesh, and factors of subdomains that are too large."""
+    """Refuse scenes that exceed the memory, by their mesh or by factors of large subdomains."""
     d = keys.dimension
     dofs = sum(b.nodes for b in bodies) * d
     parts = decomposition.subdomains
@@ -233,7 +233,7 @@ def _check_memory(keys: Keys, bodies: tuple[Body, ...], decomposition: Decomposi
             count = math.prod(parts)
             factors += [(unknowns / count, d)] * (1 if body.mesh.congruent else count)
         elif not body.mesh.congruent:
-            from meshes.decompose import choose_parts  # at hand: the mesh was read
+            from meshes.decompose import choose_parts  # available: the mesh was read
 
             count = choose_parts(body.nodes, d, degree=body.degree)
             factors += [(unknowns / count, d)] * count
@@ -255,7 +255,7 @@ def _check_memory(keys: Keys, bodies: tuple[Body, ...], decomposition: Decomposi
 
 
 def _loaded(scene: Scene) -> bool:
-    """Whether anything moves or presses a body."""
+    """Whether some load, displacement or overlap acts on a body."""
     vectors = [x.vector for x in scene.tractions] + [x.vector for x in scene.forces]
     vectors += [(*x.force, *x.moment) for x in scene.total_loads]
     vectors += [(*x.force, *x.moment) for x in scene.rigid_loads]

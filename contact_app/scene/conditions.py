@@ -1,6 +1,6 @@
 """Supports, loads and contacts, each with its key in the file.
 
-What acts on a body may have a name, by which load cases give it a factor, and is `scaled` by it.
+Conditions may have a name, by which load cases give them a factor; `scaled` applies the factor.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class DisplacementCondition:
     name: str | None = None
 
     def scaled(self, factor: float) -> DisplacementCondition:
-        """The same condition with its values times a factor; what is free stays free."""
+        """The condition with its values times a factor; free components stay free."""
         values = tuple(None if v is None else factor * v for v in self.values)
         return replace(self, values=values)
 
@@ -41,7 +41,7 @@ class Traction:
     name: str | None = None
 
     def scaled(self, factor: float) -> Traction:
-        """The same traction times a factor."""
+        """The traction times a factor."""
         return replace(self, vector=tuple(factor * v for v in self.vector))
 
 
@@ -56,20 +56,20 @@ class Pressure:
     name: str | None = None
 
     def scaled(self, factor: float) -> Pressure:
-        """The same pressure times a factor."""
+        """The pressure times a factor."""
         return replace(self, value=factor * self.value)
 
 
 @dataclass(frozen=True)
 class TotalLoad:
-    """Force and moment that the traction on a boundary adds up to.
+    """Resultant force and moment of the traction on a boundary.
 
     Attributes
     ----------
     force : (dimension,)
     moment : (3,)
     at : (3,) or None
-        Where both act; the centroid of the boundary if None.
+        Point at which both act; the centroid of the boundary if None.
     """
 
     body: int
@@ -81,7 +81,7 @@ class TotalLoad:
     name: str | None = None
 
     def scaled(self, factor: float) -> TotalLoad:
-        """The same force and moment times a factor."""
+        """The force and moment times a factor."""
         x, y, z = self.moment
         force = tuple(factor * v for v in self.force)
         return replace(self, force=force, moment=(factor * x, factor * y, factor * z))
@@ -97,13 +97,13 @@ class BodyForce:
     name: str | None = None
 
     def scaled(self, factor: float) -> BodyForce:
-        """The same force times a factor."""
+        """The force times a factor."""
         return replace(self, vector=tuple(factor * v for v in self.vector))
 
 
 @dataclass(frozen=True)
 class Temperature:
-    """Rise of the temperature of a body over that at which it is free of stress."""
+    """Rise of the temperature of a body over its stress-free temperature."""
 
     body: int
     rise: FieldExpression
@@ -111,7 +111,7 @@ class Temperature:
     name: str | None = None
 
     def scaled(self, factor: float) -> Temperature:
-        """The same rise times a factor."""
+        """The rise times a factor."""
         return replace(self, rise=self.rise.times(factor))
 
 
@@ -138,13 +138,13 @@ class Contact:
     Attributes
     ----------
     obstacle
-        One of a rigid body is where that is placed.
+        The obstacle; one of a rigid body is placed with it.
     interference
-        Overlap along the normal beside that of the geometry.
+        Overlap along the normal (length), added to that of the geometry.
     rigid, part
-        Number of the rigid body that the obstacle is of, and its number there; None and zero if it
-        is of none. A contact with a rigid body of several obstacles is one with each of them, of
-        the same source.
+        Number of the rigid body of the obstacle, and number of the obstacle within the body; None
+        and zero for a plain obstacle. A contact with a rigid body of several obstacles is one
+        record for each obstacle, with the same source.
     friction
         None where the boundary slides freely.
     """
@@ -179,7 +179,7 @@ class BodyContact:
     Attributes
     ----------
     interference
-        Overlap along the normal beside that of the geometry.
+        Overlap along the normal (length), added to that of the geometry.
     friction
         None where the boundaries slide freely.
     round
@@ -198,7 +198,7 @@ class BodyContact:
 
 @dataclass(frozen=True)
 class Tie:
-    """A boundary that holds together with the boundary of another body."""
+    """A boundary that is tied to the boundary of another body."""
 
     body: int
     boundary: str
@@ -209,15 +209,15 @@ class Tie:
 
 @dataclass(frozen=True)
 class ContactName:
-    """What a contact of the scene file is called.
+    """Names of a contact of the scene file.
 
     Attributes
     ----------
     source
         Its key in the file, ``contacts[0]``.
     on, against
-        The boundary that touches, body.boundary, and what it touches: such a boundary, the name of
-        a rigid body, or the kind of an obstacle.
+        The contact boundary, body.boundary; and its partner: another such boundary, the name of a
+        rigid body, or the kind of an obstacle.
     """
 
     source: str

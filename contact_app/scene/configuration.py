@@ -1,6 +1,6 @@
-"""The configuration: a whole scene file as typed, and how it is read and checked.
+"""The configuration: a scene file as typed by the user, read and checked.
 
-Its sections stand in `contact_app.scene.schema`.
+`contact_app.scene.schema` has its sections.
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ class Configuration(Model):
     conditions: list[Condition] = Field(
         default_factory=list, description="Displacements and loads."
     )
-    contacts: list[Contact] = Field(default_factory=list, description="What may touch what.")
+    contacts: list[Contact] = Field(
+        default_factory=list, description="Boundaries that may touch obstacles or other bodies."
+    )
     cases: Annotated[dict[str, dict[str, Number]], Field(min_length=1)] | None = Field(
         None,
         description="Load cases, {case: {condition name: factor}}, each from the unloaded state. A "
@@ -175,7 +177,7 @@ def from_mapping(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Conf
 
 
 def _as_read(value: Any) -> Any:
-    """The same in the types that YAML has: tuples, arrays, numpy's numbers and paths are known."""
+    """The value in the types of YAML; tuples, arrays, numbers of numpy and paths are converted."""
     if isinstance(value, Mapping):
         return {key: _as_read(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -188,7 +190,7 @@ def _as_read(value: Any) -> Any:
 def _checked(
     data: dict[str, Any], lines: dict[Key, int], path: Path, overrides: Sequence[str]
 ) -> Configuration:
-    """The configuration of data, after changes; `lines` has the line of each key."""
+    """The configuration of data after overrides; `lines` has the line of each key."""
     overridden: dict[Key, str] = {}
     for text in overrides:
         override(data, text, overridden)

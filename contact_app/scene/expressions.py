@@ -1,14 +1,14 @@
 """Boundaries and fields by expression: arithmetic in x, y and z, parsed, never executed.
 
 The text is parsed by Python's own grammar into a tree, every node of which must be on a short
-list; the tree is then evaluated with numpy on all points at once. Names other than the variables,
-attribute access, subscripts, calls of anything but the listed functions: all refused before
-anything is evaluated. Numbers are floating point, so that towers of powers overflow to infinity
-at once instead of growing.
+list; the tree is then evaluated with numpy on all points at once. Other names than the variables,
+attribute access, subscripts, and calls of other functions than the listed ones are refused before
+anything is evaluated. Numbers are floating point, so that repeated powers overflow to infinity at
+once.
 
-Where a number has no value, as sqrt(-1), a comparison with it is neither true nor false. Logic goes
-on with that as Kleene's does: `x <= 0 or log(x) < 1` is decided everywhere, and so is
-`x > 0 and log(x) < 1`. Points that stay undecided are not on the boundary, and a warning says so.
+Where a number has no value, as sqrt(-1), a comparison with it is neither true nor false. Kleene's
+three-valued logic applies: `x <= 0 or log(x) < 1` is decided everywhere, and so is `x > 0 and
+log(x) < 1`. Points that stay undecided are not on the boundary, and a warning says so.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ ALLOWED = (
 
 
 Decided = tuple[Any, Any]
-"""Where a condition is surely true and where it is surely false; neither where it has no value."""
+"""Masks of points where a condition is true, and where it is false; both False where undecided."""
 
 
 class ExpressionError(ValueError):
@@ -75,7 +75,7 @@ class ExpressionError(ValueError):
 
 
 class UndecidedWarning(UserWarning):
-    """An expression has no value at some of the points it was asked about."""
+    """An expression has no value at some of the points where it was evaluated."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Expression:
         Raises
         ------
         ExpressionError
-            With what is wrong and what is allowed.
+            The message says what is wrong and what is allowed.
         """
         tree, kind = _parsed(text, variables)
         if kind != "condition":
@@ -117,7 +117,7 @@ class Expression:
         """
         with np.errstate(all="ignore"):
             true, false = _condition(self.tree, dict(zip("xyz", points.T, strict=True)))
-        if len(points) and not np.all(true | false):  # one text for all calls: told once
+        if len(points) and not np.all(true | false):  # one text for all calls: one warning
             message = f"`{_source(self.tree)}` has no value at some points, which are left out"
             warnings.warn(message, UndecidedWarning, stacklevel=2)
         return np.broadcast_to(true, len(points)).copy()
@@ -144,7 +144,7 @@ class FieldExpression:
         Raises
         ------
         ExpressionError
-            With what is wrong and what is allowed.
+            The message says what is wrong and what is allowed.
         """
         tree, kind = _parsed(text, variables)
         if kind != "number":
@@ -153,7 +153,7 @@ class FieldExpression:
 
     @property
     def constant(self) -> bool:
-        """Whether it is the same everywhere."""
+        """Whether the field is constant."""
         return not any(isinstance(n, ast.Name) and n.id in "xyz" for n in ast.walk(self.tree))
 
     def times(self, factor: float) -> FieldExpression:
@@ -165,7 +165,7 @@ class FieldExpression:
 
     @property
     def vanishes(self) -> bool:
-        """Whether it is zero everywhere."""
+        """Whether the field is zero everywhere."""
         return self.constant and not self(np.zeros((1, 3))).any()
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -181,7 +181,7 @@ def _parsed(text: str, variables: tuple[str, ...]) -> tuple[ast.expr, str]:
         raise ExpressionError(f"is longer than {LONGEST} characters")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of Python's own taste, as in `1or x`
+            warnings.simplefilter("ignore")  # SyntaxWarning of Python, as in `1or x`
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError(f"is no expression ({text!r}); allowed: {ALLOWED}") from None

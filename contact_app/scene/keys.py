@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 Place = tuple[str | int, ...]
-"""Where a value stands: keys and positions from the top of the file."""
+"""Place of a value: keys and list positions from the top of the file."""
 
 Vector = tuple[float, float, float]
 """A vector in space."""
 
 
 class Keys:
-    """One configuration, knowing where each key stands in the file.
+    """A configuration with the place of each key in the file.
 
     Attributes
     ----------
     dimension, plane
-        Of the scene; `plane` is None in space.
+        Dimension of the scene, and "strain" or "stress" in the plane; `plane` is None in space.
     memory
         Bytes the scene may take.
     comm
@@ -47,7 +47,7 @@ class Keys:
         raise ConfigurationError(self.configuration.where(path) + " " + message)
 
     def vector(self, values: Sequence[float], path: Place, what: str) -> tuple[float, ...]:
-        """As many components as the scene has axes."""
+        """A vector with one component per axis of the scene."""
         if len(values) != self.dimension:
             self.fail(
                 path,

@@ -17,10 +17,10 @@ from contact_app.scene.keys import Keys, Place
 from contact_app.scene.scene import LoadCase, LoadStep
 
 LONGEST = 100
-"""Characters of a case's name."""
+"""Largest number of characters in the name of a case."""
 
 RESERVED = ("con", "nul")
-"""Names that some systems take for devices."""
+"""Names that some operating systems reserve for devices."""
 
 
 def names_of_conditions(keys: Keys) -> list[str]:
@@ -46,12 +46,12 @@ def read_factors(
     known: Sequence[str],
     beside: Sequence[str] = (),
 ) -> tuple[tuple[str, float], ...]:
-    """Factors of conditions by name, each name one that is known.
+    """Factors of conditions by name; unknown names are errors.
 
     Parameters
     ----------
     beside
-        Keys that may stand beside the names.
+        Further keys that are allowed beside the names.
     """
     for name in given:
         if name not in known:
@@ -116,7 +116,7 @@ def _refuse_without_names(keys: Keys, what: str, known: Sequence[str]) -> None:
 
 
 def _refuse_bad_names(keys: Keys, names: Sequence[str]) -> None:
-    """Refuse names of cases that are no names of directories, each different from the others."""
+    """Refuse names of cases that are not valid, distinct names of directories."""
     seen: dict[str, str] = {}
     for name in names:
         short = len(name) <= LONGEST and name.lower() not in RESERVED

@@ -1,9 +1,9 @@
-"""What a body is made of: moduli, stress and energy of isotropic linear elasticity.
+"""Materials: moduli, stress and energy of isotropic linear elasticity.
 
 Small strain: σ = λ tr(ε - α T I) I + 2 μ (ε - α T I) with Lamé's parameters, the coefficient of
 thermal expansion α and the rise of temperature T. In plane stress λ is replaced by
 2λμ/(λ + 2μ), so that the same formula gives the stresses in the plane. Stresses are in the unit of
-Young's modulus. All else in the application asks these objects and computes no modulus of its own.
+Young's modulus. The rest of the application takes all moduli from these objects.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Material:
     mean_dilatation
         Whether the change of volume is taken as its mean over each cell (B-bar).
     yield_stress
-        Von Mises stress (force per area) above which the answer is warned of, if any.
+        Von Mises stress (force per area) above which the certificate warns; None for no warning.
     expansion
         α, strain per degree.
     """
@@ -43,7 +43,7 @@ class Material:
     expansion: float = 0.0
 
     def lame(self, plane: str | None) -> tuple[float, float]:
-        """Lamé's λ (reduced in plane stress) and μ."""
+        """Lamé's λ (reduced in plane stress) and μ, force per area."""
         mu = self.young / (2.0 * (1.0 + self.poisson))
         lam = self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
         if plane == "stress":
@@ -51,17 +51,17 @@ class Material:
         return lam, mu
 
     def thermal_stress(self, plane: str | None) -> tuple[float, float]:
-        """What heat takes from σ, per degree: 2 μ α by the shape and m λ α by the volume.
+        """Thermal stress per degree, which is subtracted from σ: 2 μ α and m λ α.
 
-        It does so in each normal direction. m is 3, and 2 in plane stress, where λ is reduced: α T
-        strains in all three directions, and the one across the plane is free there.
+        Both act on the normal stresses. m is 3; in plane stress, where λ is reduced and the strain
+        across the plane is free, m is 2.
         """
         lam, mu = self.lame(plane)
         count = 2.0 if plane == "stress" else 3.0
         return 2.0 * mu * self.expansion, count * lam * self.expansion
 
     def elasticity(self, plane: str | None, dimension: int) -> tuple[Array, Array]:
-        """D of σ = D ε in two parts, of the shape and of the volume.
+        """D of σ = D ε in two parts: of the change of shape, and of the change of volume.
 
         Components are the normal ones, then xy, yz, xz with shears doubled in ε: (d(d+1)/2,) each.
         """
@@ -76,7 +76,7 @@ class Material:
         return np.linalg.inv(sum(self.elasticity(plane, dimension)))
 
     def nearly_incompressible(self, plane: str | None) -> bool:
-        """Whether shape changes far more easily than volume; never in plane stress."""
+        """Whether Poisson's ratio is near 0.5; never in plane stress."""
         return plane != "stress" and self.poisson >= NEARLY_INCOMPRESSIBLE
 
 
@@ -87,7 +87,7 @@ class CellMaterials:
     Parameters
     ----------
     materials
-        By number.
+        Materials by number.
     tags : (cells,)
         The number of each cell's material.
     plane
@@ -116,7 +116,7 @@ class CellMaterials:
         Parameters
         ----------
         temperature : (…, cells)
-            Rise over the temperature without stress.
+            Rise over the stress-free temperature.
         """
         lam, mu = self.lame
         strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))

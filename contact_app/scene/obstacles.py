@@ -1,10 +1,10 @@
-"""Rigid obstacles: the signed distance of points to them, and the normal there.
+"""Rigid obstacles: signed distance of points to an obstacle, and its normal.
 
 The normal is a unit vector that points out of the obstacle; the gap is the signed distance along
 it, negative inside. A body does not penetrate where -nᵀ u ≤ gap, both taken at the undeformed
 point (small displacements). In the plane z is zero and a sphere is a circle.
 
-A new obstacle is a class here with a line in `SHAPES`, and its keys in `configuration`, under the
+A new obstacle is a class here with a line in `SHAPES`, and its keys in `schema.bodies`, with the
 names of the class's fields.
 """
 
@@ -22,14 +22,14 @@ Vector = tuple[float, float, float]
 
 
 class Obstacle(Protocol):
-    """A rigid body that is not meshed.
+    """A rigid obstacle without a mesh.
 
     Attributes
     ----------
     directions
-        Fields that are directions: of any length but zero.
+        Names of fields that are directions (of any non-zero length).
     not_in_plane
-        Why there is none in 2D; empty where there is.
+        Message why the obstacle does not exist in 2D; empty if it does.
     """
 
     directions: ClassVar[tuple[str, ...]]
@@ -37,7 +37,7 @@ class Obstacle(Protocol):
 
     @property
     def curvature_radius(self) -> float | None:
-        """Smallest radius of curvature, None where it is flat."""
+        """Smallest radius of curvature; None for flat obstacles."""
 
     def gap_and_normal(
         self, points: NDArray[np.float64]
@@ -45,15 +45,15 @@ class Obstacle(Protocol):
         """Gap (n,) and outward unit normal (n, 3) at points (n, 3)."""
 
     def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
-        """Whether it may reach into a box (3,), (3,); False only where it surely does not."""
+        """Whether the obstacle may overlap a box (3,), (3,); False only if it surely does not."""
 
     def moved(
         self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
     ) -> Obstacle:
-        """The same turned by a matrix (3, 3) about a point (3,), then moved by a vector (3,)."""
+        """The obstacle, rotated by a matrix (3, 3) about a point (3,), then moved by (3,)."""
 
     def describe(self, dimension: int = 3) -> str:
-        """One sentence part for `check`."""
+        """A phrase for the report of `check`."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Plane:
 
     @property
     def curvature_radius(self) -> None:
-        """None: flat."""
+        """None: a plane is flat."""
 
     def gap_and_normal(
         self, points: NDArray[np.float64]
@@ -92,12 +92,12 @@ class Plane:
     def moved(
         self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
     ) -> Plane:
-        """The same turned about a point, then moved."""
+        """The obstacle, rotated about a point, then moved."""
         point = _moved(self.point, turn, about, by)
         return replace(self, point=point, normal=_turned(self.normal, turn))
 
     def describe(self, dimension: int = 3) -> str:
-        """One sentence part."""
+        """A phrase for the report of `check`."""
         point, normal = self.point[:dimension], self.normal[:dimension]
         return f"plane through {_text(point)} with normal {_text(normal)}"
 
@@ -131,9 +131,9 @@ class Sphere:
         return _round(points - np.array(self.center), self, "centre of the sphere")
 
     def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
-        """By the farthest corner from the centre of a cavity, the nearest point to that of a ball.
+        """Test the farthest corner from the centre of a cavity, or the nearest point to a ball.
 
-        Both are points of the box where the gap is smallest.
+        At this point of the box the gap is smallest.
         """
         center = np.array(self.center)
         if self.hollow:
@@ -144,11 +144,11 @@ class Sphere:
     def moved(
         self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
     ) -> Sphere:
-        """The same turned about a point, then moved."""
+        """The obstacle, rotated about a point, then moved."""
         return replace(self, center=_moved(self.center, turn, about, by))
 
     def describe(self, dimension: int = 3) -> str:
-        """One sentence part."""
+        """A phrase for the report of `check`."""
         solid, cavity = (
             ("sphere", "spherical cavity") if dimension == 3 else ("circle", "round cavity")
         )
@@ -186,7 +186,7 @@ class Cylinder:
         return _round(self._away(points), self, "axis of the cylinder")
 
     def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
-        """By the farthest corner from the axis of a bore; a bar is not looked into."""
+        """Test the farthest corner from the axis of a bore; for a bar return True."""
         if not self.hollow:
             return True
         away = self._away(_corners(lower, upper))
@@ -201,12 +201,12 @@ class Cylinder:
     def moved(
         self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
     ) -> Cylinder:
-        """The same turned about a point, then moved."""
+        """The obstacle, rotated about a point, then moved."""
         point = _moved(self.point, turn, about, by)
         return replace(self, point=point, axis=_turned(self.axis, turn))
 
     def describe(self, dimension: int = 3) -> str:
-        """One sentence part."""
+        """A phrase for the report of `check`."""
         kind = "bore" if self.hollow else "cylinder"
         return (
             f"{kind} along {_text(self.axis)} through {_text(self.point)} of radius {self.radius:g}"
@@ -228,7 +228,7 @@ def _moved(
     about: NDArray[np.float64],
     by: NDArray[np.float64],
 ) -> Vector:
-    """A point turned about another, then moved."""
+    """A point, rotated about another point, then moved."""
     x, y, z = about + turn @ (np.array(point) - about) + by
     return float(x), float(y), float(z)
 

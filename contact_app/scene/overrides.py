@@ -1,4 +1,4 @@
-"""Changes of a scene file from the command line, ``--set path.to.key=value``."""
+"""Overrides of keys of a scene file on the command line, ``--set path.to.key=value``."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from contact_app.scene.yaml_reader import Key, key_text
 
 
 def override(data: Any, text: str, overridden: dict[Key, str]) -> None:
-    """Carry out one ``--set``."""
+    """Apply one ``--set path.to.key=value`` to the data of a scene file."""
     name = "--set " + (text if len(text) <= 80 else text[:77] + "...")
     key, equals, value_text = text.partition("=")
-    words = re.sub(r"\[([0-9]+)\]", r".\1", key.strip()).split(".")  # bodies[0] as messages say it
+    words = re.sub(r"\[([0-9]+)\]", r".\1", key.strip()).split(".")  # messages write bodies[0]
     parts = [int(p) if re.fullmatch("[0-9]{1,9}", p) else p for p in words]
     if not equals or not all(p != "" for p in parts):
         raise ConfigurationError(f"{name}: has the form path.to.key=value")
@@ -46,7 +46,7 @@ def override(data: Any, text: str, overridden: dict[Key, str]) -> None:
 
 
 def _claim(key: Key, name: str, overridden: dict[Key, str]) -> None:
-    """From here on all below `key` is the doing of the override `name`."""
+    """Attribute all keys below `key` to the override `name`, for error messages."""
     for earlier in [k for k in overridden if k[: len(key)] == key]:
         del overridden[earlier]
     overridden[key] = name

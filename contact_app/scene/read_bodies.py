@@ -1,4 +1,4 @@
-"""Bodies of a scene file: names, meshes, materials and boundaries checked."""
+"""Reading the bodies of a scene file, with checks of names, meshes, materials and boundaries."""
 
 from __future__ import annotations
 
@@ -22,17 +22,20 @@ if TYPE_CHECKING:
 Read = Callable[[Path, int], "FileContent"]
 
 SHORTEST_EDGE = 1e-15
-"""Shortest edge of a cell; dolfinx takes boxes a few times shorter for empty."""
+"""Shortest admissible edge of a cell; dolfinx treats boxes a few times shorter as empty."""
 
 LONGEST_CELL = 1e4
-"""Longest over shortest edge of a cell; beyond, round-off hides the short edge's stiffness."""
+"""Largest admissible ratio of longest to shortest edge of a cell.
+
+Beyond it round-off hides the stiffness along the short edge.
+"""
 
 NEAREST_HALF = 1e-6
-"""Distance of Poisson's ratio from 0.5 and -1, where the stiffness grows beyond all bounds."""
+"""Least distance of Poisson's ratio from 0.5 and -1, where the stiffness is unbounded."""
 
 
 def read_bodies(keys: Keys) -> tuple[Body, ...]:
-    """The elastic bodies; each body, rigid ones too, has a name of its own.
+    """The elastic bodies; names of all bodies, including rigid ones, must differ.
 
     Raises
     ------
@@ -115,7 +118,7 @@ def _check_mean_dilatation(keys: Keys, body: c.Body, cell: str, path: Place) -> 
 
 
 def _boundaries(keys: Keys, body: c.Body, mesh: BodyMesh, path: Place) -> dict[str, Expression]:
-    """Those an expression defines, by name."""
+    """Boundaries that an expression defines, by name."""
     boundaries = {}
     for name, boundary in body.boundaries.items():
         at = (*path, name)
@@ -138,7 +141,7 @@ def _boundaries(keys: Keys, body: c.Body, mesh: BodyMesh, path: Place) -> dict[s
 def _materials(
     keys: Keys, body: c.Body, mesh: BodyMesh, path: Place
 ) -> tuple[tuple[Material, ...], BodyMesh]:
-    """The materials of a body, and its mesh with each cell tagged by the number of its own."""
+    """The materials of a body, and its mesh with each cell tagged by the number of its material."""
     given = body.material
     if isinstance(given, c.Material):
         return (_material(keys, given, path),), mesh
@@ -188,7 +191,7 @@ def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
 
 
 def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> BodyMesh:
-    # dolfinx and meshio, which boxes need later or not at all
+    # imports dolfinx and meshio, which boxes do not need here
     from meshes import MeshError, refined
     from meshes.repair import Placement, load_mesh
 

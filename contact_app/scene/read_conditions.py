@@ -1,4 +1,4 @@
-"""Supports, loads and contacts of a scene file: boundaries found by name, vectors checked."""
+"""Reading supports, loads and contacts of a scene file, with boundaries resolved by name."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TOTALS = ("total_force", "total_moment")
 
 
 class ConditionReader:
-    """Reads conditions and contacts of bodies that are known by name."""
+    """Reads conditions and contacts, given the bodies by name."""
 
     def __init__(
         self, keys: Keys, bodies: tuple[Body, ...], rigid_bodies: tuple[RigidBody, ...] = ()
@@ -135,7 +135,7 @@ class ConditionReader:
         return DisplacementCondition(body, boundary, tuple(values), source)
 
     def _temperature(self, body: int, given: float | str | None, path: Place) -> Temperature:
-        """A rise of temperature, of a body that expands by it."""
+        """A rise of temperature of a body; its materials need a coefficient of expansion."""
         keys, at = self.keys, (*path, "temperature")
         if self.bodies[body].expansion == 0.0:
             keys.fail(
@@ -151,7 +151,7 @@ class ConditionReader:
         return Temperature(body, rise, f"conditions[{path[1]}]")
 
     def _total_load(self, condition: c.Condition, path: Place, source: str) -> TotalLoad:
-        """A total force and moment; `at` in the space of the scene."""
+        """A total force and moment; `at` has as many components as the scene has axes."""
         keys, d = self.keys, self.keys.dimension
         if condition.on is None or condition.inside is not None:
             keys.fail(path, "a total force or moment acts `on` a boundary, e.g. on: cube.z+")
@@ -167,7 +167,7 @@ class ConditionReader:
     def contacts(self, i: int, contact: c.Contact) -> list[Contact | BodyContact | Tie]:
         """A contact with an obstacle or with another body, or a tied pair.
 
-        With a rigid body it is a contact with each of its obstacles.
+        A contact with a rigid body gives one contact for each of its obstacles.
         """
         if contact.against not in self.rigid.names or contact.obstacle is not None:
             return [self._contact(i, contact)]
@@ -202,7 +202,7 @@ class ConditionReader:
         ]
 
     def _refuse_repeated(self, i: int, contact: c.Contact) -> None:
-        """Refuse a contact of two that an earlier one has."""
+        """Refuse a contact between two boundaries that an earlier contact has."""
         for k, earlier in enumerate(self.keys.configuration.contacts[:i]):
             if {earlier.on, earlier.against} == {contact.on, contact.against}:
                 self.keys.fail(
@@ -248,7 +248,7 @@ class ConditionReader:
         )  # fmt: skip
 
     def _friction(self, given: c.Friction | None, path: Place) -> Friction | None:
-        """A law of friction; None where a limit of zero makes it none."""
+        """A law of friction; None if its coefficient or limit is zero."""
         if given is None:
             return None
         laws = [key for key in ("coulomb", "tresca") if getattr(given, key) is not None]
@@ -264,19 +264,19 @@ class ConditionReader:
         return Friction(given.coulomb, given.tresca)
 
     def _refuse_beside_friction(self, path: Place) -> None:
-        """Refuse what does not know of friction."""
+        """Refuse options that do not support friction."""
         configuration = self.keys.configuration
         if configuration.certificate.guaranteed:
             self.keys.fail(
                 path,
                 "does not go together with a guaranteed bound "
-                f"({configuration.where(('certificate', 'guaranteed'))}): the bound rests on the "
-                "least energy, and with Coulomb's friction the answer is that of no energy; leave "
-                "one of them out",
+                f"({configuration.where(('certificate', 'guaranteed'))}): the bound assumes that "
+                "the answer minimises an energy, which does not hold with Coulomb's friction; "
+                "leave one of them out",
             )
 
     def _refuse_beside_tied(self, contact: c.Contact, path: Place) -> None:
-        """Refuse what has no meaning where two bodies hold together."""
+        """Refuse keys that have no meaning in a tied contact."""
         if contact.obstacle is not None:
             self.keys.fail(
                 (*path, "tied"),

@@ -1,4 +1,4 @@
-"""Rigid bodies of a scene file, and what holds, moves and loads them."""
+"""Reading rigid bodies of a scene file, with their displacements and loads."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class RigidReader:
         self._held: dict[tuple[int, int], str] = {}
 
     def condition(self, i: int, condition: c.Condition) -> RigidMotion | RigidLoad:
-        """What holds, moves or loads a rigid body."""
+        """A displacement or load of a rigid body."""
         path: Place = ("conditions", i)
         name = condition.inside or ""
         body = self.names.index(name)
@@ -107,8 +107,8 @@ class RigidReader:
             key = (*loads, "at")[0]
             self.keys.fail(
                 (*path, key),
-                f"stands beside {moves[0]}: what holds a rigid body and what loads it are "
-                "conditions of their own",
+                f"stands beside {moves[0]}: displacements and loads of a rigid body are separate "
+                "conditions",
             )
         return self._motion(body, condition, path) if moves else self._load(body, condition, path)
 
@@ -152,7 +152,7 @@ class RigidReader:
         return found
 
     def _load(self, body: int, condition: c.Condition, path: Place) -> RigidLoad:
-        """A force and moment, brought to the reference point."""
+        """A force and moment, transferred to the reference point."""
         keys = self.keys
         force = np.array(
             keys.space(
@@ -182,7 +182,7 @@ def read_moment(keys: Keys, given: list[float] | float | None, path: Place) -> V
 
 
 def refuse_with_rigid(keys: Keys, scene: Scene) -> None:
-    """Refuse what is not available in a scene with a rigid body."""
+    """Refuse options that are not available in a scene with a rigid body."""
     if not scene.rigid_bodies:
         return
     name = scene.rigid_bodies[0].name
@@ -190,6 +190,6 @@ def refuse_with_rigid(keys: Keys, scene: Scene) -> None:
         keys.fail(
             ("certificate", "guaranteed"),
             f"is not available with rigid bodies, and {name} is one: the bound is for obstacles "
-            f"that do not move; give {name} as an `obstacle` where it is held, or leave this out: "
+            f"that do not move; give {name} as an `obstacle` if it is held, or leave this out: "
             "the error of the mesh is estimated without it, too",
         )

@@ -4,10 +4,10 @@ A rigid body has no mesh and no material. Its unknowns are the displacement t of
 point c and a rotation vector θ about it, so that a point x of it moves by t + θ × (x - c). Each
 component is held at a value or free; force and moment act at the reference point.
 
-Where the body is placed (`Placement`) its obstacles are turned and moved as they are, without any
-linearisation. Contact is linear in what the body moves on from there. It is placed by all that is
-prescribed, and by the displacement an answer finds (`contact_app.run.placing`); free rotations are
-taken as small.
+The placement of a body (`Placement`) rotates and moves its obstacles exactly, without
+linearisation. From there on contact is linear in the further motion of the body. A body is placed
+by its prescribed components, and by the displacement of an answer (`contact_app.run.placing`); free
+rotations are assumed to be small.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from contact_app.scene.obstacles import Obstacle, Vector
 
 TURNS = {2: 1, 3: 3}
-"""Components of a rotation by dimension."""
+"""Number of components of a rotation, by dimension."""
 
 NOWHERE: Vector = (0.0, 0.0, 0.0)
 
@@ -33,7 +33,7 @@ class RigidBody:
     Attributes
     ----------
     obstacles
-        Its shapes, where the file has them.
+        Its shapes, in their places of the file.
     center
         Reference point: the centre or point of the first shape.
     """
@@ -45,7 +45,7 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class RigidMotion:
-    """What holds or moves a rigid body, by component, None where free.
+    """Prescribed motion of a rigid body by component; None for free components.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class RigidMotion:
 
     @property
     def values(self) -> tuple[float | None, ...]:
-        """Displacement, then rotation."""
+        """Components of the displacement, then of the rotation."""
         return (*self.displacement, *self.rotation)
 
     def scaled(self, factor: float) -> RigidMotion:
@@ -86,7 +86,7 @@ class RigidLoad:
     body
         Number of the rigid body.
     force, moment
-        At the reference point, in space.
+        Force and moment at the reference point; three components each, also in the plane.
     """
 
     body: int
@@ -103,12 +103,12 @@ class RigidLoad:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a rigid body is, from where it is drawn.
+    """Placement of a rigid body, relative to its place in the scene file.
 
     Attributes
     ----------
     displacement
-        Of the reference point.
+        Displacement of the reference point.
     rotation
         Rotation vector in radians.
     """
@@ -118,21 +118,21 @@ class Placement:
 
     @classmethod
     def of(cls, values: NDArray[np.float64], dimension: int) -> Placement:
-        """From components, displacement then rotation; the rotation in the plane is about z."""
+        """A placement from components, displacement then rotation; in the plane about z."""
         t, turn = values[:dimension], values[dimension:]
         turn = turn if dimension == 3 else np.array([0.0, 0.0, turn[0]])
         return cls(_vector(np.append(t, np.zeros(3 - dimension))), _vector(turn))
 
     def components(self, dimension: int) -> NDArray[np.float64]:
-        """Displacement, then rotation."""
+        """Components of the displacement, then of the rotation."""
         turn = self.rotation if dimension == 3 else self.rotation[2:]
         return np.array([*self.displacement[:dimension], *turn])
 
     def obstacle(self, obstacle: Obstacle, center: Vector) -> Obstacle:
-        """An obstacle of a body with this reference point, placed."""
+        """The placed obstacle of a body with this reference point."""
         if self == Placement():
             return obstacle
-        from scipy.spatial.transform import Rotation  # which scenes without rigid bodies need not
+        from scipy.spatial.transform import Rotation  # scenes without rigid bodies do not need it
 
         turn = Rotation.from_rotvec(np.array(self.rotation)).as_matrix()
         return obstacle.moved(turn, np.array(center), np.array(self.displacement))
@@ -141,7 +141,7 @@ class Placement:
 def held_components(
     motions: Sequence[RigidMotion], body: int, dimension: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Which components of a rigid body are held, and at what; zero where free."""
+    """Mask of the held components of a rigid body, and their values; zero for free components."""
     count = dimension + TURNS[dimension]
     held, values = np.zeros(count, bool), np.zeros(count)
     for motion in motions:

@@ -1,6 +1,6 @@
-"""The scene: a configuration with every name resolved and every number checked.
+"""The scene: a configuration with resolved names and checked numbers.
 
-All that comes later reads the scene and nothing else of the input.
+All later stages read only the scene, not the input file.
 """
 
 from __future__ import annotations
@@ -50,25 +50,25 @@ CONDITIONS = (
 
 @dataclass(frozen=True)
 class Decomposition:
-    """None: chosen automatically; a number: graph partition; a tuple: sub-boxes along each axis."""
+    """Decomposition: None (automatic), a number (graph partition), or sub-boxes along each axis."""
 
     subdomains: None | int | tuple[int, ...] = None
 
 
 @dataclass(frozen=True)
 class Section:
-    """A plane through a body at which the force between the two sides is asked for.
+    """A plane through a body at which the force between the two sides is computed.
 
     Attributes
     ----------
     body
-        Number of the body; of the one it is the image of where the scene was cut.
+        Number of the body; if the scene was cut, number of the body whose mirror image it is.
     of
         Name of the body in the file.
     point, normal
-        Of the plane, in the whole.
+        Point and normal of the plane, in the whole scene.
     across
-        Axes across whose planes of symmetry the body lies from that of which it is the image.
+        Axes of the planes of symmetry between the body and the body whose mirror image it is.
     """
 
     name: str
@@ -81,14 +81,14 @@ class Section:
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """What is written.
+    """Options of the output.
 
     Attributes
     ----------
     probes
-        Name and place (x, y, z) of points whose displacement is asked for.
+        Name and coordinates (x, y, z) of points at which the displacement is written.
     sections
-        Planes at which the force between the two sides of a body is asked for.
+        Planes at which the force between the two sides of a body is written.
     """
 
     xdmf: bool = True
@@ -100,12 +100,12 @@ class OutputOptions:
 
 @dataclass(frozen=True)
 class LoadCase:
-    """The factors of named conditions in a load case; a name that is not in it has factor zero.
+    """Factors of named conditions in a load case; other names have factor zero.
 
     Attributes
     ----------
     name
-        Of the case.
+        Name of the case.
     factors
         Pairs of a condition's name and its factor.
     """
@@ -114,7 +114,7 @@ class LoadCase:
     factors: tuple[tuple[str, float], ...]
 
     def of(self, name: str | None) -> float:
-        """The factor of a condition; one where it has no name."""
+        """Factor of the condition of this name; one for conditions without a name."""
         return 1.0 if name is None else dict(self.factors).get(name, 0.0)
 
 
@@ -125,10 +125,10 @@ class LoadStep:
     Attributes
     ----------
     factors
-        Pairs of a condition's name and its factor at the end, of all names given so far; a name
-        that is not among them has factor zero.
+        Pairs of a condition's name and its factor at the end, for all names given so far; other
+        names have factor zero.
     increments
-        Equal parts in which the step is solved.
+        Number of equal parts in which the step is solved.
     """
 
     factors: tuple[tuple[str, float], ...]
@@ -137,15 +137,14 @@ class LoadStep:
 
 @dataclass(frozen=True)
 class Mirror:
-    """A plane across an axis (0, 1 or 2) at a coordinate, about which a scene mirrors.
+    """A plane of symmetry of a scene, normal to an axis (0, 1 or 2) at a coordinate.
 
     Attributes
     ----------
     partners
-        Sources of contacts and displacement conditions that are images of each other, not of
-        themselves.
+        Sources of contacts and displacement conditions that are images of each other.
     contacts, conditions
-        Those of the scene before it was cut there.
+        Contacts and conditions of the scene before it was cut at this plane.
     """
 
     axis: int
@@ -155,7 +154,7 @@ class Mirror:
     conditions: tuple[tuple[str, str], ...] = ()
 
     def image(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Images of points (…, 3)."""
+        """Mirror images of points (…, 3)."""
         image = points.copy()
         image[..., self.axis] = 2.0 * self.at - image[..., self.axis]
         return image
@@ -163,35 +162,35 @@ class Mirror:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything a run needs; `plane` is None in space.
+    """A scene: the complete input of a run; `plane` is None in space.
 
     Attributes
     ----------
     symmetry
-        Whether the scene may be cut at planes it mirrors about.
+        Whether the scene may be cut at planes of symmetry.
     guaranteed
-        Whether a guaranteed bound of the error is asked for.
+        Whether to compute a guaranteed bound of the error.
     mirrors
-        The planes at which it was cut: the bodies are what is left below them.
+        The planes at which the scene was cut: the bodies are the parts below them.
     total_loads
         Forces and moments on boundaries.
     temperatures
-        Rises of temperature of bodies; those of one body add up.
+        Rises of temperature of bodies; several rises of one body add up.
     cases
-        Load cases, in the order of the file; none where all conditions act in full.
+        Load cases, in the order of the file; empty if all conditions act in full.
     case
-        Name of the load case that this is the scene of, or of the place in the load history; empty
-        if it is of none.
+        Name of the load case or of the place in the load history that this scene belongs to; empty
+        if none.
     steps
-        The load history; none where all conditions act in full at once.
+        The load history; empty if all conditions act in full at once.
     in_step
         Whether this is the scene of a place in a load history.
     ties
-        Pairs of boundaries that hold together; they are no contacts.
+        Tied pairs of boundaries; they are not among the contacts.
     rigid_bodies, rigid_motions, rigid_loads
-        Bodies without a mesh, what holds or moves them, and what acts on them.
+        Rigid bodies (without mesh), their prescribed motions, and their loads.
     placements
-        Where each rigid body is: the obstacles of contacts are those of bodies in these places.
+        Placement of each rigid body; the obstacles of contacts are placed accordingly.
     """
 
     title: str
@@ -230,7 +229,7 @@ class Scene:
         return self.places.get(source, f"{self.source}: {source}")
 
     def under(self, case: LoadCase) -> Scene:
-        """The scene of one load case: each condition times its factor there."""
+        """The scene of one load case: each condition times its factor in the case."""
         scaled: dict[str, Any] = {
             key: tuple(item.scaled(case.of(item.name)) for item in getattr(self, key))
             for key in CONDITIONS
@@ -246,12 +245,12 @@ class Scene:
 
     @property
     def loadings(self) -> tuple[LoadCase, ...]:
-        """The load cases, or the ends of the steps; none where all conditions act in full."""
+        """The load cases, or the ends of the steps; empty if all conditions act in full."""
         ends = tuple(self.loading_at(number, 1.0) for number in range(len(self.steps)))
         return self.cases or ends
 
     def loading_at(self, step: int, share: float) -> LoadCase:
-        """The factors in the load history at a share of a step, counted from zero."""
+        """The factors in the load history at a share (0 to 1) of a step; steps count from zero."""
         start = dict(self.steps[step - 1].factors) if step else {}
         factors = tuple(
             (name, (1.0 - share) * start.get(name, 0.0) + share * end)
@@ -260,23 +259,26 @@ class Scene:
         return LoadCase(f"step {step + 1}, factor {share:.6g}", factors)
 
     def held_components(self, rigid: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Which components of a rigid body are held, and at what; displacement, then rotation."""
+        """Mask of the held components of a rigid body, and their values.
+
+        Displacement, then rotation.
+        """
         return held_components(self.rigid_motions, rigid, self.dimension)
 
     @cached_property
     def moving(self) -> tuple[int, ...]:
-        """Numbers of the rigid bodies that are free in some component; others are obstacles."""
+        """Numbers of the rigid bodies with a free component; the others act as obstacles."""
         count = range(len(self.rigid_bodies))
         return tuple(k for k in count if not self.held_components(k)[0].all())
 
     @property
     def body_names(self) -> list[str]:
-        """Names of the bodies as the solver counts them: elastic ones, then moving rigid ones."""
+        """Names of the bodies in the order of the solver: elastic ones, then moving rigid ones."""
         rigid = [self.rigid_bodies[k].name for k in self.moving]
         return [*(body.name for body in self.bodies), *rigid]
 
     def placed(self, placements: Sequence[Placement]) -> Scene:
-        """The scene with its rigid bodies in these places."""
+        """The scene with its rigid bodies placed."""
         if not self.rigid_bodies:
             return self
 
@@ -293,13 +295,13 @@ class Scene:
         )
 
     def placed_as_held(self) -> Scene:
-        """The scene with its rigid bodies where they are held, and else where they are drawn."""
+        """The scene with its rigid bodies placed by their prescribed components."""
         found = [self.held_components(k)[1] for k in range(len(self.rigid_bodies))]
         return self.placed([Placement.of(values, self.dimension) for values in found])
 
     @property
     def touching(self) -> tuple[Contact | BodyContact, ...]:
-        """All contacts, as contact rows count their sources: obstacles first, then pairs."""
+        """All contacts in the order of the sources of contact rows: obstacles first, then pairs."""
         return (*self.contacts, *self.pairs)
 
     @property
@@ -309,7 +311,7 @@ class Scene:
 
     @property
     def contact_names(self) -> tuple[ContactName, ...]:
-        """All contacts in the order of the file, of the whole where it was cut."""
+        """All contacts in the order of the file; if the scene was cut, those of the whole."""
         if self.mirrors:
             return self.mirrors[0].contacts
         found = []
@@ -329,9 +331,9 @@ class Scene:
 
     @property
     def condition_names(self) -> tuple[tuple[str, str], ...]:
-        """Source and boundary of all displacement conditions, of the whole where it was cut.
+        """Source and boundary of all displacement conditions; of the whole if the scene was cut.
 
-        Those of rigid bodies are not among them.
+        Conditions of rigid bodies are not included.
         """
         if self.mirrors:
             return self.mirrors[0].conditions

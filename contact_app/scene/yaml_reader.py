@@ -1,9 +1,9 @@
-"""YAML as YAML 1.2 means it, with the line of every key, and no surprises.
+"""Reader of YAML 1.2 with the line of every key.
 
 PyYAML reads YAML 1.1, where `on` is a boolean and `1e-3` a string. Here only `true` and `false`
 are booleans, and `1e-3`, `2E5`, `.5` and `1.0e-3` are numbers. Anchors, aliases and tags are
 refused: scenes do not need them, and a few lines of aliases can expand to gigabytes. Size, depth
-and number of values are limited while reading, so that no file keeps the reader busy.
+and number of values are limited, so that no file takes long to read.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Key = tuple[str | int, ...]
 
 
 class _Refused(Exception):
-    """Something in the text that scenes do not need, and its line."""
+    """A construct of YAML that is refused, with its line."""
 
     def __init__(self, line: int, message: str) -> None:
         super().__init__(message)
@@ -75,7 +75,7 @@ for _tag, _pattern, _first in (
 
 
 def read(path: Path) -> tuple[Any, dict[Key, int]]:
-    """Content of a file and the line of every key and item in it.
+    """Content of a file, and the line of every key and item.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def scalar(text: str, name: str) -> Any:
 
 
 def key_text(path: Sequence[str | int]) -> str:
-    """`bodies[0].material.young` from its parts, on one line whatever they hold."""
+    """Text such as `bodies[0].material.young` from the parts of a path, on one line."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)

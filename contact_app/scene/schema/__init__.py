@@ -1,6 +1,5 @@
-"""Sections of the scene file as typed, every key documented here.
+"""Sections of the scene file as typed by the user; every key is documented here.
 
-The models are the schema (``contact-app schema``), and their descriptions the manual. They check
-types and ranges; what needs more than one key (names, dimensions) is checked when the scene is
-built.
+The models define the schema (``contact-app schema``), and their descriptions are the manual. They
+check types and ranges. Checks of several keys (names, dimensions) follow when the scene is built.
 """

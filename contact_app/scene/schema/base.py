@@ -1,4 +1,4 @@
-"""What all sections of a scene file have in common: numbers, and what an unknown key is told."""
+"""Base of all sections of a scene file: types of numbers, and errors for unknown keys."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-# Beyond these no unit of measurement leads, and products of a few such numbers stay finite.
+# No unit of measurement leads to larger numbers, and products of a few such numbers are finite.
 LARGEST, SMALLEST = 1e50, 1e-50
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -20,7 +20,7 @@ Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_le
 
 
 class Model(BaseModel):
-    """Base of all sections: unknown keys are errors with the nearest right one."""
+    """Base of all sections: unknown keys are errors that suggest the nearest key."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, extra="forbid")
 
@@ -47,14 +47,14 @@ class Model(BaseModel):
 
 
 def told(value: Any, allowed: str) -> PydanticCustomError:
-    """The error of a value of which one sentence says what is allowed."""
+    """The error for a value, with a phrase that says what is allowed."""
     return PydanticCustomError(
         "told", "is {value}; allowed: {allowed}", {"value": shown(value), "allowed": allowed}
     )
 
 
 def checked(value: Any, check: Callable[[Any], Any], allowed: str) -> Any:
-    """A value that passes a check, else the error that says what is allowed."""
+    """A value that passes a check; otherwise an error that says what is allowed."""
     try:
         return check(value)
     except ValidationError:
@@ -62,6 +62,6 @@ def checked(value: Any, check: Callable[[Any], Any], allowed: str) -> Any:
 
 
 def shown(value: Any) -> str:
-    """A value as messages show it."""
+    """A value in the form of error messages."""
     text = "empty" if value is None else repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""Bodies: meshes, materials and named boundaries of elastic ones, shapes of rigid ones."""
+"""Sections of bodies: meshes, materials and boundaries of elastic ones, shapes of rigid ones."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Rotation(Model):
 
 
 class Mesh(Model):
-    """Where a body's mesh comes from: a box or a file, which may be scaled, turned and moved."""
+    """Mesh of a body: a box or a file, which may be scaled, rotated and moved."""
 
     box: Box | None = Field(None, description="A box of equal cells.")
     file: str | None = Field(
@@ -45,11 +45,13 @@ class Mesh(Model):
     group: str | Annotated[list[str], Field(min_length=1)] | None = Field(
         None, description="Cell groups of the file that make this body; all cells unless given."
     )
-    scale: Positive = Field(1.0, description="Factor of the file's coordinates, above 0; first.")
-    rotate: Rotation | None = Field(
-        None, description="Turn about the origin: {angle, axis}; after scaling."
+    scale: Positive = Field(
+        1.0, description="Factor on the file's coordinates, above 0; applied first."
     )
-    translate: Numbers | None = Field(None, description="Displacement (length); last.")
+    rotate: Rotation | None = Field(
+        None, description="Rotation about the origin: {angle, axis}; applied after scaling."
+    )
+    translate: Numbers | None = Field(None, description="Translation (length); applied last.")
     refine: Annotated[int, Field(ge=0, le=MOST_REFINEMENTS)] = Field(
         0, description="How often every edge of the file's cells is halved, 0 to 6."
     )
@@ -77,7 +79,7 @@ class Material(Model):
 
 
 def _material_form(value: Any) -> str:
-    """Which of the two forms of `material` was meant."""
+    """Form of `material`: one material, or materials by cell group."""
     groups = isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values())
     return "{groups}" if groups else "{one}"
 
@@ -95,7 +97,7 @@ class Body(Model):
     """An elastic body."""
 
     name: str = Field(description="Name by which conditions and contacts refer to it.")
-    mesh: Mesh = Field(description="Where the mesh comes from: {box: …} or {file: …}.")
+    mesh: Mesh = Field(description="Mesh: {box: …} or {file: …}.")
     degree: int = Field(1, description="Polynomial degree of the displacement, 1 or 2.")
     mean_dilatation: bool = Field(
         False,
@@ -130,7 +132,7 @@ class Sphere(Model):
 
     center: Numbers = Field(description="Centre (length).")
     radius: Positive = Field(description="Radius (length), above 0.")
-    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
+    hollow: bool = Field(False, description="True: the obstacle is everything outside.")
 
 
 class Cylinder(Model):
@@ -139,7 +141,7 @@ class Cylinder(Model):
     point: Numbers = Field(description="Any point of the axis (length).")
     axis: Numbers = Field(description="Direction of the axis.")
     radius: Positive = Field(description="Radius (length), above 0.")
-    hollow: bool = Field(False, description="True: the obstacle is what lies outside.")
+    hollow: bool = Field(False, description="True: the obstacle is everything outside.")
 
 
 class Obstacle(Model):

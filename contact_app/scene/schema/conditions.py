@@ -54,7 +54,7 @@ class Condition(Model):
     total_moment: Numbers | Number | None = Field(
         None,
         description="Moment on the whole boundary (a number in 2D), as a traction that is linear "
-        "in the place; beside a total_force or alone.",
+        "in the position; with a total_force or alone.",
     )
     at: Numbers | None = Field(
         None,
@@ -69,7 +69,7 @@ class Condition(Model):
 
 
 class Friction(Model):
-    """What keeps two surfaces from sliding: exactly one law."""
+    """Friction between two surfaces: exactly one law."""
 
     coulomb: NotNegative | None = Field(
         None,
@@ -90,13 +90,12 @@ class Contact(Model):
     obstacle: Obstacle | None = Field(None, description="A rigid obstacle.")
     against: str | None = Field(
         None,
-        description="Another body's boundary, as body.boundary; the contact pressure lives on the "
-        "nodes of `on`, which had better be the finer mesh. Or the name of a rigid body.",
+        description="Another body's boundary, as body.boundary; the contact pressure is computed "
+        "at the nodes of `on`, which should be the finer mesh. Or the name of a rigid body.",
     )
     tied: bool = Field(
         False,
-        description="The two boundaries hold together in all directions; their meshes need not "
-        "match.",
+        description="The two boundaries are glued in all directions; their meshes need not match.",
     )
     friction: Friction | None = Field(
         None,
@@ -110,8 +109,8 @@ class Contact(Model):
     )
     round: bool = Field(
         False,
-        description="Flat facets of both sides stand for smooth surfaces through their nodes: the "
-        "gap is that of these. For round bodies of straight edges that touch each other.",
+        description="The gap is that of smooth surfaces through the nodes of both sides, instead "
+        "of their flat facets. For round bodies with straight edges that touch each other.",
     )
 
 
@@ -128,5 +127,5 @@ class Step(Model):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
-        """Names of conditions are checked where these are known."""
+        """Accept all keys: names of conditions are checked later, when they are known."""
         return data

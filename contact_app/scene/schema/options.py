@@ -1,4 +1,4 @@
-"""How a scene is cut, solved and certified, and what is written."""
+"""Sections of options: decomposition, solver, certificate and output."""
 
 from __future__ import annotations
 
@@ -37,11 +37,12 @@ MOST_ITERATIONS = 1_000_000_000
 
 
 class Split(Model):
-    """A decomposition asked for."""
+    """A requested decomposition."""
 
     subdomains: Annotated[int, Field(ge=1)] | Counts = Field(
-        description="A number: that many, cut by planes or along the graph of the mesh. A list: "
-        "sub-boxes along each axis; a mesh from a file is cut into as many."
+        description="A number of subdomains, cut by planes or along the graph of the mesh. Or a "
+        "list: sub-boxes along each axis; a mesh from a file is cut into the same total "
+        "number."
     )
 
     @field_validator("subdomains", mode="wrap")
@@ -51,7 +52,7 @@ class Split(Model):
 
 
 class Solver(Model):
-    """How far and by what to solve."""
+    """Tolerance and algorithm of the solver."""
 
     method: Literal["auto", "active-set", "smalbe", "primal"] = Field(
         "auto",
@@ -114,7 +115,7 @@ _TOLERANCE: TypeAdapter[float] = TypeAdapter(
 
 
 class Certificate(Model):
-    """What the certificate holds beyond what it always does."""
+    """Optional parts of the certificate."""
 
     guaranteed: bool = Field(
         False,
@@ -128,19 +129,19 @@ class SectionPlane(Model):
 
     point: Numbers = Field(description="Any point of the plane (length).")
     normal: Numbers = Field(
-        description="Direction across it, out of the side whose force and moment are told."
+        description="Normal of the plane, out of the side on which force and moment act."
     )
 
 
 class Section(Model):
-    """Where a body is cut in thought, to tell the force between the two sides."""
+    """A section through a body, at which the force between the two sides is computed."""
 
     plane: SectionPlane = Field(description="{point, normal}.")
     inside: str = Field(alias="in", description="Name of the body.")
 
 
 class Output(Model):
-    """What is written."""
+    """Options of the output."""
 
     xdmf: bool = Field(True, description="Write solution.xdmf and solution.h5 for ParaView.")
     vtu: bool = Field(False, description="Write solution.vtu, the same in one file.")

@@ -102,7 +102,7 @@ def test_an_older_result_does_not_outlive_a_run_without_one(scene: Path, tmp_pat
     [
         ("cell_fields", 1, "disk", "rank 1: the run ended: No space left on device; make room"),
         pytest.param("cell_fields", 0, "memory", "not enough memory", marks=pytest.mark.slow),
-        ("build_model", 1, "bug", "rank 1: the run ended by a failure of the program itself"),
+        ("build_model", 1, "bug", "rank 1: the run ended by an internal error of the program"),
         ("write_fields", 0, "disk", "No space left on device"),
     ],
 )

@@ -463,4 +463,4 @@ def test_a_history_without_a_first_answer_says_so(tmp_path: Path) -> None:
     assert run(scenes.build(made), tmp_path) == Exit.NOT_CERTIFIED
     log = (tmp_path / "run.log").read_text()
     assert "the increment to factor 0.0625 has no certified answer, though it was halved 4" in log
-    assert "ends in its first increment: there is nothing to go on from" in log
+    assert "ends in its first increment: there is no checkpoint to resume from" in log
