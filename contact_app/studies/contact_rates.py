@@ -26,7 +26,10 @@ from numpy.typing import NDArray
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
-from contact_app.studies.fields_on_boxes import Mesh, PointsOfBox
+from contact_app.scene.material import Material
+from contact_app.studies.fields_on_meshes import PointsOfMesh
+from contact_app.studies.reference import Fields
+from contact_app.studies.single_run import fields_of
 
 EDGE, RADIUS = 2.0, 4.0
 DEPTHS = (0.02, 0.03, 0.04, 0.05, 0.065, 0.08)
@@ -74,30 +77,29 @@ def errors(
     """Mean relative errors in energy norm by degree, one for each number of cells an edge."""
     d = 3 if cell in NAMES[3] else 2
     fine = fine or FINE[d]
-    grid = PointsOfBox((0.0,) * d, (EDGE,) * d, (2 * fine,) * d)
     found: dict[int, list[list[float]]] = {degree: [] for degree in degrees}
     for depth in depths:
-        best, material, plane = _sampled(grid, cell, fine, 2, depth)
-        norm = grid.energy(best, (material,), plane)
+        best, materials, plane = _solved(cell, fine, 2, depth)
+        points, u_best = PointsOfMesh(best.nodes(0)), best.displacement
+        norm = points.energy(u_best, materials, plane)
         for degree in degrees:
             row = []
             for n in cells or CELLS[d]:
-                u, _, _ = _sampled(grid, cell, n, degree, depth)
-                row.append(np.sqrt(grid.energy(u - best, (material,), plane) / norm))
+                answer, _, _ = _solved(cell, n, degree, depth)
+                away = points.sample(answer.nodes(0), answer.displacement) - u_best
+                row.append(np.sqrt(points.energy(away, materials, plane) / norm))
             found[degree].append(row)
     return {degree: np.exp(np.log(rows).mean(axis=0)) for degree, rows in found.items()}
 
 
-def _sampled(
-    grid: PointsOfBox, cell: str, n: int, degree: int, depth: float
-) -> tuple[NDArray[np.float64], Any, str | None]:
-    """Displacement of an answer on a grid; material and plane of its scene."""
+def _solved(
+    cell: str, n: int, degree: int, depth: float
+) -> tuple[Fields, tuple[Material, ...], str | None]:
+    """An answer at the nodes; materials and plane of its scene."""
     made = build_scene(Configuration.model_validate(scene(cell, n, degree, depth)))
-    solved = solve_scene(made, MPI.COMM_SELF)
-    nodes = solved.nodes
-    mesh = Mesh(cell, degree, (n,) * made.dimension)
-    u = grid.evaluate(mesh, nodes.points, nodes.displacement)
-    return u, made.bodies[0].materials[0], made.plane
+    found = fields_of(solve_scene(made, MPI.COMM_SELF))
+    assert found is not None
+    return found, made.bodies[0].materials, made.plane
 
 
 def rate(found: NDArray[np.float64], cells: Sequence[int]) -> float:

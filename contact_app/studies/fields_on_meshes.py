@@ -1,10 +1,9 @@
-"""Fields of different meshes of one body from a file, brought to the nodes of the finest of them.
+"""Fields of different meshes of one body, brought to the nodes of the finest of them.
 
-Meshes from files have no lattice of points. The answers are compared in the space of the finest
-reference instead: a field of another mesh is evaluated at its nodes, and squares are integrated
-over its cells as they are, curved edges included. Where the other mesh is a coarser one that the
-finest refines that is exact; of a mesh refined here and there it is the interpolant, and what such
-a mesh has between two nodes of the finest is not seen.
+The answers are compared in the space of the finest reference: a field of another mesh is evaluated
+at its nodes, and squares are integrated over its cells as they are, curved edges included. Where
+the other mesh is a coarser one that the finest refines that is exact; of a mesh refined here and
+there it is the interpolant, and what such a mesh has between two nodes of the finest is not seen.
 
 dolfinx's trees of bounding boxes find the cell that holds a point, or the nearest one, and Newton's
 method its place in the cell.
@@ -14,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
@@ -28,8 +28,12 @@ from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-BATCH = 20_000
-"""Cells worked on at once."""
+BATCH = 4_000
+"""Cells worked on at once: some 100 MB of hexahedra of degree 2."""
+
+KEPT = 4
+"""Meshes whose interpolation is kept: a hundred megabytes each where the finest has 10⁶ nodes."""
+
 SHARES = {2: (1, 1), 3: (1, 1, 2), (3, 3): (1, 1, 1), 6: (1, 1, 1, 3, 3, 3),
           4: (1, 1, 1, 1), 9: (1, 1, 1, 1, 2, 2, 2, 2, 4)}  # fmt: skip
 """Parts of a facet's area by its nodes: those of the first-order facets between all of them."""
@@ -72,13 +76,15 @@ class PointsOfMesh:
 
     def sample(self, body: BodyNodes, values: Array, first_order: bool = False) -> Array:
         """Evaluate a field (nodes, k) of a body, or its first-order interpolant, at the points."""
-        kind = b"first" if first_order else b"own"
+        kind = b"first" if first_order and body.degree > 1 else b"own"
         key = sha256(body.points.tobytes() + body.cells.tobytes() + kind).digest()
         if key not in self._known:
+            if len(self._known) == KEPT:
+                del self._known[next(iter(self._known))]
             self._known[key] = interpolation(body, self._finest.points, first_order)
         return np.asarray(self._known[key] @ values.reshape(len(body.points), -1))
 
-    @property
+    @cached_property
     def areas(self) -> Array:
         """Area of the contact boundary that falls to each point, (points,)."""
         finest, d = self._finest, self._finest.dimension

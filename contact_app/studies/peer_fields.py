@@ -1,8 +1,8 @@
 """Fields of a peer's answer at the nodes, for a chart.
 
-On a mesh from a file they are in the order of the file's nodes and come with its cells. Contact
-forces of second-order tetrahedra are nodal ones, zero at vertices where the pressure is constant:
-the pressure at vertex j is
+They are in the order of the mesh's own nodes and come with its cells. Contact forces of
+second-order tetrahedra are nodal ones, zero at vertices where the pressure is constant: the
+pressure at vertex j is
 
     p_j = Σ_i ψ_j(x_i) f_i / Σ_i ψ_j(x_i) A_i,
 
@@ -40,18 +40,16 @@ def fields_of_peer(scene: Scene, system: WholeSystem, x: PETSc.Vec) -> Fields | 
         np.concatenate(part) for part in zip(*gathered, strict=True)
     )
     (body,) = scene.bodies
-    cells, tags = [], []
-    if isinstance(body.mesh, CellMesh):
-        shape = body.mesh.shape(body.degree)
-        missing = ((0, 0), (0, 3 - shape.dimension))
-        order = cKDTree(points).query(np.pad(shape.points, missing))[1]
-        points, displacement, force, area, watched = (
-            values[order] for values in (points, displacement, force, area, watched)
-        )
-        cells, tags = [shape.cells], [shape.tags]
-        if has_averaged_rows(body):
-            force, area = (about_vertices(shape, values) for values in (force, area))
-            watched &= area > 0.0
+    mesh = body.mesh if isinstance(body.mesh, CellMesh) else body.mesh.shape(1).cell_mesh()
+    shape = mesh.shape(body.degree)
+    missing = ((0, 0), (0, 3 - shape.dimension))
+    order = cKDTree(points).query(np.pad(shape.points, missing))[1]
+    points, displacement, force, area, watched = (
+        values[order] for values in (points, displacement, force, area, watched)
+    )
+    if has_averaged_rows(body):
+        force, area = (about_vertices(shape, values) for values in (force, area))
+        watched &= area > 0.0
     some = area > 0.0
     return Fields(
         points=points,
@@ -61,8 +59,8 @@ def fields_of_peer(scene: Scene, system: WholeSystem, x: PETSc.Vec) -> Fields | 
         first_node=np.array([0, len(points)]),
         degree=np.array([body.degree]),
         cell=np.array([body.mesh.cell]),
-        cells=cells,
-        tags=tags,
+        cells=[shape.cells],
+        tags=[shape.tags],
     )
 
 

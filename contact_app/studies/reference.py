@@ -21,9 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene.bodies import Box
 from contact_app.scene.scene import Scene
-from contact_app.studies.fields_on_boxes import Mesh, PointsOfBox
 from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
 
 Array = NDArray[np.float64]
@@ -47,7 +45,7 @@ class Fields:
     degree : (bodies,)
     cell : (bodies,)
     cells, tags, facets
-        Of each body, as `BodyNodes` has them; empty for peers, which have a box.
+        Of each body, as `BodyNodes` has them; peers have no facets.
     """
 
     points: Array
@@ -86,21 +84,20 @@ class Fields:
         return slice(int(self.first_node[number]), int(self.first_node[number + 1]))
 
     def nodes(self, number: int) -> BodyNodes:
-        """Nodes of one body and, unless it is a box of equal cells, its cells."""
-        none = np.zeros((0, 0), np.int64)
+        """Nodes and cells of one body."""
         return BodyNodes(
             cell=str(self.cell[number]),
             degree=int(self.degree[number]),
             points=self.points[self.body(number)],
-            cells=self.cells[number] if self.cells else none,
-            tags=self.tags[number] if self.tags else none[0:0].astype(np.int32),
-            facets=self.facets[number] if self.facets else none,
+            cells=self.cells[number],
+            tags=self.tags[number],
+            facets=self.facets[number] if self.facets else np.zeros((0, 0), np.int64),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """An answer on the grid of each body: (points, dimension) and (points,)."""
+    """An answer at the points of each body: (points, dimension) and (points,)."""
 
     displacement: list[Array]
     pressure: list[Array]
@@ -108,36 +105,15 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Ruler:
-    """Measures distances of answers at the points of one set of points per body.
-
-    Attributes
-    ----------
-    areas
-        Weights of squares of pressures at the points, by body.
-    """
+    """Measures distances of answers at the nodes of a finest one, body by body."""
 
     scene: Scene
-    places: tuple[PointsOfBox | PointsOfMesh, ...]
-    areas: list[Array]
+    places: tuple[PointsOfMesh, ...]
 
     @classmethod
     def of(cls, scene: Scene, finest: Fields) -> Ruler:
         """The ruler whose points are the nodes of a finest answer."""
-        places: list[PointsOfBox | PointsOfMesh] = []
-        areas = []
-        for number, body in enumerate(scene.bodies):
-            nodes = finest.nodes(number)
-            if isinstance(body.mesh, Box):
-                shape = Mesh.through(nodes.cell, nodes.degree, _unit(body.mesh, nodes.points)).shape
-                grid = PointsOfBox(body.mesh.lower, body.mesh.upper, tuple(n - 1 for n in shape))
-                watched = finest.watched[finest.body(number)].astype(float)
-                places.append(grid)
-                areas.append(grid.weights * (grid.sample(nodes, watched).ravel() > 0.5))
-            else:
-                nodes_of_finest = PointsOfMesh(nodes)
-                places.append(nodes_of_finest)
-                areas.append(nodes_of_finest.areas)
-        return cls(scene, tuple(places), areas)
+        return cls(scene, tuple(PointsOfMesh(finest.nodes(i)) for i in range(len(scene.bodies))))
 
     def sample(self, fields: Fields) -> Sampled:
         """Evaluate an answer at the points; pressures are linear between nodes.
@@ -167,14 +143,8 @@ class Ruler:
                 u, p = u - other.displacement[number], p - other.pressure[number]
             squares[0] += place.energy(u, self.scene.bodies[number].materials, self.scene.plane)
             squares[1] += place.volume(u)
-            squares[2] += self.areas[number] @ p**2
+            squares[2] += place.areas @ p**2
         return np.sqrt(squares)
-
-
-def _unit(box: Box, points: Array) -> Array:
-    """Places of points along each axis of a box, from 0 to 1."""
-    lower, upper = np.array(box.lower), np.array(box.upper)
-    return np.asarray((points[:, : len(lower)] - lower) / (upper - lower))
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,6 @@ from contact_app.scene.material import Material
 from contact_app.studies import chart
 from contact_app.studies.chart_meshes import PEERS, plan_meshes
 from contact_app.studies.chart_store import StoredPoints
-from contact_app.studies.fields_on_boxes import Mesh, PointsOfBox
 from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
 from contact_app.studies.frontier import frontier
 from contact_app.studies.processes import RunError
@@ -55,103 +54,33 @@ def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> No
 # --- the ruler
 
 
-def _nodes(mesh: Mesh, lower: tuple[float, ...], upper: tuple[float, ...]) -> np.ndarray:
-    """Nodes of a mesh in an order that is not the grid's, (n, 3)."""
-    axes = [a + (b - a) * x for a, b, x in zip(lower, upper, mesh.grids, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
-    order = np.random.default_rng(3).permutation(len(points))
-    return np.pad(points, ((0, 0), (0, 3 - len(lower))))[order]
-
-
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("graded", [None, ((0.0, 0.3, 1.0), (0.0, 0.1, 0.11, 1.0), (0.0, 1.0))])
-def test_polynomials_are_evaluated_exactly(
-    cell: str, degree: int, graded: tuple[tuple[float, ...], ...] | None
-) -> None:
+def _body(cell: str, degree: int, cells: int) -> BodyNodes:
+    """A box [0, 2] x [0, 1] (x [0, 1]) whose grid lines are not even; y = 0 is its contact."""
     d = 3 if cell in ("hexahedron", "tetrahedron") else 2
-    graded = graded and graded[:d]
-    lower, upper = (1.0, -2.0, 0.5)[:d], (2.0, 0.0, 3.5)[:d]
-    mesh = Mesh(cell, degree, (2, 3, 1)[:d], graded)
-    grid = PointsOfBox(lower, upper, (8, 12, 4)[:d])
-    fine = _nodes(Mesh("quadrilateral", 1, grid.cells), lower, upper)
-
-    def field(x: np.ndarray) -> np.ndarray:
-        line = x[:, :d] @ np.array([1.0, -3.0, 0.7])[:d] + 2.0
-        return np.column_stack([line**degree, -line])
-
-    nodes = _nodes(mesh, lower, upper)
-    seen = Mesh.through(cell, degree, grid.places(nodes))
-    assert seen.cells == mesh.cells
-    for found, expected in zip(seen.lines, mesh.lines, strict=True):
-        assert found == pytest.approx(expected, abs=1e-12)
-    found = grid.evaluate(mesh, nodes, field(nodes))
-    order = np.lexsort(fine[:, :d].T[::-1])
-    assert found == pytest.approx(field(fine[order]), abs=1e-11)
-    with pytest.raises(ValueError, match="nodes"):
-        grid.evaluate(mesh, nodes[1:], field(nodes)[1:])
-
-
-@pytest.mark.parametrize("cell", ["tetrahedron", "triangle"])
-def test_simplices_are_those_of_dolfinx(cell: str) -> None:
-    """The interpolant of a random field agrees with dolfinx's inside every cell."""
-    from dolfinx import fem
-    from dolfinx import mesh as dmesh
-    from mpi4py import MPI
-
-    from meshes import dolfinx_compat
-
-    d = 3 if cell == "tetrahedron" else 2
-    make = dmesh.create_box if d == 3 else dmesh.create_rectangle
-    mesh = make(MPI.COMM_SELF, [np.zeros(d), np.ones(d)], [2] * d, getattr(dmesh.CellType, cell))
-    space = dolfinx_compat.vector_space(mesh, 1, d)
-    function = fem.Function(space)
-    function.x.array[:] = np.random.default_rng(1).normal(size=len(function.x.array))
-    cells = dolfinx_compat.cell_nodes(mesh)
-    centres = mesh.geometry.x[cells].mean(axis=1)
-    expected = function.eval(centres, np.arange(len(cells), dtype=np.int32))
-    fine = 8 if d == 3 else 6  # centres of simplices of 2 cells: multiples of 1/8, 1/6
-    grid = PointsOfBox((0.0,) * d, (1.0,) * d, (fine,) * d)
-    nodes = space.tabulate_dof_coordinates()
-    found = grid.evaluate(Mesh(cell, 1, (2,) * d), nodes, function.x.array.reshape(-1, d))
-    place = np.rint(centres[:, :d] * fine).astype(int)
-    rows = np.ravel_multi_index(tuple(place.T), (fine + 1,) * d)
-    assert found[rows] == pytest.approx(expected, abs=1e-12)
-
-
-def test_energy_and_volume_of_the_lattice() -> None:
-    material, grid = Material(210.0, 0.3), PointsOfBox((0, 0, 0), (2, 1, 1), (4, 3, 2))
-    points = _nodes(Mesh("hexahedron", 1, grid.cells), grid.lower, grid.upper)
-    points = points[np.lexsort(points.T[::-1])]
-    stretch = np.zeros_like(points)
-    stretch[:, 0] = 0.1 * points[:, 0]
-    modulus = 210.0 * 0.7 / (1.3 * 0.4)
-    assert grid.energy(stretch, (material,), None) == pytest.approx(2.0 * modulus * 0.01)
-    assert grid.energy(np.ones_like(points), (material,), None) == pytest.approx(0.0, abs=1e-10)
-    assert grid.weights.sum() == pytest.approx(2.0)
+    lines = [np.linspace(0.0, length, cells + 1) ** 1.3 for length in (2.0 ** (1 / 1.3), 1.0, 1.0)]
+    mesh = graded_box(cell, lines[:d]).shape(degree)
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
+    facets = mesh.topology.facets[mesh.sides["y-"]]
+    return BodyNodes(cell, degree, points, mesh.cells, np.zeros(len(mesh.cells), np.int32), facets)
 
 
 def test_pressure_is_continued_to_nodes_without_a_row() -> None:
     scene = build_scene(load(CONFIGS / "block_2d.yaml"))
-    box = scene.bodies[0].mesh
-    grid = PointsOfBox(box.lower, box.upper, (8, 8))
-    mesh = Mesh("quadrilateral", 1, (2, 2))
-    points = _nodes(mesh, box.lower, box.upper)
-    floor = points[:, 1] == 0.0
-    watched = floor & (points[:, 0] > 0.0)
-    fields = Fields(points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
-                    np.array([1]), np.array(["quadrilateral"]))  # fmt: skip
-    ruler = Ruler(scene, (grid,), [])
-    found = ruler.sample(fields).pressure[0].reshape(9, 9)
-    assert found[1:, 0] == pytest.approx(5.0)
-    assert found[0, 0] == 0.0
+    finest, coarse = _body("quadrilateral", 1, 8), _body("quadrilateral", 1, 2)
+    floor = coarse.points[:, 1] == 0.0
+    watched = floor & (coarse.points[:, 0] > 0.0)
+    fields = Fields(coarse.points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
+                    np.array([1]), np.array(["quadrilateral"]), [coarse.cells],
+                    [coarse.tags])  # fmt: skip
+    found = Ruler(scene, (PointsOfMesh(finest),)).sample(fields).pressure[0]
+    floor, end = finest.points[:, 1] == 0.0, finest.points[:, 0] == 0.0
+    assert found[floor & ~end] == pytest.approx(5.0)
+    assert found[floor & end] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_extrapolation_finds_rate_and_rest() -> None:
     scene = build_scene(load(CONFIGS / "block_2d.yaml"))
-    box = scene.bodies[0].mesh
-    grid = PointsOfBox(box.lower, box.upper, (4, 4))
-    ruler = Ruler(scene, (grid,), [grid.weights])
+    ruler = Ruler(scene, (PointsOfMesh(_body("quadrilateral", 1, 4)),))
     limit = np.random.default_rng(0).normal(size=(25, 3))
     drift = np.random.default_rng(1).normal(size=(25, 3))
 
@@ -168,19 +97,6 @@ def test_extrapolation_finds_rate_and_rest() -> None:
     assert reference.errors(answer(0.1))[0] == pytest.approx(reference.accuracy[0])
     assert "rate 2.00" in reference.describe()
     assert extrapolate(np.ones(3), np.ones(3))[0] == pytest.approx(0.25)
-
-
-# --- clouds, for meshes from files
-
-
-def _body(cell: str, degree: int, cells: int) -> BodyNodes:
-    """A box [0, 2] x [0, 1] (x [0, 1]) whose grid lines are not even; y = 0 is its contact."""
-    d = 3 if cell in ("hexahedron", "tetrahedron") else 2
-    lines = [np.linspace(0.0, length, cells + 1) ** 1.3 for length in (2.0 ** (1 / 1.3), 1.0, 1.0)]
-    mesh = graded_box(cell, lines[:d]).shape(degree)
-    points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
-    facets = mesh.topology.facets[mesh.sides["y-"]]
-    return BodyNodes(cell, degree, points, mesh.cells, np.zeros(len(mesh.cells), np.int32), facets)
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
