@@ -70,8 +70,12 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         if s.body != contact.body:
             continue
-        surface = np.unique(s.reference.facets[surface_facets(s, body)])
-        beside = np.setdiff1d(surface, boundary_nodes(s, body, contact.boundary))
+        mask = np.zeros(len(s.nodes), bool)
+        mask[s.reference.facets[surface_facets(s, body)]] = True
+        mask[boundary_nodes(s, body, contact.boundary)] = False
+        beside = np.flatnonzero(mask)
+        if not len(beside):
+            continue
         u = solution.displacements[cls][:, column].reshape(-1, d)[beside]
         try:
             gap, normal = contact.gap_and_normal(s.points()[beside])

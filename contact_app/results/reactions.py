@@ -138,16 +138,20 @@ def _held_copies(
     A subdomain may meet a held node by an edge or a corner and have none of the facets about it:
     its copy counts, too.
     """
-    body = model.scene.bodies[condition.body]
+    body, one = model.scene.bodies[condition.body], np.eye(model.scene.dimension)[0]
     on, weight = [], []
+    shares: dict[tuple[int, bytes], Array] = {}  # congruent subdomains have the same
     for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True):
         mask, share = np.zeros(len(s.nodes), bool), np.zeros(len(s.nodes))
         if s.body == condition.body:
             mask[boundary_nodes(s, body, condition.boundary)] = True
             rows = boundary_facets(s, body, condition.boundary)
             if len(rows):
-                one = np.eye(model.scene.dimension)[0]
-                share = model.elements[cls].traction(rows, one)[:: model.scene.dimension]
+                key = (cls, rows.tobytes())
+                if key not in shares:
+                    load = model.elements[cls].traction(rows, one)
+                    shares[key] = load[:: model.scene.dimension]
+                share = shares[key]
         on.append(mask)
         weight.append(share)
     exchange = model.node_exchange

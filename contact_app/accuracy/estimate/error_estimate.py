@@ -33,6 +33,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.accuracy.estimate.patches import Table
 from contact_app.accuracy.estimate.stress_recovery import (
     Patches,
     StressRecovery,
@@ -173,15 +174,11 @@ class ErrorEstimator:
         recovery, cells = self.recovery, self.recovery.cells[number]
         table = cells.table(2 * cells.degree)
         field = u.reshape(len(cells.places), cells.dimension, -1).swapaxes(1, 2)
+        known: NDArray[np.int64] | None = None
         for rows, shape, part in cells.batches(u.shape[1], len(table.weights)):
-            D = np.array(recovery.moduli[number][cells.tags[rows[0]]])
-            root = np.linalg.cholesky(np.linalg.inv(D.sum(axis=0)))  # e : C⁻¹ : e = |rootᵀ e|²
-            # node by node the same: from root's components of σ* to those at the points
-            nodal = np.einsum("qv,st->vsqt", table.values, root)
-            nodal = nodal.reshape(table.values.shape[1] * len(root), -1)
-            volume = cells.gradients(shape, table)[1]
-            weight = np.repeat(np.sqrt(table.weights * volume), len(root), axis=1)
-            operator = recovery.stress_at(number, shape, table, root.T @ D @ recovery.V)
+            if shape is not known:  # members of one class share all that depends on shapes
+                root, nodal, weight, operator = self._of_shape(number, shape, table)
+                known = shape
             nodes = cells.nodes[rows]
             stress = apply(operator, at_cells(field[:, part], nodes))
             missing = recovery.thermal_at(number, rows, part, table)
@@ -190,6 +187,31 @@ class ErrorEstimator:
             stress = stress * weight
             error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress
             yield rows, part, error, stress
+
+    def _of_shape(
+        self, number: int, shape: NDArray[np.int64], table: Table
+    ) -> tuple[Array, Array, Array, Array]:
+        """What distances in cells of a class depend on but displacements.
+
+        Returns
+        -------
+        The root of C⁻¹; the map from its components of σ* at nodes to those at points; weights of
+        points, (cells, points · components); and the map from displacements to stresses.
+        """
+        recovery, cells = self.recovery, self.recovery.cells[number]
+        D = np.array(recovery.moduli[number][cells.tags[shape[0]]])
+        root = np.linalg.cholesky(np.linalg.inv(D.sum(axis=0)))  # e : C⁻¹ : e = |rootᵀ e|²
+        # node by node the same: from root's components of σ* to those at the points
+        nodal = np.einsum("qv,st->vsqt", table.values, root)
+        nodal = nodal.reshape(table.values.shape[1] * len(root), -1)
+        volume = cells.gradients(shape, table)[1]
+        weight = np.repeat(np.sqrt(table.weights * volume), len(root), axis=1)
+        return (
+            root,
+            nodal,
+            weight,
+            recovery.stress_at(number, shape, table, root.T @ D @ recovery.V),
+        )
 
 
 def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
