@@ -4,11 +4,11 @@ Everything is assembled on the mesh of a congruence class and returned as plain 
 order of the mesh's nodes: unknown ``node * dimension + component``. Linear elasticity, small
 strain; moduli are those of `scene.material`.
 
-Two points a direction integrate the stiffness of first-order cells exactly on undistorted boxes,
-three that of second-order quadrilaterals and hexahedra, a rule of the same degree that of triangles
-and tetrahedra with straight edges; the default rule of the form compiler takes up to four times
-longer for the same matrix. In cells with curved edges the stiffness is no polynomial;
-the rule there is exact for what loads and constant stresses need, so that a patch test is passed.
+Two points per direction integrate the stiffness of first-order cells exactly on undistorted boxes,
+and three points that of second-order quadrilaterals and hexahedra. A rule of the same degree is
+exact for triangles and tetrahedra with straight edges. The default rule of the form compiler takes
+up to four times longer for the same matrix. In cells with curved edges the stiffness is not a
+polynomial; the rule there is exact for loads and constant stresses, so that a patch test is passed.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Element:
     dimension
         2 or 3.
     cells : (cells,)
-        Cells that carry forces per volume; all unless given.
+        Cells that carry forces per volume; all by default.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Element:
 
     @cached_property
     def unknowns(self) -> NDArray[np.int64]:
-        """dolfinx's unknown for each of ours, (nodes · dimension,)."""
+        """dolfinx's number of each unknown of the module's order, (nodes · dimension,)."""
         reference = self.reference
         order = list(vtk_order(reference.cell, reference.degree))
         blocks = dolfinx_compat.dof_nodes(self.space)[:, order]
@@ -91,7 +91,7 @@ class Element:
         compiled = dolfinx_compat.compile_form(form)
         matrix = create_matrix(
             compiled, "baij"
-        )  # whole blocks of a node are put in three times faster
+        )  # inserting whole blocks of a node is three times faster
         assemble_matrix(matrix, compiled)
         matrix.assemble()
         matrix.convert("aij")
@@ -112,8 +112,8 @@ class Element:
         """Load ∫ β T div v, (unknowns,), of a temperature at points (n, 3) of the reference.
 
         T is interpolated two degrees above the displacement, so that energies of different meshes
-        differ by their errors and not by that of T. With mean dilatation the part of the volume is
-        3 λ α |T| times the means of temperature and div v.
+        differ by their own errors, not by that of T. With mean dilatation the load is 3 λ α |T|
+        times the means of temperature and div v.
         """
         scalars = dolfinx_compat.scalar_space(self.mesh, self.reference.degree + 2)
         rise, v = fem.Function(scalars), ufl.TestFunction(self.space)
@@ -172,7 +172,7 @@ class Element:
 
     @property
     def mean_slopes(self) -> NDArray[np.float64]:
-        """Cell means of the slopes of shape functions, (cells, nodes, dimension)."""
+        """Cell means of the derivatives of shape functions, (cells, nodes, dimension)."""
         return self._means[0]
 
     @property
@@ -204,7 +204,7 @@ class Element:
     def _means(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """`mean_slopes`, volumes and `mean_values`.
 
-        By the rule of the stiffness: exact for ∫ ∇φ dx.
+        Integrated by the rule of the stiffness, which is exact for ∫ ∇φ dx.
         """
         reference, d = self.reference, self.dimension
         cell, curved = reference.cell, reference.curved
@@ -222,7 +222,7 @@ class Element:
         return slopes, volumes, (volume / volumes[:, None]) @ values
 
     def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:
-        """σ(u); without λ tr(ε) where that is taken from means over cells."""
+        """σ(u); without λ tr(ε) where this term uses means over cells."""
         full = 0.0 if materials[0].mean_dilatation else 1.0
         if len(materials) == 1:
             moduli = np.array(materials[0].lame(plane)) * [full, 1.0]

@@ -1,11 +1,10 @@
 """Contact rows on the faces of second-order tetrahedra: gaps in the mean about each vertex.
 
-A row at each node does not serve there. Of the six shape functions of a face those of the vertices
-have the integral zero, so the nodal forces of a constant pressure are zero at vertices, those of a
-linear one of either sign, and λ ≥ 0 cannot represent them. The pressure is linear on each face
-instead (on a curved one in the coordinates of its reference), p = Σ p_j ψ_j with ψ_j the hat
-function of vertex j, and what it works on, the gap averaged with ψ_j, is what must not be
-negative:
+On these faces, rows at nodes fail. The shape functions of the vertices of a face have the integral
+zero, so the nodal forces of a constant pressure are zero at vertices. The forces of a linear
+pressure have either sign, and λ ≥ 0 cannot represent them. Instead the pressure is linear on each
+face (on a curved face in the coordinates of its reference), p = Σ p_j ψ_j with ψ_j the linear shape
+function of vertex j. The gap averaged with ψ_j must not be negative:
 
     ∫ ψ_j (g + n·u) ds / W_j ≥ 0,   W_j = ∫ ψ_j ds,
 
@@ -34,7 +33,7 @@ GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArra
 
 
 def has_averaged_rows(body: Body) -> bool:
-    """Whether contact of a body with obstacles is kept in the mean, not at nodes."""
+    """Whether contact of a body with obstacles is enforced on averages, not at nodes."""
     return body.degree == 2 and body.mesh.cell == "tetrahedron"
 
 
@@ -50,9 +49,9 @@ def averaged_rows(
     Parameters
     ----------
     exchange
-        Where copies of surface nodes meet.
+        Exchange between copies of surface nodes.
     chosen
-        Rows of the reference's facets of each subdomain of this rank that may touch.
+        For each subdomain of this rank, rows of the reference's facets that may touch.
     source
         Index of the contact.
 
@@ -63,7 +62,7 @@ def averaged_rows(
     """
     parts = []
     for s, rows in zip(partition.subdomains, chosen, strict=True):
-        if len(rows):  # another body's facets may have other nodes
+        if len(rows):  # facets of another body may have another number of nodes
             facets = s.reference.facets[rows]
             parts.append((s.nodes[facets], s.points()[facets]))
     return rows_about_vertices(exchange, partition.dimension, parts, contact.gap_and_normal, source)
@@ -81,7 +80,7 @@ def rows_about_vertices(
     Parameters
     ----------
     exchange
-        Where copies of nodes meet.
+        Exchange between copies of nodes.
     d
         Dimension.
     facets

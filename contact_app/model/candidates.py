@@ -1,22 +1,21 @@
-"""Which nodes may touch: contact rows only where the displacement may ask for them.
+"""Candidates for contact: nodes that can come into contact get contact rows.
 
-A node farther from what it may touch than it can move needs no row. How far a body that its
-conditions hold can move is bounded as a bar, a beam and a half space would be under the sum F of
-the magnitudes of all loads on it and on what it touches, with Young's modulus E of its softest
-material, length L, mean cross-section A, thickness t and cells of size h:
+A node needs no row if its gap is larger than its displacement can be. The displacement of a held
+body is estimated by those of a bar, a beam and a half space under the sum F of the magnitudes of
+all loads on the body and on bodies that it touches. With Young's modulus E of its softest material,
+length L, mean cross-section A, thickness t and cells of size h, the estimate is
 
     F L / (E A) (1 + 4 (L/t)²) + F / (E h)    (in the plane 4 F / E),
 
-on top of the largest displacement that is prescribed, the deepest overlap and what free thermal
-strains of up to ε add up to, ε L (1 + L/t), the bow of a plate that is hot on one side among them;
-twice that is taken.
-Of rows at a node whose directions are less than 1e-2 apart only the nearest is kept: the others
-say nearly the same, which makes F singular but for the square of that angle (an obstacle given
-twice, once a little turned, takes hundreds of times as many steps).
+plus the largest prescribed displacement, the deepest overlap, and ε L (1 + L/t) for free thermal
+strains up to ε (which includes the bending of a plate that is hot on one side). Twice this sum is
+used. If rows at a node have directions less than 1e-2 apart, only the nearest remains: nearly
+parallel rows make F nearly singular (an obstacle given twice, once slightly rotated, takes hundreds
+of times as many steps).
 
-No theorem makes either sure, so the answer is held against the rows that were left out: if it
-crosses one of them, the scene is solved again with those it crosses (`run.solve_scene`). Bodies
-that only contact keeps may move as far as the gaps let them, and keep all rows.
+No theorem guarantees either rule. So the answer is tested in the rows that were left out: if it
+penetrates some, the scene is solved again with these rows (`run.solve_scene`). Bodies that only
+contact holds have all rows.
 """
 
 from __future__ import annotations
@@ -32,13 +31,13 @@ from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
 from solver.tfeti.constraints.exchange import NodeExchange
 
 SAFETY = 2.0
-"""Factor of the bound."""
+"""Safety factor on the estimate."""
 
 NEARLY_PARALLEL = 1e-2
-"""Distance of two unit directions at a node of which the nearer one alone is kept."""
+"""Distance of two unit directions at a node below which only the nearer row remains."""
 
 Needed = Literal["all", "estimated"] | NDArray[np.bool_]
-"""Candidate rows that get one: all, those an estimate finds, or some of this rank's."""
+"""Choice of candidate rows: all, by an estimate, or a mask of this rank's candidates."""
 
 
 def reaches(
@@ -48,7 +47,7 @@ def reaches(
     held: NDArray[np.bool_],
     overlaps: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """How far each contact's nodes may come nearer, (contacts,), infinite where nothing bounds it.
+    """Largest approach of the nodes of each contact, (contacts,); infinite if unbounded.
 
     Parameters
     ----------
@@ -56,7 +55,7 @@ def reaches(
         Bodies that may touch each other.
     pushing : (bodies,), (bodies,)
         Sum of the magnitudes of the nodal loads on each body, and its free thermal strain; elastic
-        bodies first, then moving rigid ones, whose contacts nothing bounds.
+        bodies first, then moving rigid ones, whose approach is unbounded.
     held : (bodies,)
         Whether the conditions stop every rigid motion of a body.
     overlaps : (contacts,)
@@ -87,7 +86,7 @@ def reaches(
 
 
 def _tied_to(scene: Scene, number: int) -> set[int]:
-    """A body and those that are tied to it, directly or through others."""
+    """A body and all bodies that are tied to it, directly or through others."""
     found, before = {number}, 0
     while len(found) > before:
         before = len(found)
@@ -117,7 +116,7 @@ def _softness(scene: Scene, number: int) -> float:
 
 
 def estimated(rows: ContactRows, reach: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which candidate rows are within reach and not nearly repeated by nearer ones, (rows,)."""
+    """Mask (rows,) of candidate rows within reach that no nearer row nearly repeats."""
     needed = rows.gaps <= reach[rows.sources]
     single = ~rows.wide & np.isfinite(reach[rows.sources])
     direction, entries = np.zeros_like(rows.normals), rows.entries
@@ -139,15 +138,15 @@ def more_needed(
     slack: NDArray[np.float64],
     sizes: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Of the rows that were left out those an answer asks for, (rows,).
+    """Mask (rows,) of the left-out rows that an answer penetrates.
 
     Parameters
     ----------
     slack : (rows,)
-        What the answer leaves along them.
+        Remaining gap of the answer along each row.
     sizes : (rows,)
-        The largest displacement of their bodies; rows that were out of reach are taken if they are
-        as near.
+        The largest displacement of the bodies of each row; rows that were out of reach join if they
+        are as near as the others.
     """
     far = left_out.gaps > reach[left_out.sources]
     return slack < np.where(far, sizes, 0.0)
@@ -156,14 +155,14 @@ def more_needed(
 def slack_of(
     rows: ContactRows, exchange: NodeExchange, displacement: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distance left along each row, (rows,) (collective).
+    """Remaining gap along each row, (rows,) (collective).
 
     Parameters
     ----------
     exchange
-        Of all nodes with their owners.
+        Exchange of all nodes with their owners.
     displacement : (nodes, dimension)
-        At the nodes this rank owns.
+        Displacement at the nodes that this rank owns.
     """
     entries = rows.entries
     query = exchange.among(entries.node)

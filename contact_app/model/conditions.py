@@ -24,7 +24,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 
 
 def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:
-    """Held nodes and contact rows as this rank's subdomains see them."""
+    """Held nodes and contact rows at the nodes of this rank's subdomains."""
     d = scene.dimension
     held: list[tuple] = []
     touching: list[tuple] = []
@@ -67,7 +67,7 @@ def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:
 def rows_in_the_mean(
     scene: Scene, partition: Partition, exchange: NodeExchange, number: int
 ) -> ContactRows:
-    """Rows of a contact that is kept in the mean about vertices."""
+    """Rows of a contact that is enforced on averages about vertices."""
     contact = scene.contacts[number]
     body = scene.bodies[contact.body]
     chosen = facets_of(scene, partition, contact.body, contact.boundary)
@@ -146,7 +146,7 @@ def refuse_empty_boundaries(scene: Scene, partition: Partition, conditions: Node
 
 
 def contradiction(scene: Scene, error: ContradictionError) -> ContactError:
-    """Tell the user which conditions exclude each other."""
+    """The error that names the conditions that exclude each other."""
     if error.kind == "held twice":
         first, second = scene.displacements[error.first], scene.displacements[error.second]
         return ConfigurationError(

@@ -1,4 +1,4 @@
-"""The decomposition chosen for the user: splits of a box, and what each would cost.
+"""The automatic decomposition: splits of a box, and their predicted cost.
 
 Among the splits into sub-boxes about as long in every direction, and the box as one, the one whose
 run would take least time by the model of `solver.tfeti.subdomain.costs`. `python -m
@@ -16,23 +16,26 @@ from meshes.box import BoxShape
 from solver.tfeti.subdomain.costs import Group, run_seconds
 
 APPLICATIONS_GLUED, APPLICATIONS_WHOLE = 30.0, 30.0
-"""Applications of the dual operator a solve takes about, with gluing and without."""
+"""Typical number of applications of the dual operator in a solve, with and without gluing."""
 
 EDGE = 8.0
 """Cells along the edge of a sub-box at which `APPLICATIONS_GLUED` holds; they grow slowly."""
 
 WORTH_SPLITTING = 0.8
-"""Time of the best split over that of one subdomain above which the box stays whole."""
+"""Time of the best split over that of one subdomain above which the box is not split."""
 
 SLENDER = 20.0
-"""Boxes so many times longer than wide stay whole up to `SLENDER_NODES`: the factor of a narrow
-body is cheap, and the bending of a chain of subdomains makes the dual ill-conditioned."""
+"""Boxes that are longer than this multiple of their width are not split up to `SLENDER_NODES`.
+
+The factor of a narrow body is cheap, and bending of a chain of subdomains makes the dual problem
+ill-conditioned.
+"""
 
 SLENDER_NODES = 50_000
-"""Nodes up to which slender boxes stay whole."""
+"""Number of nodes up to which slender boxes are not split."""
 
 LONGEST = 3.0
-"""Sub-boxes are up to so many times longer than wide, as far as the cells allow."""
+"""Largest ratio of length to width of sub-boxes, as far as the cells allow."""
 
 
 def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[int, ...]:
@@ -41,9 +44,9 @@ def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[
     Parameters
     ----------
     at_least
-        Sub-boxes there have to be: one for each rank.
+        Least number of sub-boxes: one per rank.
     alone
-        Whether it is the only body; several share a coarse problem however they are cut.
+        Whether it is the only body; several bodies have a coarse problem for any splits.
     """
     whole = (1,) * box.dimension
     edges = sorted(c * h for c, h in zip(box.cells, box.spacing, strict=True))
@@ -58,7 +61,7 @@ def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[
 
 
 def seconds(box: BoxShape, split: tuple[int, ...], alone: bool = True) -> float:
-    """Of a run with a box in so many sub-boxes along each axis, by the model; as `choose_split`."""
+    """Predicted seconds of a run with a box in given sub-boxes; parameters as in `choose_split`."""
     subdomains = math.prod(split)
     groups = groups_of(box, split)
     rows = box.dimension * (
@@ -72,7 +75,10 @@ def seconds(box: BoxShape, split: tuple[int, ...], alone: bool = True) -> float:
 
 
 def groups_of(box: BoxShape, split: tuple[int, ...]) -> list[Group]:
-    """Sub-boxes of one size each; a box as one has neither an interface nor use of its mirrors."""
+    """Groups of sub-boxes of equal size.
+
+    An undivided box has no interface and uses no reflections.
+    """
     d = box.dimension
     reflections = 2**d if box.cell in ("quadrilateral", "hexahedron") else 2
     sizes = [
@@ -111,7 +117,7 @@ def _splits(box: BoxShape) -> Iterator[tuple[int, ...]]:
                 continue
             seen.add(split)
             edges = [c * h / p for c, h, p in zip(box.cells, box.spacing, split, strict=True)]
-            # an axis that is short as a whole makes no sub-box too narrow
+            # a short axis of the whole box makes no sub-box too narrow
             free = [e for e, p in zip(edges, split, strict=True) if p > 1]
             if max(edges) <= LONGEST * min(free):
                 yield split
@@ -119,7 +125,7 @@ def _splits(box: BoxShape) -> Iterator[tuple[int, ...]]:
 
 
 def _near(cells: int, wish: float) -> list[int]:
-    """Numbers of parts near a wish: the nearest, and the nearest that divides the cells."""
+    """Numbers of parts near a wanted one: the nearest, and the nearest divisor of the cells."""
     nearest = min(cells, max(1, round(wish)))
     even = [p for p in range(1, min(cells, math.ceil(2 * wish)) + 1) if cells % p == 0]
     return sorted({nearest, min(even, key=lambda p: abs(math.log(p / wish)))})

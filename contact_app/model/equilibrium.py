@@ -1,4 +1,7 @@
-"""The equilibrium of each body: a scene whose loads drive a body away is refused unsolved."""
+"""The equilibrium of each body.
+
+A scene whose loads drive a body away is refused before the solve.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +50,12 @@ def body_balances(
 ) -> list[BodyBalance]:
     """The equilibrium of each body, (bodies,): elastic ones first, then moving rigid ones.
 
-    Raises where a load drives a body away.
+    Raises `NoEquilibriumError` if a load drives a body away.
 
     Parameters
     ----------
     holding
-        Held nodes and tied rows this rank owns.
+        Held nodes and tied rows that this rank owns.
     """
     held, tied = holding
     d, comm = scene.dimension, partition.comm
@@ -114,10 +117,10 @@ def _no_equilibrium(
     escape: NDArray[np.float64],
     cones: FrictionCones | None,
 ) -> str:
-    """The message on a group that a load drives away along an escape (collective).
+    """The error for a group that a load drives away along an escape (collective).
 
-    With slip limits that are given, also at which share of all loads this starts. Within a load
-    step only its own loads grow, and the step says its factor.
+    With given slip limits the message has the share of all loads at which this starts. In a load
+    step only its own loads grow, and the message of the step has the factor.
 
     Parameters
     ----------
@@ -141,13 +144,13 @@ def _with_free(
 ) -> NDArray[np.float64]:
     """Orthonormal motions of elastic bodies in the span of slides and free motions.
 
-    All (motions of the group, k).
+    All arrays are (motions of the group, k).
     """
     return spanned(np.where(elastic[:, None], np.hstack([sliding, free]), 0.0))
 
 
 def loose_bodies(scene: Scene, balances: list[BodyBalance]) -> LooseBodies:
-    """Rigid motions that nothing resists; moving rigid bodies have no such motions."""
+    """Rigid motions of elastic bodies that nothing resists."""
     frames = [body_frame(body) for body in scene.bodies]
     frames += [(np.zeros(3), 1.0)] * (len(balances) - len(frames))
     return LooseBodies(
@@ -291,7 +294,7 @@ def _moved_by_contact(
 
 
 def _leaving(scene: Scene, group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:
-    """Which bodies of a group leave, and where to."""
+    """Phrase with the bodies of a group that leave, and their directions."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
     said = [
@@ -311,7 +314,7 @@ def body_frame(body: Body) -> tuple[NDArray[np.float64], float]:
 
 
 def upward(motions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motions (motions, k) that go either way, with a sign of which the first part is positive."""
+    """Motions (motions, k) with signs chosen so that the first non-zero part is positive."""
     large = np.abs(motions) > 1e-3 * np.abs(motions).max(axis=0)
     return motions * np.sign(motions[large.argmax(axis=0), np.arange(motions.shape[1])])
 
@@ -333,4 +336,4 @@ def directions_in_words(motions: NDArray[np.float64]) -> str:
                 sign = "-" if value < 0 else "+"
                 terms.append(f"{'' if abs(value) > 0.999 else f'{abs(value):.2g} '}{sign}{name}")
         words.append(" and ".join(terms).replace("+a turn", "a turn").replace("-a turn", "a turn"))
-    return "; ".join(sorted(words))  # one order, so that equal remarks read alike
+    return "; ".join(sorted(words))  # a fixed order, so that equal motions have equal texts

@@ -1,8 +1,8 @@
-"""Integrals over facets as the mesh has them, straight or curved.
+"""Integrals over straight or curved facets of the mesh.
 
 A facet is a line, a triangle or a quadrilateral of first or second order, its nodes in dolfinx's
-order: vertices first, then the middles of edges and of the facet itself. Points of it are
-interpolated between all of its nodes, and what is integrated are products of the hat functions ψ
+order: vertices first, then the middles of edges and of the facet itself. Points of a facet are
+interpolated between all of its nodes. The integrands are products of the linear shape functions ψ
 of its vertices and the shape functions φ of its nodes.
 """
 
@@ -17,15 +17,15 @@ from meshes import dolfinx_compat
 from meshes.quadratic import FACETS
 
 LATTICE = 12
-"""Intervals along an edge between the points at which a facet is looked at."""
+"""Intervals along an edge between the sample points of a facet."""
 
 RULE = 8
-"""Degree of the quadrature; the square root in the area of curved facets is no polynomial."""
+"""Degree of the quadrature; the square root in the area of curved facets is not a polynomial."""
 
 
 @cache
 def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Weights (q,), hats (q, vertices), shapes (q, nodes) and their slopes (q, d - 1, nodes)."""
+    """Weights (q,), ψ (q, vertices), φ (q, nodes) and derivatives of φ (q, d - 1, nodes)."""
     name, _, order = FACETS[dimension, nodes]
     points, weights = dolfinx_compat.quadrature(name, RULE)
     values = [dolfinx_compat.lagrange_values(name, p, points) for p in (1, order)]
@@ -46,7 +46,7 @@ def shapes_on_lattice(dimension: int, nodes: int) -> NDArray[np.float64]:
 
 @cache
 def hats_at_nodes(dimension: int, nodes: int) -> NDArray[np.float64]:
-    """Values of the hat functions at the nodes of a facet, (vertices, nodes)."""
+    """Values of the linear shape functions at the nodes of a facet, (vertices, nodes)."""
     name, _, order = FACETS[dimension, nodes]
     return dolfinx_compat.lagrange_values(name, 1, dolfinx_compat.lagrange_nodes(name, order)[0]).T
 
@@ -73,11 +73,11 @@ MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
     6: ((1, 2), (0, 2), (0, 1)),
     9: ((0, 1), (0, 2), (1, 3), (2, 3), (0, 1, 2, 3)),
 }
-"""Vertices that each further node of a facet lies amid, in dolfinx's order, by its nodes."""
+"""Vertices around each further node of a facet, in dolfinx's order, by number of nodes."""
 
 
 def between_vertices(facets: NDArray[np.integer], values: NDArray[np.float64]) -> None:
-    """Continue values at the vertices of facets (facets, 3, 6 or 9) to the middles, in place."""
+    """Interpolate values at the vertices of facets (facets, 3, 6 or 9) to the middles, in place."""
     middles = MIDDLES[facets.shape[1]]
     for place, amid in enumerate(middles, facets.shape[1] - len(middles)):
         values[facets[:, place]] = values[facets[:, list(amid)]].mean(axis=1)

@@ -1,4 +1,4 @@
-"""Obstacles farther from a body than the body is long: usually one of two units of length."""
+"""Hints on obstacles farther from a body than its length: often a mistake in units of length."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def far_obstacle_hints(
     Parameters
     ----------
     gaps, sources : (rows,)
-        Of this process's rows of non-penetration: lengths, and which contact they belong to.
+        Gaps of this rank's contact rows (lengths), and the contact of each row.
     """
     found = []
     for number, contact in enumerate(scene.contacts):

@@ -1,11 +1,11 @@
 """Heat: temperatures at the nodes of subdomains, and the loads by which they expand bodies.
 
-A body of temperature T over that at which it is free of stress has σ = C (ε(u) - α T I), so that
+A body with the temperature T above its stress-free temperature has σ = C (ε(u) - α T I), so that
 
     a(u, v) = l(v) + ∫ β T div v dx,    β = (3 λ + 2 μ) α    (E α/(1 - ν) in plane stress).
 
-The load is in equilibrium with itself. Stresses take T at the nodes of the displacement, with its
-degree in between, and have a T that is a polynomial of that degree exactly.
+The load is in equilibrium with itself. Stresses use T interpolated between the nodes of the
+displacement, which is exact for polynomials of its degree.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Array = NDArray[np.float64]
 
 
 def node_temperatures(scene: Scene, partition: Partition) -> list[Array | None]:
-    """Temperature at the nodes (nodes,) of each subdomain of this rank; None where none is given.
+    """Temperature at the nodes (nodes,) of each subdomain of this rank; None without heat.
 
     Raises
     ------
     ConfigurationError
-        An expression has no value at a node; on the rank where it has none.
+        An expression has no value at a node; raised on the rank of the node.
     """
     return [
         _temperature(scene, s.body, s.points()) if _heated(scene, s.body) else None
@@ -71,7 +71,7 @@ def thermal_loads(
     Raises
     ------
     ConfigurationError
-        As `node_temperatures`, between nodes.
+        As in `node_temperatures`, for points between nodes.
     """
     uniform: dict[tuple[int, int], Array] = {}
     loads: list[Array | None] = []

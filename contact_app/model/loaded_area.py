@@ -1,7 +1,7 @@
-"""The area that a traction or pressure acts on, beside the area that its boundary describes.
+"""The loaded area of a traction or pressure, compared with the area of its boundary.
 
-A load acts on facets all of whose nodes are on the boundary. Where an expression defines it, facets
-that straddle its edge carry nothing, so that the total force changes with the mesh.
+A load acts on facets all of whose nodes are on the boundary. If an expression defines the boundary,
+facets that straddle its edge carry no load, so the total force depends on the mesh.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from meshes import Partition, dolfinx_compat
 from meshes.quadratic import FACETS
 
 SAMPLES = 8
-"""Points along an edge at which facets are asked whether the expression holds."""
+"""Sample points along an edge of a facet at which the expression is evaluated."""
 
 
 def loaded_facets(
     scene: Scene, partition: Partition, load: Traction | Pressure
 ) -> tuple[int, float]:
-    """How many facets carry a load, and their area (collective)."""
+    """Number of facets that carry a load, and their area (collective)."""
     body, count, area = scene.bodies[load.body], 0, 0.0
     for s in partition.subdomains:
         if s.body == load.body:
@@ -39,7 +39,8 @@ def loaded_facets(
 def straddled_area(scene: Scene, partition: Partition, load: Traction | Pressure) -> float:
     """Area in which the boundary's expression holds on facets without the load (collective).
 
-    Zero where the mesh itself knows the boundary. Sampled, so to some per cent of a facet.
+    Zero if the mesh defines the boundary. The area is sampled, with an error of some per cent of a
+    facet.
     """
     body, total = scene.bodies[load.body], 0.0
     expression = body.boundaries.get(load.boundary)

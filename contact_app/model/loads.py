@@ -24,7 +24,7 @@ def load_vectors(
     elements: dict[int, Element],
     linear: Sequence[LinearTraction] = (),
 ) -> list[NDArray[np.float64] | None]:
-    """Load vector of each subdomain of this rank, None where nothing acts (collective).
+    """Load vector of each subdomain of this rank; None without loads (collective).
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def subdomain_load(
     linear: Sequence[LinearTraction] = (),
     cache: dict[Hashable, NDArray[np.float64]] | None = None,
 ) -> NDArray[np.float64] | None:
-    """Load vector of a subdomain, None where nothing acts.
+    """Load vector of a subdomain; None without loads.
 
     Parameters
     ----------
     cache
-        Loads of congruent subdomains that were computed before; new ones are added.
+        Known loads of congruent subdomains; new ones are added.
     """
     cache, parts = {} if cache is None else cache, []
 

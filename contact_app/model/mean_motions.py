@@ -1,14 +1,14 @@
 """Rows that hold rigid motions of a body on request, in the mean over its whole surface.
 
-A motion that is held on request may meet a resistance, and what holds it is then a part of the
-answer. With ρ_k the rigid motions about the centre of the body and S its surface,
+A motion held on request may have a resistance, and its holding force is then a part of the answer.
+With ρ_k the rigid motions about the centre of the body and S its surface,
 
     M_kl = ∫_S ρ_k · ρ_l ds,   m_k(u) = Σ_l (M⁻¹)_kl ∫_S ρ_l · u ds,
 
-m(u) are the parts of the rigid motion that is nearest to u in the mean square over S, and the held
-ones are zero. The force of such a row is a traction over the whole surface that is itself a rigid
-motion, of work on the held motion alone: it leaves the balance of the others be. Neither the
-decomposition nor, in the limit, the mesh has a part in it.
+where m(u) are the components of the rigid motion nearest to u in the mean square over S; the held
+components are zero. The force of such a row is a traction over the whole surface with the shape of
+a rigid motion. It does work on the held motion alone, so it does not change the balance of the
+other motions. The condition is independent of the decomposition and, in the limit, of the mesh.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def mean_motion_rows(
     held: HeldRows,
     length: float,
 ) -> ContactRows:
-    """Those this rank owns, without what is held (collective).
+    """Rows that this rank owns, without held components (collective).
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _weights(
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """Surface nodes of a body on this rank, their weights in the held m_k, their numbers.
 
-    (k, 3), (k, dimension, held) and (k,); a node comes once a subdomain (collective).
+    (k, 3), (k, dimension, held) and (k,); a node occurs once per subdomain (collective).
     """
     d, body = scene.dimension, scene.bodies[b]
     square = np.zeros((MOTIONS[d], MOTIONS[d]))
@@ -95,12 +95,12 @@ def _rows(
     arms: Array,
     weights: Array,
 ) -> ContactRows:
-    """Orthonormal rows of one body; those of a node that comes several times are added up.
+    """Orthonormal rows of one body; the weights of a repeated node are summed.
 
     Parameters
     ----------
     place
-        The node that stands for the rows, and the centre, to which their moments refer.
+        Node to which the rows are assigned, and the centre, to which their moments refer.
     arms : (k, 3)
         From the centre to the nodes.
     """

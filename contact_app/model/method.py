@@ -1,4 +1,4 @@
-"""Which method `solver.method: auto` stands for, and what a method asks of its model.
+"""The choice of `solver.method: auto`, and the requirements of a method on the model.
 
 The rule stands on CPU seconds of whole runs at 1e-8 on one rank
 (`contact_app.studies.method_choice` on the parts of `meshes/samples/make_trials.py`; the table is
@@ -47,7 +47,7 @@ LARGEST_THIN = {2: 500_000, 3: 60_000}
 """Unknowns up to which factors of thin scenes are cheap, by dimension."""
 
 LARGEST_THIN_ALONE = 100_000
-"""The same of one body from a mesh file in space: as far as it is measured."""
+"""The same for one body from a mesh file in space; the largest measured size."""
 
 PATIENCE, PATIENCE_UNKNOWNS = 300, 25_000
 """Iterations of Total FETI on a thin scene after which the undecomposed problem is solved, and
@@ -67,7 +67,7 @@ takes 254; a thin one on which a factor costs too much takes 364."""
 
 
 def chosen(scene: Scene) -> Scene:
-    """The scene with the method that `auto` stands for, where that is multigrid.
+    """The scene with `method: primal` if `auto` chooses multigrid.
 
     So it is where all bodies come from mesh files, in space, with as many unknowns as pay for its
     levels; and nothing asks for another method. Several bodies of degree 2 stay with Total FETI.
@@ -92,7 +92,7 @@ def chosen(scene: Scene) -> Scene:
 
 
 def may_peel(scene: Scene) -> bool:
-    """Whether `auto` has to reckon with contact that peels off row by row, as of thin bodies.
+    """Whether contact may peel off row by row, as on thin bodies.
 
     With friction hardly anything slides off so; Total FETI has no limit there.
     """
@@ -105,7 +105,7 @@ def may_peel(scene: Scene) -> bool:
 
 
 def patience(scene: Scene) -> int:
-    """Iterations of Total FETI after which a scene that may peel off is solved otherwise."""
+    """Iterations of Total FETI after which a scene that may peel off is solved by multigrid."""
     if scene.dimension == 2:
         return PATIENCE_IN_PLANE
     unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
@@ -121,7 +121,7 @@ def _largest_thin(scene: Scene) -> int:
 
 
 def why_total_feti(scene: Scene) -> str:
-    """Why `auto` solves a scene by Total FETI, for the report of `check`."""
+    """The reason why `auto` solves a scene by Total FETI, for the report of `check`."""
     bodies = scene.bodies
     if scene.decomposition.subdomains is not None:
         return "the scene names its decomposition"
@@ -148,15 +148,15 @@ def _has_thin_body(scene: Scene) -> bool:
 
 
 def is_undecomposed(scene: Scene) -> bool:
-    """Whether the scene is solved for the displacements of bodies that are not cut."""
+    """Whether the scene is solved for the displacements of undecomposed bodies."""
     return scene.solver.method == "primal"
 
 
 def subdomains_of(scene: Scene, comm: MPI.Intracomm) -> None | int | tuple[int, ...]:
-    """Subdomains as `meshes.decompose` takes them.
+    """Requested subdomains in the form of `meshes.decompose`.
 
-    A method for undecomposed bodies takes the fewest there can be: one for each body, and one for
-    each rank.
+    A method for undecomposed bodies has the fewest possible: one for each body, and one for each
+    rank.
     """
     asked = scene.decomposition.subdomains
     if asked is None and is_undecomposed(scene):

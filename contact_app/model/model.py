@@ -1,10 +1,10 @@
-"""From a scene to its dual problem: subdomains, loads, conditions at nodes, rows of B.
+"""Construction of the dual problem of a scene: subdomains, loads, conditions at nodes, rows of B.
 
 A body that is one subdomain and whose held nodes stop every rigid motion needs no gluing and no
 coarse problem: its held unknowns are eliminated. Every other subdomain floats, as in Total FETI,
 and its conditions are rows of B.
 
-Load cases of a scene share everything but load vectors, prescribed displacements and gaps
+Load cases of a scene differ in load vectors, prescribed displacements and gaps alone
 (`model_of_case`).
 """
 
@@ -53,12 +53,12 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A scene made ready to solve.
+    """The discrete model of a scene.
 
     Attributes
     ----------
     place : (subdomains, 2)
-        Class and column of each subdomain of this rank: where its vectors are.
+        Class and column of each subdomain of this rank, which locate its vectors.
     elements
         Finite-element forms of each class, for stresses and areas.
     materials
@@ -66,24 +66,24 @@ class Model:
     exchange
         Where the copies of surface nodes meet; `copies` gives their subdomain and local node.
     needed, left_out
-        Which of this rank's candidate rows are contact rows, and the others, which the answer is
-        held against.
+        Mask of this rank's candidate rows that are contact rows, and the other candidates, in which
+        the answer is tested.
     merged
-        Rows that a tighter one of the same node in the same direction makes redundant.
+        Rows that a tighter parallel row of the same node makes redundant.
     reach
-        How far the nodes of each contact may come nearer, (contacts,).
+        Largest approach of the nodes of each contact, (contacts,).
     node_exchange
         Exchange of all nodes (not only surface nodes) with their owners.
     linear
         The tractions of total forces and moments.
     temperatures
-        At the nodes of each class, (nodes, members); None where a class is without heat.
+        Temperatures at the nodes of each class, (nodes, members); None for classes without heat.
     probes
-        The cells of points whose displacement is asked for.
+        Cells of the points at which the displacement is written.
     sections
-        The cells on either side of planes at which section forces are asked for.
+        Cells on both sides of the planes of section forces.
     notes
-        Sentences on what was left out or added, for `check`, the log and the certificate.
+        Sentences on rows that were left out or added, for `check`, the log and the certificate.
     """
 
     scene: Scene
@@ -109,7 +109,7 @@ class Model:
         return self.partition.comm
 
     def elastic(self, values: Sequence[Part]) -> Sequence[Part]:
-        """Of values of each class those of the classes with a mesh, without rigid bodies."""
+        """The values of classes with a mesh, without rigid bodies."""
         return values[: len(self.elements)]
 
     @cached_property
@@ -133,7 +133,7 @@ def build_model(
     tell
         Called with the scene and its outline before anything is assembled (collective).
     options
-        Of the decomposition's constraints and coarse problem.
+        Options of the constraints and the coarse problem.
     """
     timings = timings or Timings()
     with timings.measure("setup"):
@@ -146,8 +146,8 @@ def build_model(
 def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
     """The model of a scene that differs in the factors of its conditions alone (collective).
 
-    It has the meshes, constraints and factors of the model, and loads, prescribed displacements and
-    gaps of its own.
+    It shares the meshes, constraints and factors of the model, and has its own loads, prescribed
+    displacements and gaps.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
 
 
 ClassKey = tuple[int, tuple[Material, ...], bytes | None]
-"""What subdomains of one class share: mesh, materials and eliminated unknowns."""
+"""Key of a class of congruent subdomains: mesh, materials and eliminated unknowns."""
 
 
 def _congruent(
@@ -330,7 +330,7 @@ def _assembled(
 
 
 def _places(partition: Partition, members: list[int], levels: bool) -> NodePlaces:
-    """Nodes of the subdomains of a class, with what levels of a multigrid ask for."""
+    """Nodes of the subdomains of a class, with data for the levels of a multigrid."""
     own = [partition.subdomains[local] for local in members]
     return NodePlaces(
         numbers=np.stack([s.nodes for s in own]).astype(np.int64),
@@ -360,7 +360,7 @@ def _lifting(
     held: HeldRows,
     eliminated: NDArray[np.bool_],
 ) -> list[Lifting | None]:
-    """Eliminated unknowns of each subdomain and their displacements; None where it floats."""
+    """Eliminated unknowns of each subdomain and their displacements; None for floating ones."""
     at = np.searchsorted(held.nodes, exchange.nodes)
     at = np.minimum(at, max(len(held.nodes) - 1, 0))
     if len(held.nodes):

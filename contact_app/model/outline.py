@@ -1,8 +1,8 @@
-"""What is known of a model before anything is assembled into matrices or factored.
+"""The outline of a model: all data that need no assembled or factored matrices.
 
-Meshes, subdomains and the coefficients of all rows know no load. Load vectors, prescribed
-displacements, gaps and the balance of each body belong to a load case, and `outline_of_case` finds
-these alone.
+Meshes, subdomains and the coefficients of all rows are independent of loads. Load vectors,
+prescribed displacements, gaps and the balance of each body belong to a load case, and
+`outline_of_case` computes only these.
 """
 
 from __future__ import annotations
@@ -79,16 +79,16 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """What is known of a model before anything is assembled into matrices or factored.
+    """The outline of a model: all data that need no assembled or factored matrices.
 
     Attributes
     ----------
     uncut
-        Rows of contacts in the mean, before what is held is taken out of them.
+        Rows of contacts on averages, before held components are removed.
     held, contact
-        Held nodes and contact rows this rank owns.
+        Held nodes and contact rows that this rank owns.
     needed, left_out
-        Which of this rank's candidate rows `contact` holds, and the others.
+        Mask of this rank's candidate rows in `contact`, and the other candidates.
     merged
         Rows that are redundant beside a candidate row of the same node.
     reach
@@ -102,16 +102,16 @@ class Outline:
     sections
         The cells on either side of planes at which section forces are asked for.
     loads
-        Load vector of each subdomain of this rank, None where nothing acts.
+        Load vector of each subdomain of this rank; None without loads.
     tied
         Rows of tied pairs.
     means
         Rows that hold rigid motions of bodies in the mean.
     temperatures, thermal
-        Temperatures at the nodes of each subdomain of this rank and the loads by which they expand
-        it, None without heat.
+        Temperatures at the nodes of each subdomain of this rank, and thermal loads; None without
+        heat.
     balances
-        What holds each body, elastic ones first, then moving rigid ones.
+        Equilibrium of each body, elastic ones first, then moving rigid ones.
     friction
         Tangential rows at all candidate rows of this rank; None without friction.
     """
@@ -140,17 +140,17 @@ class Outline:
 
     @property
     def all_contact(self) -> ContactRows:
-        """All candidate rows of this rank, as `needed` counts them."""
+        """All candidate rows of this rank, in the order of `needed`."""
         return ContactRows.join([self.contact, self.left_out])
 
     def with_needed(self, needed: NDArray[np.bool_]) -> Outline:
-        """The same with other candidate rows as contact rows, (candidate rows,)."""
+        """The outline with other candidate rows (mask) as contact rows, (candidate rows,)."""
         rows = self.all_contact
         return replace(self, needed=needed, contact=rows.of(needed), left_out=rows.of(~needed))
 
     @property
     def candidates(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Gaps and contacts of all candidate rows of this rank, within reach and not."""
+        """Gaps and contacts of all candidate rows of this rank, within reach or not."""
         parts = (self.contact, self.left_out)
         gaps, sources = (
             np.concatenate([getattr(p, n) for p in parts]) for n in ("gaps", "sources")
@@ -164,7 +164,7 @@ class Outline:
 
     @property
     def eliminated(self) -> NDArray[np.bool_]:
-        """Bodies that are one held subdomain: no gluing, no coarse problem, (bodies,).
+        """Mask (bodies,) of bodies that are one held subdomain: no gluing, no coarse problem.
 
         With friction all bodies float, as its active sets need a coarse problem.
         """
@@ -179,15 +179,15 @@ Tell = Callable[[Scene, Outline], None]
 def outline(
     scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
 ) -> Outline:
-    """Cut into subdomains, find conditions, loads and what balances them (collective).
+    """Cut into subdomains, find conditions, loads and their equilibrium (collective).
 
     Parameters
     ----------
     timings
-        Where the time of each stage is added.
+        Timings to which the time of each stage is added.
     needed
-        Candidate rows that become contact rows; if not all, whoever solves has to hold the answer
-        against the others.
+        Candidate rows that become contact rows; if these are not all, the caller has to test the
+        answer in the others.
 
     Raises
     ------
@@ -238,20 +238,20 @@ def outline(
 def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None) -> Outline | None:
     """The outline of a scene that differs from a known one in the factors of its conditions.
 
-    Its candidate rows become contact rows as an estimate for these loads finds them. Meshes,
-    subdomains and coefficients of rows are those that are known (collective).
+    An estimate for these loads chooses the contact rows among the candidates. Meshes, subdomains
+    and coefficients of rows are shared (collective).
 
     Returns
     -------
-    None where the displacements change which rows are redundant, or the scene has rigid bodies:
-    then it is a model of its own.
+    None if the displacements change which rows are redundant, or if the scene has rigid bodies:
+    then it needs a model of its own.
 
     Raises
     ------
     NoEquilibriumError
         A body leaves, or conditions on a node exclude each other.
     """
-    if scene.rigid_bodies:  # each case places them elsewhere
+    if scene.rigid_bodies:  # each case has other placements
         return None
     timings, partition = timings or Timings(), known.partition
     rows = known.all_contact
@@ -283,7 +283,7 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
 
 @dataclass(frozen=True, eq=False)
 class _Loads:
-    """The loads of a scene, under the names of `Outline`."""
+    """The loads of a scene, with the field names of `Outline`."""
 
     linear: tuple[LinearTraction, ...]
     loads: list[NDArray[np.float64] | None]
@@ -306,7 +306,7 @@ def _loads(
 
 
 def _same_rows(one: ContactRows, other: ContactRows) -> bool:
-    """Whether rows are those of the same contacts at the same nodes."""
+    """Whether two sets of rows belong to the same contacts at the same nodes."""
     return np.array_equal(one.nodes, other.nodes) and np.array_equal(one.sources, other.sources)
 
 
@@ -325,7 +325,7 @@ def _merged_rows(
     conditions: NodeConditions,
     uncut: Sequence[ContactRows],
 ) -> tuple[HeldRows, ContactRows, ContactRows]:
-    """Held nodes, contact rows without what is held, and rows that are redundant (collective)."""
+    """Held nodes, contact rows without held components, and redundant rows (collective)."""
     length = scene_length(scene)
     moving = np.isin(conditions.contact_source, moving_contacts(scene))
     fixed = conditions.of_contacts(~moving)
@@ -350,7 +350,7 @@ def _reach(
     found: _Loads,
     balances: list[BodyBalance],
 ) -> NDArray[np.float64]:
-    """How far the nodes of each contact may come nearer, (contacts,) (collective)."""
+    """Largest approach of the nodes of each contact, (contacts,) (collective)."""
     strains = free_strains(scene, partition, found.temperatures)
     forces, overlaps = np.zeros(len(scene.body_names)), np.zeros(len(scene.touching))
     strains = np.append(strains, np.zeros(len(scene.moving)))
@@ -372,7 +372,7 @@ def left_out_notes(scene: Scene, known: Outline) -> list[str]:
     numbers = [np.bincount(s, minlength=count) for s in (sources[far], sources[~far])]
     numbers.append(np.bincount(known.contact.sources, minlength=count))
     out, repeated, near = comm.allreduce(np.stack(numbers))
-    held = "; the answer is held against them, and they get rows where it comes that far"
+    held = "; if the answer penetrates them, they get rows and the scene is solved again"
     notes = []
     for i, item in enumerate(scene.touching):
         of = f"of {out[i] + repeated[i] + near[i]:,} candidate nodes"

@@ -1,4 +1,4 @@
-"""The planes of symmetry that a scene was cut at."""
+"""The planes of symmetry at which a scene was cut."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ON_PLANE = 1e-9
 
 
 def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points (…, 3) lie on each of a scene's planes, (planes, …)."""
+    """Masks (planes, …) of the points (…, 3) on each plane of a scene."""
     ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
     tolerance = ON_PLANE * float(np.ptp(ends, axis=(0, 1)).max())
     on = np.zeros((len(scene.mirrors), *points.shape[:-1]), bool)
@@ -25,6 +25,6 @@ def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def subsets(count: int) -> Iterator[tuple[int, ...]]:
-    """All subsets of so many planes, smaller ones first."""
+    """All subsets of a number of planes, smaller ones first."""
     for size in range(count + 1):
         yield from combinations(range(count), size)

@@ -1,4 +1,4 @@
-"""Probes: points at which the displacement is asked for, found in their cells before the solve."""
+"""Probes: points at which the displacement is written, located in cells before the solve."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from meshes.point_location import Located, locate, locate_in
 Array = NDArray[np.float64]
 
 OUTSIDE = 1e-6
-"""Distance from a cell up to which a point belongs to it, over the cell's size."""
+"""Distance from a cell, over its size, up to which a point belongs to it."""
 
 ROOM = 0.1
-"""Room around nodes in which a point is looked for, over the size of cell or subdomain."""
+"""Margin around nodes for the search of a point, over the size of cell or subdomain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,11 @@ class Probe:
     Attributes
     ----------
     subdomain
-        Place of its subdomain among those of this rank; None where another rank has it.
+        Number of its subdomain on this rank; None if another rank has it.
     nodes, shares : (n,)
         Nodes of the cell in the subdomain, and their shape functions at the point.
     mirrors
-        Planes across which the point lies from what is solved.
+        Planes of symmetry between the point and the part that is solved.
     """
 
     name: str
@@ -81,7 +81,10 @@ def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Pro
 
 
 def _in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[np.int64], Array]:
-    """How far the point is from the nearest cell, over its size; its nodes and shares."""
+    """Distance of the point from the nearest cell, over its size.
+
+    Nodes and shape functions there.
+    """
     reference = subdomain.reference
     here = (point - subdomain.translation)[None]
     room = ROOM * np.ptp(reference.points, axis=0).max()
@@ -94,7 +97,7 @@ def _in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray
     for cell in _near(reference, here[0]):
         try:
             found = locate_in(reference, np.array([cell]), here, d)
-        except np.linalg.LinAlgError:  # Newton's method left a cell that does not hold the point
+        except np.linalg.LinAlgError:  # Newton's method left a cell that does not contain the point
             continue
         best = min(best, _measured(reference, found), key=lambda each: each[0])
     return best
@@ -107,7 +110,7 @@ def _measured(reference: Reference, found: Located) -> tuple[float, NDArray[np.i
 
 
 def _near(reference: Reference, point: Array) -> NDArray[np.int64]:
-    """Curved cells whose nodes lie around the point; their edges may bulge beyond the nodes."""
+    """Curved cells with the point near their nodes; their edges may reach beyond the nodes."""
     corners = reference.points[reference.cells]
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     room = ROOM * (upper - lower)

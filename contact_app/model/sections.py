@@ -1,8 +1,7 @@
-"""Sections: planes through a body at which the force between its two sides is asked for.
+"""Sections: planes through a body at which the force between its two sides is computed.
 
-A cell belongs to the side on which the middle of its vertices lies, and is taken whole. The surface
-between the sides follows the faces of cells next to the plane; area and centroid are those of the
-plane itself.
+A whole cell belongs to the side of the middle of its vertices. So the surface between the sides
+follows faces of cells next to the plane. Area and centroid are those of the plane itself.
 
 Where the scene was cut at planes of symmetry, the body of the whole consists of images of what is
 solved, and each is cut by the image of the plane.
@@ -27,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SectionPiece:
-    """A section of what was solved, as one image of the body has it.
+    """A section of the solved body, for one of its mirror images.
 
     Attributes
     ----------
@@ -37,12 +36,12 @@ class SectionPiece:
     mirrors
         The planes of the image.
     behind
-        Of each subdomain of this rank the cells (cells,) of the body that lie behind the plane; of
-        other bodies None.
+        For each subdomain of this rank, mask (cells,) of the cells of the body behind the plane;
+        None for other bodies.
     area
-        Of the cut, in the plane its length.
+        Area of the cut; in 2D its length.
     centre : (3,)
-        Its centroid; a point of the plane where it cuts nothing.
+        Centroid of the cut; a point of the plane if the cut is empty.
     """
 
     name: str
@@ -88,7 +87,7 @@ def _pieces(scene: Scene, partition: Partition, section: Section) -> list[Sectio
 
 
 def _images(scene: Scene, section: Section) -> list[tuple[Mirror, ...]]:
-    """The planes of each image of the solved body that is part of the body of the whole."""
+    """The planes of each mirror image of the solved body that is part of the whole body."""
     body = scene.bodies[section.body].mesh
     ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
     near = 1e-6 * float(np.ptp(ends, axis=(0, 1)).max())
@@ -105,7 +104,7 @@ def _piece(
     mirrors: tuple[Mirror, ...],
     plane: tuple[Array, Array],
 ) -> tuple[SectionPiece, NDArray[np.int64]]:
-    """A piece, and how many cells are behind and in front of its plane (collective)."""
+    """A piece, and the numbers of cells behind and in front of its plane (collective)."""
     point, normal = plane
     mesh = scene.bodies[section.body].mesh
     size = float(np.ptp([mesh.lower, mesh.upper], axis=0).max())

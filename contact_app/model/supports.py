@@ -1,7 +1,7 @@
 """Rows that hold rigid motions which nothing else holds.
 
-No load works on such a motion. It is held at a few nodes: any way of holding it leaves stresses
-alone.
+No load does work on such a motion. It is held at a few nodes; the choice of nodes does not change
+stresses.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def support_rows(
 ) -> SupportRows:
     """Rows that hold free motions of each body, on its first subdomain.
 
-    Those of a rigid body are at the nodes that stand for it.
+    Rows of a rigid body are at its two nodes.
     """
     supports = _of_rigid_bodies(scene, partition, surface, balances)
     firsts = np.cumsum([0, *partition.subdomains_of_body])[:-1]
@@ -45,7 +45,7 @@ def support_rows(
 def _of_rigid_bodies(
     scene: Scene, partition: Partition, surface: SurfaceCopies, balances: list[BodyBalance]
 ) -> SupportRows:
-    """On the rank that has them."""
+    """Rows of rigid bodies, on the rank that has the bodies."""
     supports, unknowns = SupportRows(), RigidUnknowns.of(scene, partition)
     if partition.comm.rank < partition.comm.size - 1:
         return supports

@@ -1,6 +1,6 @@
-"""A total force and moment on a boundary as the traction that adds up to them.
+"""Total force and moment on a boundary as a traction with this resultant.
 
-On a boundary of area A and centroid c the traction is linear in the place,
+On a boundary of area A and centroid c the traction is linear in the position,
 
     t(x) = F / A + θ × (x - c),   J θ = M_c,   J = ∫ |r|² I - r rᵀ ds,  r = x - c,
 
@@ -37,7 +37,7 @@ class LinearTraction:
     Attributes
     ----------
     area
-        Of the boundary: its length times one in the plane.
+        Area of the boundary; in 2D its length.
     """
 
     body: int
@@ -90,7 +90,7 @@ def moments_of_boundary(
 ) -> tuple[float, Array, Array]:
     """Area, centroid (3,) and ∫ r rᵀ ds (3, 3) about it; zeros without a facet (collective)."""
     mesh, d = scene.bodies[body].mesh, scene.dimension
-    middle = np.zeros(3)  # near the boundary: sums lose no digits
+    middle = np.zeros(3)  # origin near the boundary: sums lose no digits
     middle[:d] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
     sums = np.zeros(13)
     for s, rows in zip(
@@ -108,7 +108,7 @@ def moments_of_boundary(
 
 
 def _moments(element: Element, rows: NDArray[np.int32], points: Array, d: int) -> Array:
-    """∫ ds, ∫ x ds and ∫ x xᵀ ds over facets, x of (nodes, 3)."""
+    """∫ ds, ∫ x ds and ∫ x xᵀ ds over facets, with nodes at points (nodes, 3)."""
     one = element.linear_traction(rows, np.ones((len(points), d))).reshape(-1, d)[:, 0]
     weighted = np.zeros((len(points), 3))
     weighted[:, :d] = element.linear_traction(rows, points[:, :d]).reshape(-1, d)

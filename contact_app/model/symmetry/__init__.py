@@ -1,7 +1,7 @@
-"""Half a scene where the other half is its mirror image: `halved` cuts it at its planes.
+"""Symmetric scenes: `halved` cuts a scene at its planes of symmetry.
 
-`bodies` finds what the bodies are about a plane, `boundaries` where a boundary and its image are,
-`items` compares conditions and contacts with their images, `halving` cuts the scene.
+`bodies` finds the symmetry of bodies about a plane, `boundaries` that of boundaries. `items`
+compares conditions and contacts with their mirror images, and `halving` cuts the scene.
 """
 
 from contact_app.model.symmetry.halving import Halving, halved

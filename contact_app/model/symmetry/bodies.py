@@ -21,7 +21,7 @@ from meshes.symmetric_half import (
 )
 
 ALIKE = 1e-12
-"""Relative difference below which two numbers of a scene are the same."""
+"""Relative difference below which two numbers of a scene count as equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +31,11 @@ class Half:
     Attributes
     ----------
     body
-        What is left of it; None where it is left out as the image of another body.
+        The lower half of the body; None if the body is the mirror image of another one.
     surface
-        Beside its image.
+        Surface of the half and its mirror image.
     kept
-        Number of the body that is kept: its own, or that of which it is the image.
+        Number of the body that is solved: the body itself, or the one whose mirror image it is.
     """
 
     body: Body | None
@@ -54,7 +54,7 @@ def middle_plane(scene: Scene, axis: int) -> Mirror:
 
 
 def _ends(scene: Scene, axis: int) -> NDArray[np.float64]:
-    """Where the bodies begin and end along an axis, (bodies, 2)."""
+    """Lower and upper end of the bodies along an axis, (bodies, 2)."""
     return np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in scene.bodies])
 
 
@@ -93,7 +93,7 @@ def _alone(body: Body, mirror: Mirror) -> AsymmetryError:
 
 
 def _image(scene: Scene, number: int, mirror: Mirror, taken: set[int]) -> int:
-    """The body where the image of a body is."""
+    """The body at the place of the mirror image of a body."""
     body, size = scene.bodies[number], scene_size(scene)
     corners = np.array([body.mesh.lower, body.mesh.upper])
     corners[:, mirror.axis] = 2.0 * mirror.at - corners[::-1, mirror.axis]
@@ -108,10 +108,10 @@ def _image(scene: Scene, number: int, mirror: Mirror, taken: set[int]) -> int:
 def _beside(
     body: Body, other: Body, mirror: Mirror, size: float
 ) -> tuple[HalfSurface, HalfSurface]:
-    """The surfaces of a body and of its image."""
+    """The surfaces of a body and of its mirror image, another body."""
     mesh, there, name = body.mesh, other.mesh, f"{body.name} and {other.name}"
     if mesh.upper[mirror.axis] > mirror.at - SAME * size:
-        raise AsymmetryError(f"{name} meet at the plane they mirror about")
+        raise AsymmetryError(f"{name} meet at their plane of symmetry")
     if body.degree != other.degree:
         raise AsymmetryError(f"{name} are of different degree")
     materials = [*body.materials, *other.materials]

@@ -1,4 +1,4 @@
-"""Where a boundary of a symmetric body is: on its lower half, and on the image of it."""
+"""A boundary of a symmetric body, on its lower half and on the mirror image of that."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class BoundaryPart:
     Attributes
     ----------
     nodes, facets : (2, nodes), (2, facets)
-        Which belong to it in the half, and whose images do.
+        Masks of nodes and facets of the half on the boundary, and of those whose images are on it.
     beside : (nodes,)
-        Nodes that do not lie on the plane.
+        Mask of the nodes that do not lie on the plane.
     samples : (2, points)
-        Whether further points are inside an expression.
+        Values of an expression at further points.
     """
 
     nodes: Bools
@@ -36,26 +36,26 @@ class BoundaryPart:
     samples: Bools
 
     def key(self, image: bool = False) -> Key:
-        """What equals the key of another boundary if both are one; or that of its image."""
+        """A key that is equal for equal boundaries; with `image`, the key of the mirror image."""
         order = slice(None, None, -1) if image else slice(None)
         parts = [np.packbits(m[order], axis=1) for m in (self.nodes, self.facets, self.samples)]
         return tuple(sha1(p.tobytes(), usedforsecurity=False).digest() for p in parts)
 
     def kept(self, by_facets: bool) -> bool:
-        """Whether what acts here acts on the half, too, or else is an image of what does."""
+        """Whether a condition here acts on the half; otherwise it is the image of one that does."""
         here, there = (self.facets if by_facets else self.nodes & self.beside).any(axis=1)
         return bool(here or not there)
 
 
 def part_of(body: Body, surface: HalfSurface, boundary: str, samples: int) -> BoundaryPart:
-    """Where a boundary is on a symmetric body."""
+    """The parts of a boundary on a symmetric body."""
     beside, points = ~surface.on_plane, (surface.points, surface.images)
     if boundary not in body.boundaries:
         facets = np.stack(surface.sides[boundary])
         nodes = np.zeros((2, len(beside)), bool)
         for found, rows in zip(nodes, facets, strict=True):
             found[surface.facets[rows]] = True
-        nodes |= nodes[::-1] & ~beside  # nodes on the plane are one
+        nodes |= nodes[::-1] & ~beside  # nodes on the plane are their own images
         return BoundaryPart(nodes, facets, beside, np.zeros((2, 0), bool))
     expression = body.boundaries[boundary]
     own = np.ones(len(surface.facets), bool)
@@ -78,7 +78,7 @@ def part_of(body: Body, surface: HalfSurface, boundary: str, samples: int) -> Bo
 
 
 def _shares(dimension: int, cell: str, count: int) -> NDArray[np.float64]:
-    """Shares of the vertices of a facet in points all over it, (points, vertices)."""
+    """Linear shape functions of a facet at points all over it, (points, vertices)."""
     t = np.linspace(0.0, 1.0, count + 1)
     line = np.stack([1.0 - t, t], axis=1)
     if dimension == 2:

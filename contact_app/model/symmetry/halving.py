@@ -1,15 +1,15 @@
-"""Half the scene where the other half is its mirror image.
+"""Cutting a scene at its planes of symmetry.
 
-With `symmetry: allow`, a scene whose meshes, loads, conditions and obstacles mirror about a plane
-across an axis, midway through every body, is modelled on the lower side of that plane alone: its
-cut face keeps the displacement across the plane at zero. The answer of the whole is the mirrored
+Let the meshes, loads, conditions and obstacles of a scene be symmetric about a plane normal to an
+axis, in the middle of the bodies. With `symmetry: allow`, only the lower side is modelled, and on
+the cut face the displacement normal to the plane is zero. The answer of the whole is the mirrored
 half: the energy of a scene is convex, so if u is a minimiser, so is the mean of u and its mirror
 image. Planes across several axes make a quarter or an eighth.
 
-Each body has to be its own mirror image, or that of another body, which is then left out: a box by
-its cells, a mesh from a file node by node and cell by cell (`meshes.symmetric_half`). Boundaries
-mirror where their nodes and facets do: what acts on one needs a counterpart on its image, whatever
-the two are called. What stands in the way along an axis is told.
+Each body has to be its own mirror image or that of another body, of which one is then left out.
+Boxes are compared by their cells, and meshes from files node by node and cell by cell
+(`meshes.symmetric_half`). Boundaries are compared by their nodes and facets, so the names of a
+boundary and its image may differ. A note gives the reason why a scene is not cut along an axis.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ class Halving:
     Attributes
     ----------
     scene
-        What is left to model; its `mirrors` are the planes.
+        The scene to model; its `mirrors` are the planes.
     notes
-        Where it was cut, and why not elsewhere, a sentence an axis.
+        One sentence per axis: the cut, or the reason why there is none.
     """
 
     scene: Scene
@@ -62,7 +62,7 @@ class Halving:
 
 
 def halved(scene: Scene) -> Halving:
-    """Cut a scene at each plane it mirrors about."""
+    """Cut a scene at each of its planes of symmetry."""
     notes = []
     for axis in range(scene.dimension):
         name, before = "xyz"[axis], [body.name for body in scene.bodies]
@@ -93,7 +93,7 @@ def halved(scene: Scene) -> Halving:
 
 
 def _refuse_whole(scene: Scene) -> None:
-    """Raise where a scene has what acts on whole bodies or boundaries only."""
+    """Raise an error if a scene has items that act on whole bodies or boundaries."""
     if scene.total_loads:
         raise AsymmetryError(
             f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
@@ -111,7 +111,7 @@ def _refuse_whole(scene: Scene) -> None:
 
 
 def _cut(scene: Scene, axis: int) -> Scene:
-    """The lower side of the middle of an axis; raises where the scene does not mirror about it."""
+    """The lower half of a scene along an axis; raises an error if the scene is not symmetric."""
     _refuse_whole(scene)
     mirror = middle_plane(scene, axis)
     halves = halves_about(scene, mirror)
@@ -184,7 +184,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
 
 
 def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> None:
-    """Refuse what acts on a scene as often as its image does not."""
+    """Refuse items without a mirror image."""
     items = _items(scene)
     for item in items:
         for body, boundary in _boundaries(item):
@@ -198,7 +198,7 @@ def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> N
 
 
 def _refuse_uneven_heat(scene: Scene, mirror: Mirror, kept: list[int]) -> None:
-    """Refuse temperatures that differ at nodes and middles of cells from those at their images."""
+    """Refuse temperatures that differ at the mirror images of nodes and middles of cells."""
     for item in scene.temperatures:
         partners = [k for k, number in enumerate(kept) if number == kept[item.body]]
         image = next((k for k in partners if k != item.body), item.body)
@@ -212,7 +212,7 @@ def _refuse_uneven_heat(scene: Scene, mirror: Mirror, kept: list[int]) -> None:
 
 
 def _nodes_and_middles(body: Body) -> NDArray[np.float64]:
-    """Points (n, 3) all over a body."""
+    """Nodes and middles of cells (n, 3) of a body."""
     mesh: Any = body.mesh
     if isinstance(mesh, Box):
         ends = zip(mesh.lower, mesh.upper, mesh.cells, strict=True)
@@ -224,7 +224,7 @@ def _nodes_and_middles(body: Body) -> NDArray[np.float64]:
 
 
 def _boundaries(item: Item) -> list[tuple[int, str]]:
-    """Bodies and boundaries an item names."""
+    """Bodies and boundaries of an item."""
     if isinstance(item, BodyForce):
         return []
     first = [(item.body, item.boundary)]
@@ -232,7 +232,7 @@ def _boundaries(item: Item) -> list[tuple[int, str]]:
 
 
 def _partners(scene: Scene, mirror: Mirror, described: Descriptions) -> tuple[tuple[str, str], ...]:
-    """Contacts and displacement conditions that are images of others, not of themselves."""
+    """Contacts and displacement conditions whose mirror images are other ones."""
     of_file = [c for c in scene.displacements if not c.source.startswith(AT_CUT)]
     items: list[Item] = [*scene.touching, *of_file]
     known = {item.source: described(item) for item in items}
@@ -247,7 +247,7 @@ def _partners(scene: Scene, mirror: Mirror, described: Descriptions) -> tuple[tu
 def _is_kept(
     item: Item, scene: Scene, halves: list[Half], part: Callable[[int, str], BoundaryPart]
 ) -> bool:
-    """Whether an item acts on what is kept."""
+    """Whether an item acts on the part that is solved."""
     if isinstance(item, BodyForce | Temperature):
         return halves[item.body].body is not None
     by_facets = isinstance(item, Traction | Pressure | BodyContact)
@@ -256,7 +256,7 @@ def _is_kept(
 
 
 def _divided(decomposition: Decomposition, bodies: list[Body]) -> Decomposition:
-    """The subdomains asked for, as far as what is solved has cells."""
+    """The requested subdomains, limited by the cells of the part that is solved."""
     parts = decomposition.subdomains
     if isinstance(parts, int):
         parts = min(parts, sum(body.mesh.total_cells for body in bodies))
@@ -269,7 +269,7 @@ def _divided(decomposition: Decomposition, bodies: list[Body]) -> Decomposition:
 
 
 def _items(scene: Scene) -> list[Item]:
-    """Everything that acts on the bodies."""
+    """All conditions and contacts of a scene."""
     return [
         *scene.displacements, *scene.tractions, *scene.pressures, *scene.forces, *scene.contacts,
         *scene.pairs,

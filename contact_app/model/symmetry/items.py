@@ -1,4 +1,4 @@
-"""Conditions and contacts beside their mirror images: equal ones have equal descriptions."""
+"""Comparison of conditions and contacts with their mirror images, by descriptions."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ Description = tuple[Key, NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class Descriptions:
-    """Describes items such that equal ones have equal descriptions.
+    """Describe items so that equal items have equal descriptions.
 
     Attributes
     ----------
     size
         A length of the scene.
     kept
-        Number of the body that is kept for each, as a `Half` has it.
+        Number of the solved body for each body, as in `Half`.
     part
-        Where a boundary of a body is.
+        Function that returns the parts of a boundary of a body.
     factors
-        Those of an item in each load case; none for contacts.
+        Function that returns the factors of an item in each load case; none for contacts.
     """
 
     size: float
@@ -48,9 +48,9 @@ class Descriptions:
     factors: Callable[[Item], tuple[float, ...]]
 
     def __call__(self, item: Item, mirror: Mirror | None = None) -> Description:
-        """What an item is, or its mirror image: words, and numbers of order one to compare.
+        """Description of an item or its mirror image: words, and numbers of order one.
 
-        Among the words are its factors in the load cases: a scene mirrors where each case does.
+        The words include its factors in the load cases: a scene is symmetric if each case is.
         """
         words, numbers = self._described(item, mirror)
         return (*words, self.factors(item)), numbers
@@ -78,14 +78,14 @@ class Descriptions:
         return (self.kept[body], self.part(body, boundary).key(image=mirror is not None))
 
     def _body(self, body: int, mirror: Mirror | None) -> int:
-        """The number of a body, or of its image."""
+        """The number of a body, or of its mirror image."""
         if mirror is None or self.kept.count(self.kept[body]) == 1:
             return body
         return next(k for k, n in enumerate(self.kept) if n == self.kept[body] and k != body)
 
 
 def _reflected(vector: Iterable[float], mirror: Mirror | None) -> NDArray[np.float64]:
-    """A vector, or its image."""
+    """A vector, or its mirror image."""
     image = np.array(list(vector), float)
     if mirror is not None:
         image[mirror.axis] *= -1.0
@@ -123,5 +123,5 @@ def _described_obstacle(
 
 
 def are_alike(a: Description, b: Description) -> bool:
-    """Whether two descriptions are of the same, up to round-off."""
+    """Whether two descriptions are equal up to round-off."""
     return a[0] == b[0] and np.allclose(a[1], b[1], rtol=ALIKE, atol=ALIKE)
