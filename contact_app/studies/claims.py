@@ -8,27 +8,22 @@ of the runs that claim to have met their target (exit code 0), how many exceed i
 ``--limit`` the seconds after which a run is given up, ``--cache`` the directory of references.
 
 Scenes without equilibrium, with contradictory conditions, or whose reference does not converge are
-left out and counted, and so are targets below three times the error of the reference. ``--levels
-FILE`` also writes every level of every run with its measured error, one line of JSON each.
+left out and counted, and so are targets below three times the error of the reference.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.accuracy.refine.levels import Refined
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
-from contact_app.accuracy.refine.warm_start import LastLevel
-from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
 from contact_app.machine.time_limit import OutOfTime, time_limit
 from contact_app.run.solve import solve_scene
@@ -103,37 +98,16 @@ def scene_of(claim: ClaimScene, target: float | None) -> Scene:
     return build_scene(configuration.Configuration.model_validate(made))
 
 
-def run_claim(claim: ClaimScene, target: float, known: Truth, log: list[Any]) -> Claim:
-    """Solve to a target and measure; every level's numbers are appended to `log`."""
-
-    def solve(scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
-        solved = solve_scene(scene, MPI.COMM_SELF, start=start)
-        log.append(_level(claim, target, known, solved))
-        return solved
-
+def run_claim(claim: ClaimScene, target: float, known: Truth) -> Claim:
+    """Solve to a target and measure."""
     began = time.perf_counter()
-    found: Refined = solve_to_accuracy(scene_of(claim, target), solve)
-    seconds = time.perf_counter() - began - sum(level["measuring"] for level in log)
+    found = solve_to_accuracy(scene_of(claim, target), partial(solve_scene, comm=MPI.COMM_SELF))
+    seconds = time.perf_counter() - began
     last = found.levels[-1]
     return Claim(
         claim.seed, target, last.error, known.relative_error(found.solved), found.missed,
         len(found.levels), last.dofs, sum(level.dofs for level in found.levels), seconds,
     )  # fmt: skip
-
-
-def _level(claim: ClaimScene, target: float, known: Truth, solved: SolvedScene) -> dict[str, Any]:
-    began = time.perf_counter()
-    (body,) = solved.model.scene.bodies
-    error = known.relative_error(solved)
-    return {
-        "seed": claim.seed, "target": target, "cell": claim.box["cell"], "degree": body.degree,
-        "graded": type(body.mesh).__name__, "cells": solved.summary["mesh"]["cells"],
-        "dofs": solved.model.dofs, "energy": solved.summary["solution"]["energy"],
-        "square": solved.accuracy.square, "estimate": solved.accuracy.discretisation,
-        "algebraic": solved.accuracy.algebraic, "error": error, "reference": known.energy,
-        "missing": known.missing, "measuring": time.perf_counter() - began,
-        "poisson": body.materials[0].poisson,
-    }  # fmt: skip
 
 
 def study(
@@ -151,30 +125,21 @@ def study(
             yield f"left out: {seed}: {claim.words}: {_said(error)}"
             continue
         for target in options.targets:
-            levels: list[Any] = []
             if not known.judges(target):
                 yield f"not judged: {seed}: {claim.words}: {target:g}: the reference is too coarse"
                 continue
             try:
                 with time_limit(limit):
-                    found = run_claim(claim, target, known, levels)
+                    found = run_claim(claim, target, known)
             except (ContactError, QPError, OutOfTime) as error:
                 yield f"no answer: {seed}: {claim.words}: {target:g}: {_said(error)}"
                 continue
-            finally:
-                _write(options.levels, levels)
             claims.append(found)
             yield found.row(claim.words)
 
 
 def _said(error: Exception) -> str:
     return (str(error) or "the time was up").splitlines()[0][:150]
-
-
-def _write(path: str, levels: list[Any]) -> None:
-    if path:
-        with Path(path).open("a", encoding="utf-8") as file:
-            file.writelines(json.dumps(level) + "\n" for level in levels)
 
 
 def summary(claims: list[Claim]) -> Iterator[str]:
@@ -214,7 +179,6 @@ def main() -> None:
     parser.add_argument("--targets", type=float, nargs="+", default=list(TARGETS))
     parser.add_argument("--limit", type=float, default=None, help="seconds of a run")
     parser.add_argument("--cache", default="results/claims", help="directory of references")
-    parser.add_argument("--levels", default="", help="file of every level's numbers")
     options = parser.parse_args()
     dimension = 2 if options.space == "plane" else 3
     claims: list[Claim] = []

@@ -1,10 +1,7 @@
 """Hertz's contact of a ball and of a cylinder with a rigid plane, ours beside the theory.
 
-    python -m contact_app.studies.hertz configs/hertz_sphere.yaml [MESH]
-
-solves a scene with a bottom like a paraboloid's, pressed on a plane through the origin, and prints
-the half-width of the contact a, the peak pressure p0 and, in space, the approach δ of the loaded
-equator. a and p0 follow from all touching nodes: the squares of the theory's pressures
+Measured are the half-width of the contact a, the peak pressure p0 and, in space, the approach δ of
+the loaded equator. a and p0 follow from all touching nodes: the squares of the theory's pressures
 
     p² = p0² (1 - r²/a²),   a = (3FR/(4E*))^(1/3), p0 = 3F/(2πa²), δ = a²/R   in space,
                             a = √(4F'R/(πE*)),     p0 = 2F'/(πa)              in the plane,
@@ -15,17 +12,12 @@ Körper*, 1882; K. L. Johnson, *Contact Mechanics*, 1985, chapter 4).
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 
 
 @dataclass(frozen=True)
@@ -40,23 +32,6 @@ class Quantity:
     def error(self) -> float:
         """Relative to the theory's."""
         return self.ours / self.theory - 1.0
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What a mesh gives: its unknowns, the seconds of the run and the quantities."""
-
-    dofs: int
-    seconds: float
-    quantities: tuple[Quantity, ...]
-
-
-def compare(config: str, mesh: str | None = None) -> Comparison:
-    """Solve one of the scenes on one process, with another mesh if one is given."""
-    scene = build_scene(load(config, [f"bodies.0.mesh.file={mesh}"] if mesh else ()))
-    solved = solve_scene(scene, MPI.COMM_SELF)
-    seconds = solved.summary["timings"]["total"]
-    return Comparison(solved.model.dofs, seconds, tuple(hertz_quantities(solved)))
 
 
 def fitted(r2: NDArray[np.float64], pressure: NDArray[np.float64]) -> tuple[float, float]:
@@ -99,13 +74,3 @@ def hertz_quantities(solved: SolvedScene) -> list[Quantity]:
         approach = -float(nodes.displacement[equator, 2].mean())
         quantities.append(Quantity("approach", approach, float(half_width**2 / radius)))
     return quantities
-
-
-if __name__ == "__main__":
-    found = compare(*sys.argv[1:3])
-    print(f"{found.dofs:,} degrees of freedom, {found.seconds:.1f} s")
-    for quantity in found.quantities:
-        print(
-            f"{quantity.name:24s} {quantity.ours:10.5g}  theory {quantity.theory:10.5g} "
-            f"({quantity.error:+.2%})"
-        )

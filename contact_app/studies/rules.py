@@ -1,7 +1,7 @@
-"""SMALBE-M's rules side by side on the paper's cube: the paper's, PERMON's and this solver's own.
+"""SMALBE-M's rules side by side on the paper's cube: the paper's and this solver's own.
 
 Counts of Hessian multiplications, outer iterations in parentheses, to 1e-6 relative to the
-right-hand side, each rule with its own bookkeeping (the published ones spend one multiplication an
+right-hand side, each rule with its own bookkeeping (the paper's spends one multiplication an
 outer iteration on the gradient, this solver's own does not). Subdomains of 4³ hexahedra, rows of B
 orthonormal, no preconditioner.
 """
@@ -23,7 +23,6 @@ STRATEGIES = (
 )  # fmt: skip
 RULES: dict[str, Callable[[MPRGP], SMALBE]] = {
     "paper's rule": SMALBE.paper,
-    "PERMON's rule": SMALBE.permon,
     "default": SMALBE,
 }
 CELLS_A_SUBDOMAIN = 4

@@ -113,41 +113,28 @@ class PrimalState:
 class Multigrid:
     """Solves active sets of one unfactored problem; made for one run of the loop.
 
-    The multigrid of an earlier run of the same stiffness and constraints serves again.
-
     Attributes
     ----------
     u : (unknowns,)
         Where the next set begins.
     """
 
-    def __init__(
-        self,
-        problem: DualProblem,
-        earlier: Multigrid | None = None,
-        factors: FactorOptions | None = None,
-    ) -> None:
+    def __init__(self, problem: DualProblem, factors: FactorOptions | None = None) -> None:
         self.problem = problem
         self.system: MergedSystem = merge(problem)
         self.factors = factors or FactorOptions()
-        if earlier is None:
-            self._seconds = predicted_seconds(self.system)
-            self.thin = thinness(self.system) >= self.factors.thin
-            limit = self.factors.thin_seconds if self.thin else self.factors.small
-            self.direct = self._seconds <= limit
-            make = no_hierarchy if self.direct else build_hierarchy
-            self.release()
-            self.hierarchy_of_levels: Hierarchy = make(self.system)
-            self.release()
-        else:
-            self._seconds, self.direct, self.thin = earlier._seconds, earlier.direct, earlier.thin
-            self.hierarchy_of_levels = earlier.hierarchy_of_levels
+        self._seconds = predicted_seconds(self.system)
+        self.thin = thinness(self.system) >= self.factors.thin
+        limit = self.factors.thin_seconds if self.thin else self.factors.small
+        self.direct = self._seconds <= limit
+        make = no_hierarchy if self.direct else build_hierarchy
+        self.release()
+        self.hierarchy_of_levels: Hierarchy = make(self.system)
+        self.release()
         self.floating = floating_motions(self.system)
         self.begin_at(self.system.at_rest)
-        self._cycle: Cycle | None = None if earlier is None else earlier._cycle
+        self._cycle: Cycle | None = None
         self._truncated = np.zeros(len(self.system.rows), bool)
-        if earlier is not None:
-            self._truncated = earlier._truncated
         self._held = HeldEnergy(self.system)
         self.smallest_eigenvalue = UNKNOWN
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import sparse
 
 from solver.qp.box_qp import BoxQP
 from solver.vectors import Vector
@@ -38,19 +37,3 @@ def cycling_problem() -> BoxQP:
     """
     hessian = [[2417.9, 3850.9, 1674.8], [3850.9, 6414.1, 2841.1], [1674.8, 2841.1, 1269.0]]
     return BoxQP(hessian, [2066.3, 3763.1, 1724.8], [0.0, -1.3, -0.6], [0.4, 0.7, 0.9])
-
-
-def permon_string(n: int = 100) -> BoxQP:
-    """PERMON's example.
-
-    A string over a wavy obstacle with its ends held at zero; begin at x = 0.
-    """
-    h = 1.0 / (n - 1)
-    hessian = sparse.lil_array(sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n)))
-    load, place = np.full(n, -30.0 * h**2), np.arange(n) * h
-    lower = np.sin(4.0 * np.pi * place - np.pi / 6.0) / 2.0 - 2.0
-    for end, beside in ((0, 1), (n - 1, n - 2)):
-        hessian[end, beside] = hessian[beside, end] = 0.0
-        hessian[end, end] = 1.0
-        load[end] = lower[end] = 0.0
-    return BoxQP(sparse.csr_array(hessian), load, lower)

@@ -88,11 +88,6 @@ class SMALBE:
         """
         return cls(inner or MPRGP(), 1.1, 100.0, 10.0, growth=1.0, recompute_gradient=True)
 
-    @classmethod
-    def permon(cls, inner: MPRGP | None = None) -> SMALBE:
-        """PERMON's defaults: the paper's rule, but M is divided by 2."""
-        return cls(inner or MPRGP(), 1.1, 100.0, 2.0, growth=1.0, recompute_gradient=True)
-
     def begin(
         self,
         qp: SeparableQP,

@@ -129,8 +129,7 @@ def build_system(
     ):
         touched[copies] |= values != 0.0
     factored = options is None or options.factored
-    make = _factored if factored else _unfactored
-    classes = make(comm, d, subdomains, touched, measure)
+    classes = _classes(comm, d, subdomains, touched, measure, factored)
     columns, size = _number_columns(comm, d, subdomains, classes, len(touched))
     kernels = [(cls.members, cls.kernel[cls.interface]) for cls in classes]
     ordered = order_rows(exchange, rows, constraints.supports, columns, size, kernels)
@@ -194,12 +193,13 @@ def _free_motions(
     return FreeMotions(comm, d, groups, loose, points, moved, bodies)
 
 
-def _factored(
+def _classes(
     comm: MPI.Intracomm,
     d: int,
     subdomains: Sequence[CongruentSubdomains],
     touched: NDArray[np.bool_],
     measure: Measure,
+    factored: bool,
 ) -> list[SubdomainClass]:
     """The class of each set of congruent subdomains (collective).
 
@@ -209,47 +209,26 @@ def _factored(
         Components that some row of B touches.
     """
     classes, failed = [], ""
-    for own, alike in zip(subdomains, _meshed_by_all(comm, subdomains), strict=True):
-        sharing = comm if alike and _made_by_all(comm, own) else None
+    everywhere = _meshed_by_all(comm, subdomains) if factored else [False] * len(subdomains)
+    for own, meshed_by_all in zip(subdomains, everywhere, strict=True):
+        sharing = comm if meshed_by_all and _made_by_all(comm, own) else None
         by_any = touched[own.copies].any(axis=0)
         if sharing is not None:
             comm.Allreduce(MPI.IN_PLACE, by_any, op=MPI.LOR)
         node, component = np.nonzero(by_any)
+        given = (
+            own.stiffness, own.points, d, own.nodes[node] * d + component, len(own.bodies),
+            own.eliminated,
+        )  # fmt: skip
         with measure():
             try:
                 classes.append(
-                    subdomain_class(
-                        own.stiffness, own.points, d, own.nodes[node] * d + component,
-                        len(own.bodies), own.eliminated, sharing, own.kernel,
-                    )
-                )  # fmt: skip
+                    subdomain_class(*given, sharing, own.kernel)
+                    if factored
+                    else unfactored_class(*given, own.kernel)
+                )
             except (ArithmeticError, ValueError) as error:  # the other ranks go on
                 failed = failed or f"{error}"
-    for text in filter(None, comm.allgather(failed)):
-        raise ArithmeticError(text)
-    return classes
-
-
-def _unfactored(
-    comm: MPI.Intracomm,
-    d: int,
-    subdomains: Sequence[CongruentSubdomains],
-    touched: NDArray[np.bool_],
-    measure: Measure,
-) -> list[SubdomainClass]:
-    """The classes without factors (collective); parameters as in `_factored`."""
-    classes, failed = [], ""
-    for own in subdomains:
-        node, component = np.nonzero(touched[own.copies].any(axis=0))
-        try:
-            classes.append(
-                unfactored_class(
-                    own.stiffness, own.points, d, own.nodes[node] * d + component,
-                    len(own.bodies), own.eliminated, own.kernel,
-                )
-            )  # fmt: skip
-        except ValueError as error:  # the other ranks go on
-            failed = failed or f"{error}"
     for text in filter(None, comm.allgather(failed)):
         raise ArithmeticError(text)
     return classes

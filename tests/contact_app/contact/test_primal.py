@@ -14,7 +14,6 @@ from contact_app.scene.configuration import load
 from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
-from solver.primal.backend import Multigrid
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.factor import FactorOptions
 from solver.primal.hierarchy import build_hierarchy
@@ -150,19 +149,6 @@ def test_a_stopped_solve_tells_what_it_reached() -> None:
     assert not found.converged
     assert found.reason.name == "STOPPED"
     assert np.isfinite(found.certificate.equilibrium)
-
-
-def test_levels_are_made_once_and_serve_other_loads() -> None:
-    scene = scenes.build({**scenes.wall("tetrahedron", 6), "solver": {"method": "primal"}})
-    problem = build_model(scene, MPI.COMM_SELF).problem
-    first = Multigrid(problem)
-    double = problem.with_loads([2.0 * f for f in problem.forces])
-    second = Multigrid(double, first)
-    assert second.hierarchy_of_levels is first.hierarchy_of_levels
-    np.testing.assert_allclose(
-        np.where(second.system.held, 0.0, second.system.load),
-        2.0 * np.where(first.system.held, 0.0, first.system.load),
-    )
 
 
 ON_RANKS = """

@@ -43,7 +43,7 @@ def test_a_random_claim_holds(dimension: int, seed: int, target: float, tmp_path
     """They were wrong by 1.3 to 3.8 times: discs on few cells, ν = 0.49 in bending."""
     scene = claim_scene(seed, dimension)
     known = truth(scene, scene_of(scene, None), tmp_path)
-    claim = run_claim(scene, target, known, [])
+    claim = run_claim(scene, target, known)
     assert claim.met
     assert claim.ratio <= 1.05
 
@@ -54,5 +54,5 @@ def test_random_claims_hold(dimension: int, tmp_path: Path) -> None:
     for seed in range(6):
         scene = claim_scene(seed, dimension)
         known = truth(scene, scene_of(scene, None), tmp_path)
-        claim = run_claim(scene, 0.3, known, [])
+        claim = run_claim(scene, 0.3, known)
         assert not claim.met or claim.ratio <= 1.25

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from solver import MPRGP, BoxQP
 from solver.qp import reference
-from solver.qp.examples import figure_1, permon_string
+from solver.qp.examples import figure_1
 from solver.qp.iterate import Iterate
-from tests.solver.qp.problems import ALL, membrane, random_hessian
+from tests.solver.qp.problems import ALL, membrane, random_hessian, string_obstacle
 
 EXPANSIONS = [name for name in ALL if name != "projcg-safe"]  # that one is not the paper's
 
@@ -74,11 +74,9 @@ def test_a_support_vector_machine_of_the_paper_s_kind(expansion: str) -> None:
 
 @pytest.mark.parametrize("expansion", EXPANSIONS)
 def test_a_string_over_an_obstacle(expansion: str) -> None:
-    qp = permon_string(40)
-    A = np.column_stack([_product(qp, e) for e in np.eye(40)])
+    A, b, lower = string_obstacle(40)
     none = np.full(40, np.inf)
-    assert qp.lower is not None
-    assert agree(A, qp.b, qp.lower, none, np.zeros(40), 30, expansion=expansion) > 10
+    assert agree(A.toarray(), b, lower, none, np.zeros(40), 30, expansion=expansion) > 10
 
 
 @pytest.mark.parametrize("expansion", EXPANSIONS)
