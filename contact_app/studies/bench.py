@@ -12,7 +12,6 @@ checked before seconds count, for all methods.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -24,16 +23,24 @@ from contact_app.studies.peers import METHODS
 from contact_app.studies.perturbed import write_cube
 from contact_app.studies.processes import RunError
 from contact_app.studies.runs import run_one
+from contact_app.studies.tables import Figure, draw, read, write
 from meshes.decompose import choose_parts
 
 COLUMNS = ("series", "method", "cells", "dofs", "seconds", "peak_rss_gb", "steps", "applications",
            "energy", "energy_error", "penetration", "subdomains", "ranks", "note")  # fmt: skip
+TEXTS = ("series", "method", "note")
+"""Columns of words."""
+
 OURS = "contact-app"
 ONE_FACTOR = "one-factor"
 """One CHOLMOD factor of the whole body and MPRGP on its contact rows: ours, not decomposed."""
 
 CONTACT = (ONE_FACTOR, *(name for name, m in METHODS.items() if m.contact))
 LINEAR = tuple(name for name, m in METHODS.items() if not m.contact)
+
+FIGURE = Figure(
+    (OURS, *CONTACT, *LINEAR), (OURS,), LINEAR, lambda row: row["series"], "dofs", "peak_rss_gb"
+)
 
 MOST_DIRECT = ("snes-vi-cholmod", "snes-vi", ONE_FACTOR, "tao-bnls", "tao-bntr", OURS)
 MOST_DIRECT_LINEAR = ("linear-cholmod", "linear-gamg", "linear-boomeramg")
@@ -120,7 +127,7 @@ def bench(
     output.mkdir(parents=True, exist_ok=True)
     table, picture = output / "bench.csv", output / "bench.png"
     chosen = [m for m in (OURS, *CONTACT, *LINEAR) if methods is None or m in methods]
-    rows = {_key(row): row for row in (read(table) if table.exists() else [])}
+    rows = {_key(row): row for row in (read(table, TEXTS) if table.exists() else [])}
     try:
         for series, sizes in zip(SERIES, (cells, unstructured), strict=True):
             if sizes:
@@ -138,13 +145,13 @@ def bench(
                 rows |= {_key(row): row for row in found}
                 alike = [row for row in rows.values() if _key(row)[:2] == (series.name, n)]
                 rows |= {_key(row): row for row in with_energy_error(alike)}
-                write(_ordered(rows), table)  # whatever stops the next mesh
+                write(_ordered(rows), COLUMNS, table)  # whatever stops the next mesh
                 yield from (rows[_key(row)] for row in found)
     finally:
         ordered = _ordered(rows)
-        write(ordered, table)
+        write(ordered, COLUMNS, table)
         table.with_suffix(".md").write_text(markdown(ordered), encoding="utf-8")
-        draw(ordered, picture)
+        draw([row for row in ordered if not row["note"]], FIGURE, picture)
 
 
 def _key(row: dict[str, Any]) -> tuple[str, int, str]:
@@ -230,29 +237,6 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def write(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """CSV of all rows, those without a result included."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    """Rows of a CSV that `write` made."""
-    texts, whole = ("series", "method", "note"), ("cells", "dofs", "steps", "applications",
-                                                  "subdomains", "ranks")  # fmt: skip
-    rows = []
-    with path.open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            given = {k: v for k, v in row.items() if v or k in texts}
-            rows.append(
-                {k: v if k in texts else int(v) if k in whole else float(v)
-                 for k, v in given.items()}
-            )  # fmt: skip
-    return rows
-
-
 def config() -> Path:
     """The cube's scene."""
     return Path(__file__).with_name("data") / "paper_cube.yaml"
@@ -274,44 +258,3 @@ HEADING = (
     f"{'method':17} {'dofs':>9} {'seconds':>8} {'GB':>6} {'steps':>6} {'applications':>12}  "
     f"{'energy':12}  {'error':>8}"
 )
-
-
-def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Seconds and memory against unknowns, a row of axes for each series."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    done = [row for row in rows if not row["note"]]
-    series = [s.name for s in SERIES if any(row["series"] == s.name for row in done)]
-    if not series:
-        return
-    figure, grid = plt.subplots(
-        len(series), 2, figsize=(10, 4.2 * len(series)), layout="constrained", squeeze=False
-    )
-    colours = plt.get_cmap("tab10")
-    for (left, right), name in zip(grid, series, strict=True):
-        for number, method in enumerate((OURS, *CONTACT, *LINEAR)):
-            mine = [r for r in done if r["series"] == name and r["method"] == method]
-            if not mine:
-                continue
-            style: dict[str, Any] = {
-                "color": colours(number),
-                "label": method,
-                "linewidth": 2.8 if method == OURS else 1.3,
-                "linestyle": ":" if method in LINEAR else "-",
-                "marker": "o" if method == OURS else ".",
-            }
-            dofs = [r["dofs"] for r in mine]
-            left.loglog(dofs, [r["seconds"] for r in mine], **style)
-            right.loglog(dofs, [r["peak_rss_gb"] for r in mine], **style)
-        left.set_ylabel("seconds from mesh to solution")
-        right.set_ylabel("peak memory, GB")
-        for axes in (left, right):
-            axes.set_title(f"{name} (dotted: linear, without contact)", fontsize=10)
-            axes.set_xlabel("degrees of freedom")
-            axes.grid(visible=True, which="both", alpha=0.25)
-        left.legend(fontsize=8)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)

@@ -11,7 +11,6 @@ answer of `reference`.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 import tempfile
@@ -33,6 +32,7 @@ from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import QUANTITIES, Fields, ReferenceAnswer, Ruler
 from contact_app.studies.runs import run_one
+from contact_app.studies.tables import write
 
 COLUMNS = ("method", "degree", "cell", "dofs", "tolerance", "subdomains", "seconds",
            "peak_rss_gb", "error_energy", "error_displacement", "error_pressure")  # fmt: skip
@@ -379,10 +379,10 @@ def chart(
                     )
                 if isinstance(stored.points[name], str):
                     slow.add(variant.kind)
-                write(stored.rows(), output / "frontier.csv")
+                write(stored.rows(), COLUMNS, output / "frontier.csv")
     finally:
         rows = stored.rows()
-        write(rows, output / "frontier.csv")
+        write(rows, COLUMNS, output / "frontier.csv")
         if rows:
             draw(rows, output / "frontier.png", sweep.scene.title, sentence)
 
@@ -450,19 +450,3 @@ class Runs:
 
     reference: Callable[..., Generator[Progress, None, ReferenceAnswer]] = solve_reference
     point: Callable[..., dict[str, Any]] = solve_point
-
-
-def write(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """All points as CSV."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    """Points of a CSV that `write` made."""
-    texts = ("method", "cell", "tolerance")
-    with path.open(encoding="utf-8", newline="") as file:
-        return [{k: v if k in texts else float(v) for k, v in row.items()}
-                for row in csv.DictReader(file)]  # fmt: skip

@@ -20,7 +20,6 @@ With mean dilatation the energy is not that of u_h; there it is the distance of 
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
@@ -50,6 +49,7 @@ from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
 from contact_app.studies.fields_on_meshes import interpolation
 from contact_app.studies.reference import Fields
 from contact_app.studies.single_run import fields_of
+from contact_app.studies.tables import write
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
 
@@ -437,8 +437,5 @@ def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[st
                                     "meshes": every,
                                     "targets": [asdict(run) for run in reached]}  # fmt: skip
     for name, table in tables.items():
-        with (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(table[0]))
-            writer.writeheader()
-            writer.writerows(table)
+        write(table, list(table[0]), directory / f"{name}.csv")
         yield f"wrote {directory / f'{name}.csv'}"

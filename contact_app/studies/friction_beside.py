@@ -19,7 +19,6 @@ prints the tables.
 from __future__ import annotations
 
 import argparse
-import csv
 import importlib.util
 import json
 import shutil
@@ -37,6 +36,7 @@ from contact_app.studies import rough_calculix
 from contact_app.studies.calculix import COMMAND, measured
 from contact_app.studies.rough_models import Outcome, PlainScene
 from contact_app.studies.rough_scenes import ROUGH, plain
+from contact_app.studies.tables import write
 
 Array = NDArray[np.float64]
 
@@ -262,10 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for row in rows(names, output):
         found.append(row)
         print({k: v for k, v in row.items() if v != ""}, file=sys.stderr, flush=True)
-    with (output / "friction.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(found)
+    write(found, COLUMNS, output / "friction.csv")
     for name in names:
         print(f"\n{name}\n")
         print("\n".join(table(found, name)))

@@ -7,7 +7,6 @@ log(seconds) against log(unknowns): 1 where time grows as the unknowns do.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.studies.bench import OURS, config
 from contact_app.studies.processes import RunError
 from contact_app.studies.runs import from_summary, run_one
+from contact_app.studies.tables import write
 
 COLUMNS = ("dofs", "subdomains", "ranks", "seconds", "peak_rss_gb", "applications", "steps",
            "energy", "source")  # fmt: skip
@@ -63,7 +63,7 @@ def growth(
         yield from found
     finally:
         rows.sort(key=lambda row: row["dofs"])
-        write(rows, output / "growth.csv")
+        write(rows, COLUMNS, output / "growth.csv")
         if len(rows) > 1:
             draw(rows, output / "growth.png")
 
@@ -93,14 +93,6 @@ def slope(dofs: ArrayLike, values: ArrayLike) -> float:
     1.0
     """
     return float(np.polyfit(np.log(dofs), np.log(values), 1)[0])
-
-
-def write(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """CSV of all rows."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:

@@ -19,18 +19,16 @@ taken in its last one. The columns of the table:
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from contact_app.scene.yaml_reader import read as read_scene
 from contact_app.studies.part_run import OURS
-from contact_app.studies.parts_figure import draw
 from contact_app.studies.parts_meshes import Meshes
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError, parallel_ranks, python
+from contact_app.studies.tables import Figure, Row, draw, read, write
 from contact_app.studies.undecomposed import UnsuitableError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -41,6 +39,14 @@ COLUMNS = ("part", "meshes", "degree", "method", "unknowns", "used", "read", "as
            "seconds", "cpu", "iterations", "known", "memory", "ranks", "converged", "energy",
            "note")  # fmt: skip
 """Of the CSV; seconds, memory in GB summed over ranks, energy in the units of the scene."""
+
+TEXTS = ("part", "meshes", "method", "used", "note")
+"""Columns of words."""
+
+FIGURE = Figure(
+    (*OURS, *METHODS), OURS, [name for name, m in METHODS.items() if not m.contact],
+    lambda row: f"{row['part']}, degree {row['degree']}", "unknowns", "memory",
+)  # fmt: skip
 
 HEADING = (
     "| part | unknowns | method | read | assembly | solve | seconds | over linear | CPU "
@@ -58,7 +64,6 @@ class Settings:
     limit: float = 120.0
 
 
-Row = dict[str, Any]
 Run = Callable[[Path, str, Sequence[str], Settings], Row]
 """Scene, method, overrides and settings; the measured values. Raises `RunError`."""
 
@@ -109,7 +114,7 @@ def bench(
     settings = settings or Settings()
     output.mkdir(parents=True, exist_ok=True)
     table = output / "parts.csv"
-    rows = {_key(row): row for row in (read(table) if table.exists() else [])}
+    rows = {_key(row): row for row in (read(table, TEXTS) if table.exists() else [])}
     yield HEADING
     try:
         for path in scenes:
@@ -124,13 +129,13 @@ def bench(
                     if not row.get("converged"):
                         out.add(method)
                     rows[_key(row)] = row
-                    write(list(rows.values()), table)  # whatever stops the next run
+                    write(rows.values(), COLUMNS, table)  # whatever stops the next run
                     yield line(row, _linear(row, rows))
     finally:
         found = list(rows.values())
         lines = [HEADING, *(line(row, _linear(row, rows)) for row in found)]
         (output / "parts.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        draw(found, output / "parts.png")
+        draw([row for row in found if row.get("converged")], FIGURE, output / "parts.png")
 
 
 def _attempt(
@@ -172,24 +177,3 @@ def line(row: Row, linear: Row | None) -> str:
         f"| {row['cpu']:.3g} | {ratio('cpu')} | {row['iterations']} | {row.get('known', '')} "
         f"| {row['memory']:.2f} | {row['note']} |"
     )
-
-
-def write(rows: Sequence[Row], path: Path) -> None:
-    """CSV of all rows, those without a result included."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def read(path: Path) -> list[Row]:
-    """Rows of a CSV that `write` made."""
-    types: dict[str, Callable[[str], Any]] = dict.fromkeys(COLUMNS, float)
-    types |= dict.fromkeys(("part", "meshes", "method", "used", "note"), str)
-    types |= dict.fromkeys(("degree", "unknowns", "iterations", "known", "ranks"), int)
-    types["converged"] = lambda text: text == "True"
-    with path.open(encoding="utf-8", newline="") as file:
-        return [
-            {key: types[key](text) for key, text in row.items() if text or key == "note"}
-            for row in csv.DictReader(file)
-        ]

@@ -20,6 +20,7 @@ from contact_app.studies import bench, processes
 from contact_app.studies.bench import CONTACT, LINEAR, OURS, SERIES
 from contact_app.studies.peers import solve
 from contact_app.studies.perturbed import MOVE, write_cube
+from contact_app.studies.tables import read
 from tests import meshfiles
 
 
@@ -75,7 +76,7 @@ def test_a_method_that_takes_too_long_is_left_out_from_then_on(tmp_path: Path) -
         return {"energy": -1.0, "seconds": 0.5, "peak_rss_gb": 1.0}
 
     list(bench.bench(tmp_path, [6], [], methods=["tao-bnls"], run=faster))
-    rows = {(row["cells"], row["method"]): row for row in bench.read(tmp_path / "bench.csv")}
+    rows = {(row["cells"], row["method"]): row for row in read(tmp_path / "bench.csv", bench.TEXTS)}
     assert len(rows) == 6
     assert rows[6, "tao-bnls"]["seconds"] == 0.5
     assert rows[6, "tao-bnls"]["energy_error"] == 0.0

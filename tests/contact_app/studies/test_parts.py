@@ -13,6 +13,7 @@ from contact_app.cli import app
 from contact_app.studies import parts, parts_meshes
 from contact_app.studies.parts_meshes import Meshes
 from contact_app.studies.processes import RunError
+from contact_app.studies.tables import read
 
 PILLOW_BLOCK = parts.CONFIGS / "pillow_block.yaml"
 SAMPLES = parts_meshes.SCRIPT.parent
@@ -35,7 +36,7 @@ def test_the_command_measures_a_part_and_writes_table_and_figure(
     asked = ["pillow_block", "--meshes", str(SAMPLES), "--methods", methods, "-o", str(tmp_path)]
     done = CliRunner().invoke(app, ["bench", "parts", *asked])
     assert done.exit_code == 0, done.output
-    rows = {row["method"]: row for row in parts.read(tmp_path / "parts.csv")}
+    rows = {row["method"]: row for row in read(tmp_path / "parts.csv", parts.TEXTS)}
     assert list(rows) == methods.split(",")
     assert all(row["converged"] and not row["note"] for row in rows.values())
     assert len({row["unknowns"] for row in rows.values()}) == 1
@@ -62,7 +63,7 @@ def test_a_method_without_an_answer_is_left_out_on_finer_meshes(tmp_path: Path) 
     meshes = [Meshes(name, Path(name)) for name in ("coarse", "middle", "fine")]
     methods = ("linear-gamg", "tao-bnls", "snes-vi")
     list(parts.bench(tmp_path, [PILLOW_BLOCK], meshes, methods, run=run))
-    rows = parts.read(tmp_path / "parts.csv")
+    rows = read(tmp_path / "parts.csv", parts.TEXTS)
     notes = {name: [row["note"] for row in rows if row["method"] == name] for name in methods}
     left_out = "left out after a coarser mesh"
     assert notes["linear-gamg"] == ["", "", ""]
@@ -78,7 +79,7 @@ def test_rows_of_an_earlier_run_stay_until_they_are_measured_again(tmp_path: Pat
             return {**measured(seconds), "used": method}
 
         last = list(parts.bench(tmp_path, [PILLOW_BLOCK], shipped, methods, run=run))[-1]
-    rows = {row["method"]: row["seconds"] for row in parts.read(tmp_path / "parts.csv")}
+    rows = {row["method"]: row["seconds"] for row in read(tmp_path / "parts.csv", parts.TEXTS)}
     assert rows == {"linear-gamg": 2.0, "primal": 3.0}
     assert last.split("|")[8].strip() == "1.50"  # beside the linear solve of the first run
 

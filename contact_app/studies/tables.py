@@ -1,0 +1,98 @@
+"""The rows of a benchmark as CSV, and their figure: seconds and memory over unknowns."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+Row = dict[str, Any]
+
+
+def write(rows: Iterable[Row], columns: Sequence[str], path: Path) -> None:
+    """CSV of these columns; what a row lacks stays empty."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def read(path: Path, texts: Sequence[str] = ()) -> list[Row]:
+    """Rows of a CSV that `write` made, without empty cells but those of the columns `texts`.
+
+    Other columns hold numbers or True and False.
+    """
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            {key: text if key in texts else _value(text)
+             for key, text in row.items() if text or key in texts}
+            for row in csv.DictReader(file)
+        ]  # fmt: skip
+
+
+def _value(text: str) -> int | float | bool:
+    if text in ("True", "False"):
+        return text == "True"
+    return int(text) if text.lstrip("-").isdigit() else float(text)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What a figure shows.
+
+    Attributes
+    ----------
+    methods
+        Each has a colour.
+    panels
+        The row of axes of a row of the table, by its title.
+    unknowns, memory
+        Columns.
+    """
+
+    methods: Sequence[str]
+    ours: Sequence[str]
+    linear: Sequence[str]
+    panels: Callable[[Row], str]
+    unknowns: str
+    memory: str
+
+
+def draw(rows: Sequence[Row], figure: Figure, path: Path) -> None:
+    """Seconds and memory of rows with an answer: ours thick, linear methods dotted."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    titles = list(dict.fromkeys(figure.panels(row) for row in rows))
+    if not titles:
+        return
+    drawn, grid = plt.subplots(
+        len(titles), 2, figsize=(10, 0.6 + 3.4 * len(titles)), layout="constrained", squeeze=False
+    )
+    lines: dict[str, Any] = {}
+    for pair, title in zip(grid, titles, strict=True):
+        for number, method in enumerate(figure.methods):
+            mine = [r for r in rows if (figure.panels(r), r["method"]) == (title, method)]
+            mine.sort(key=lambda row: row[figure.unknowns])
+            for axes, key in zip(pair, ("seconds", figure.memory), strict=True):
+                if mine:
+                    (lines[method],) = axes.loglog(
+                        [r[figure.unknowns] for r in mine], [r[key] for r in mine],
+                        color=plt.get_cmap("tab10")(number % 10),
+                        linewidth=2.8 if method in figure.ours else 1.3,
+                        linestyle=":" if method in figure.linear else "-",
+                        marker="o" if method in figure.ours else ".",
+                    )  # fmt: skip
+        for axes, what in zip(pair, ("seconds", "peak memory, GB"), strict=True):
+            axes.set_title(title, fontsize=10)
+            axes.set_ylabel(what)
+            axes.grid(visible=True, which="both", alpha=0.25)
+    for axes in grid[-1]:
+        axes.set_xlabel("unknowns (dotted: linear, without contact)")
+    drawn.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=5, fontsize=8)
+    drawn.savefig(path, dpi=130)
+    plt.close(drawn)
