@@ -56,15 +56,15 @@ class Solver(Model):
 
     method: Literal["auto", "active-set", "smalbe", "primal"] = Field(
         "auto",
-        description="auto: multigrid (primal) for bodies from mesh files of degree "
-        "1 in space from 20,000 unknowns on, else primal-dual active sets by Total FETI, with "
-        "SMALBE-M where they do not settle. active-set: Total FETI without SMALBE-M. smalbe: the "
-        "algorithm of Kružík et al. (2020), MPRGP with the named expansion inside SMALBE-M; it is "
-        "meant where an expansion is named "
-        "without a method. primal: active sets on the undecomposed bodies, conjugate gradients "
-        "with algebraic multigrid on each set; Total FETI where that ends without a certificate. "
-        "Where another method does, the scene is solved again in as few subdomains as possible and "
-        "then by Newton's method. A warning says so.",
+        description="auto: multigrid (primal) for thick bodies from mesh files in space (one body "
+        "from 10,000 unknowns on, several of degree 1 from 40,000), otherwise primal-dual "
+        "active sets by Total FETI, with SMALBE-M if they do not settle; `check` names the "
+        "choice. active-set: Total FETI without SMALBE-M. smalbe: the algorithm of Kružík et "
+        "al. (2020), MPRGP with the named expansion inside SMALBE-M; the default if an "
+        "expansion is named. primal: active sets on the undecomposed bodies, conjugate "
+        "gradients with algebraic multigrid on each set. If a method ends without a "
+        "certificate, others follow (Total FETI, fewer subdomains, Newton's method), and a "
+        "warning says so.",
     )
     tolerance: Annotated[
         float | Literal["auto"],
