@@ -66,6 +66,7 @@ class _Answer:
 
     solution: Solution
     pressure: Any
+    smoothed: Any
     gap: Any
     friction: _Friction
     summary: dict[str, Any]
@@ -282,7 +283,9 @@ class ContactProblem:
                 contact_at_nodes(model, solution, owners, rough, i)
                 for i in range(len(model.contacts))
             ]
-            pressure = np.max([np.zeros(owners.count), *(c.pressure for c in found)], axis=0)
+            none = np.zeros(owners.count)
+            pressure = np.max([none, *(c.pressure for c in found)], axis=0)
+            smoothed = np.max([none, *(c.smoothed for c in found)], axis=0)
             gap = nearest_gap(found, owners.count)
             scalars, of_space = self._space.sub(0).collapse()
             nodes = np.asarray(of_space) // d
@@ -302,7 +305,12 @@ class ContactProblem:
                 vectors(traction, "friction_traction"), vectors(slip, "slip"),
                 function(status.astype(float), "contact_status"),
             )  # fmt: skip
-            fields = function(pressure, "contact_pressure"), function(gap, "gap"), friction
+            fields = (
+                function(pressure, "contact_pressure"),
+                function(smoothed, "smoothed_contact_pressure"),
+                function(gap, "gap"),
+                friction,
+            )
             records = (
                 contact_records(model, owners, found),
                 reaction_records(model, solution, owners, self.bcs),
@@ -330,6 +338,11 @@ class ContactProblem:
     def contact_pressure(self) -> Any:
         """Function of the pressure on the side of `tag`, 0 away from contact."""
         return self._solved.pressure
+
+    @property
+    def smoothed_contact_pressure(self) -> Any:
+        """Function of the pressure without what straight facets make of it, as a scene has it."""
+        return self._solved.smoothed
 
     @property
     def gap(self) -> Any:

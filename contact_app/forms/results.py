@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.forms.boundary import Facets
+from contact_app.forms.boundary import Facets, gathered_surface
 from contact_app.forms.model import FormModel, largest
 from contact_app.forms.parts import Parts
-from contact_app.forms.rows import held_components, in_the_mean
+from contact_app.forms.rows import held_components, in_the_mean, side_of
 from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
 from contact_app.results.alternation import LINES, Lines, alternation
 from contact_app.results.friction import FrictionAtRows, dissipated_work
 from contact_app.results.resultants import joined, summed
+from contact_app.results.smoothed_pressure import smoothed_on
 from contact_app.run.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
@@ -93,8 +94,8 @@ class ContactAtNodes:
 
     Attributes
     ----------
-    pressure, gap : (owned,)
-        The gap is NaN where there is no row.
+    pressure, smoothed, gap : (owned,)
+        Smoothed: without what facets make of the pressure. The gap is NaN where there is no row.
     shares : (owned,)
         ∫ φ_k over the boundary.
     carriers, closed : (owned,)
@@ -110,6 +111,7 @@ class ContactAtNodes:
     """
 
     pressure: Array
+    smoothed: Array
     gap: Array
     shares: Array
     carriers: NDArray[np.bool_]
@@ -169,12 +171,31 @@ def contact_at_nodes(
     moments = force[:, None] * rows.moments[mine] + rough.moments[mine]
     carriers = shares > 0.0 if at_nodes else at_owned(np.ones(len(force))) > 0.0
     status = np.where(closed | rough.rubs[mine], np.where(rough.sticks[mine], 1, 2), 0)
+    smoothed = _smoothed(model, owners, number, pressure, shares)
     return ContactAtNodes(
-        pressure, gap, shares, carriers,
+        pressure, smoothed, gap, shares, carriers,
         at_owned(closed.astype(float)) > 0.0, at_owned(np.where(closed, area, 0.0)),
         at_owned(vectors), at_owned(moments), traction, at_owned(rough.slips[mine]),
         at_owned(status).astype(np.int64),
     )  # fmt: skip
+
+
+def _smoothed(
+    model: FormModel, owners: Owners, number: int, pressure: Array, shares: Array
+) -> Array:
+    """The pressure of a contact without what facets make of it, (owned,) (collective)."""
+    parts, contact, facets = model.parts, model.contacts[number], model.facets[number]
+    sides = [gathered_surface(parts, facets)]
+    if contact.against is not None:
+        other = side_of(parts, contact, contact.against, f"contacts[{number}].against")
+        sides.append(gathered_surface(parts, other))
+    marks = np.zeros(len(parts.points))
+    marks[facets.copies.ravel()] = 1.0
+    on = np.flatnonzero(owners.sums(marks) > 0.0)
+    known = model.exchange.first + on, pressure[on], shares[on]
+    result = np.zeros(owners.count)
+    result[on] = smoothed_on(parts.comm, sides, known, parts.nodes)
+    return result
 
 
 def _to_middles(facets: Facets, owners: Owners, values: Array, count: int) -> Array:
@@ -216,6 +237,7 @@ def contact_records(
             "on": contact.on, "with": contact.other,
             **joined([resultant], model.parts.dimension), "area": float(area),
             "max_pressure": largest(model.parts.comm, nodes.pressure),
+            "max_smoothed_pressure": largest(model.parts.comm, nodes.smoothed),
             "nodes": dict(zip(("open", "stick", "slip"), map(int, counts), strict=True)),
         })  # fmt: skip
     return records

@@ -19,7 +19,10 @@ fewer carry the contact, and at corners, where the pressure itself is singular.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
@@ -42,7 +45,9 @@ high."""
 def smoothed_pressure(
     model: Model, number: int, nodes: NDArray[np.int64], pressure: Array, shares: Array
 ) -> Array:
-    """The smoothed pressure of a contact at its nodes that this rank owns, (n,) (collective).
+    """The smoothed pressure of a contact of a scene at its nodes that this rank owns, (n,).
+
+    Collective.
 
     Parameters
     ----------
@@ -51,20 +56,41 @@ def smoothed_pressure(
     pressure, shares : (n,), (n,)
         At these nodes, and the integrals of their shape functions.
     """
-    touching, comm = model.scene.touching[number], model.comm
-    surface = _side(model, touching.body, touching.boundary)
+    touching = model.scene.touching[number]
+    sides = [_side(model, touching.body, touching.boundary)]
+    if isinstance(touching, BodyContact):
+        sides.append(_side(model, touching.other, touching.other_boundary))
+    return smoothed_on(model.comm, sides, (nodes, pressure, shares), model.partition.nodes)
+
+
+def smoothed_on(
+    comm: MPI.Intracomm,
+    sides: Sequence[Surface | None],
+    known: tuple[NDArray[np.int64], Array, Array],
+    total: int,
+) -> Array:
+    """The smoothed pressure of a contact at its nodes that this rank owns, (n,) (collective).
+
+    Parameters
+    ----------
+    sides
+        The facets that press, of all ranks, and those of the other body where there is one.
+    known : (n,), (n,), (n,)
+        Nodes, pressure, and the integrals of shape functions.
+    total
+        Nodes of the mesh; k · total and more is the number of a mirror image.
+    """
+    nodes, pressure, shares = known
     loaded = pressure > 0.0
     parts = comm.allgather((nodes[loaded], pressure[loaded]))
     at, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if surface is None or len(at) == 0:
+    if sides[0] is None or len(at) == 0:
         return np.zeros(len(nodes))
-    numbers, points, areas, lengths = _at_nodes(surface)
-    if isinstance(touching, BodyContact):
-        other = _side(model, touching.other, touching.other_boundary)
-        if other is not None:
-            nearest = cKDTree(other.centres).query(points)[1]
-            lengths = np.maximum(lengths, _longest_edges(other)[nearest])
-    original = numbers % model.partition.nodes
+    numbers, points, areas, lengths = _at_nodes(sides[0])
+    for other in filter(None, sides[1:]):
+        nearest = cKDTree(other.centres).query(points)[1]
+        lengths = np.maximum(lengths, _longest_edges(other)[nearest])
+    original = numbers % total
     order = np.argsort(at)
     place = np.minimum(np.searchsorted(at[order], original), len(at) - 1)
     p = np.where(at[order][place] == original, values[order][place], 0.0)
@@ -75,8 +101,8 @@ def smoothed_pressure(
     result = np.zeros(len(nodes))
     mine = np.searchsorted(numbers, nodes)
     mine = np.minimum(mine, len(numbers) - 1)
-    known = numbers[mine] == nodes
-    result[known] = found[mine[known]]
+    of_side = numbers[mine] == nodes
+    result[of_side] = found[mine[of_side]]
     before, after = comm.allreduce(np.array([shares @ pressure, shares @ result]))
     return result * (before / after) if after > 0.0 else pressure
 
