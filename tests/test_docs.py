@@ -44,11 +44,17 @@ def test_what_a_page_names_exists(page: Path) -> None:
             assert (page.parent / target).exists(), target
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_modules_that_a_page_runs_exist(page: Path) -> None:
+@pytest.mark.parametrize(
+    "page",
+    [*PAGES, *sorted((ROOT / "configs").glob("*.yaml"))],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
+def test_modules_that_a_page_runs_are_programs(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    for module in re.findall(r"python -m ((?:contact_app|tests)[\w.]+)", text):
-        assert ROOT.joinpath(*module.split(".")).with_suffix(".py").is_file(), module
+    for module in re.findall(r"python -m ((?:contact_app|tests)(?:\.\w+)+)", text):
+        file = ROOT.joinpath(*module.split(".")).with_suffix(".py")
+        assert file.is_file(), module
+        assert "__main__" in file.read_text(encoding="utf-8"), module
 
 
 def test_a_run_takes_the_steps_of_the_tour_in_its_order(tmp_path: Path) -> None:
