@@ -71,10 +71,10 @@ def body_balances(
     for nth in range(rigid.count):
         work[elastic + nth] = rigid.loads(nth)
         scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
-    seen, joined = (_contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
+    seen, joined = (contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
     points = None
     if friction is not None:
-        slips = _contact_motions(scene, partition, friction.rows, rigid)
+        slips = contact_motions(scene, partition, friction.rows, rigid)
         points = ContactPoints(friction, friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * count
     for group in groups_in_contact(scene):
@@ -102,9 +102,12 @@ def body_balances(
                 resisting = np.concatenate([contact_rows, cones.slips])
             sliding = loose_motions(comm, both, resisting, moved)
         sliding = _with_free(sliding, found.free_motions, np.repeat(group < elastic, MOTIONS[d]))
-        loose = dict(zip(group, sliding.reshape(len(group), MOTIONS[d], -1), strict=True))
-        for b, rows, free in zip(group, held_rows, shares, strict=True):
-            balances[b] = BodyBalance(free, None, holds(comm, rows), found.held, loose[b])
+        loose = sliding.reshape(len(group), MOTIONS[d], -1)
+        allowed = held_motions(comm, both).reshape(len(group), MOTIONS[d], -1)
+        for nth, b in enumerate(group):
+            balances[b] = BodyBalance(
+                shares[nth], None, holds(comm, held_rows[nth]), found.held, loose[nth], allowed[nth]
+            )
     return [b for b in balances if b is not None]
 
 
@@ -248,7 +251,7 @@ def groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(label == k) for k in np.unique(label)]
 
 
-def _contact_motions(
+def contact_motions(
     scene: Scene, partition: Partition, contact: ContactRows, rigid: RigidUnknowns
 ) -> sparse.csr_matrix:
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""

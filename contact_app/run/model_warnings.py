@@ -37,6 +37,8 @@ from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import closing_points
+from contact_app.results.sliding import largest_sliding, sliding_on_each_other
+from contact_app.results.undetermined import undetermined
 from contact_app.run.repeated_sentences import said_once
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
@@ -174,7 +176,7 @@ def _beside_obstacles(answer: Answer) -> Iterator[str]:
     for i, contact in enumerate(scene.contacts):
         radius = getattr(contact.obstacle, "curvature_radius", None)
         if radius:
-            sliding = _largest_sliding(model, solution, answer.nodes, i)
+            sliding = largest_sliding(model, solution, answer.nodes, i)
             sagitta = sliding**2 / (2.0 * radius)
             if sagitta > SMALL_SAGITTA * solution.measures.deformations[contact.body] > 0.0:
                 yield (
@@ -222,7 +224,7 @@ def _sliding_bodies(answer: Answer) -> Iterator[str]:
     """Bodies that slide along each other by more than a facet."""
     scene = answer.model.scene
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
-        sliding, facet = _sliding_on_each_other(answer.model, answer.solution, answer.nodes, i)
+        sliding, facet = sliding_on_each_other(answer.model, answer.solution, answer.nodes, i)
         if sliding > facet:
             yield (
                 f"{pair.source}: the bodies slide along each other by up to {sliding:.3g}, more "
@@ -390,6 +392,11 @@ def _slides(answer: Answer) -> Iterator[str]:
         )
 
 
+def _plays(answer: Answer) -> list[str]:
+    """Bodies that can be moved without any change of energy and forces (collective)."""
+    return [found.sentence for found in undetermined(answer.model, answer.solution)]
+
+
 def _apart(answer: Answer) -> list[str]:
     """Tied surfaces at a distance from each other."""
     return [note for note in answer.model.notes if "the tied surfaces are" in note]
@@ -453,48 +460,11 @@ def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDAr
     return np.where(strained, 1.0 - means / total, 0.0)
 
 
-def _largest_sliding(model: Model, solution: Solution, nodes: NodeFields, source: int) -> float:
-    """Largest tangential displacement of touching nodes of one contact."""
-    contact = model.problem.contact
-    touching = (solution.multiplier[model.problem.inequality] > 0.0) & (contact.sources == source)
-    u = nodes.displacement[contact.nodes[touching] - nodes.first]
-    normal = contact.normals[touching]
-    along = u - np.einsum("ij,ij->i", u, normal)[:, None] * normal
-    largest = float(np.linalg.norm(along, axis=1).max(initial=0.0))
-    return float(model.comm.allreduce(largest, op=MPI.MAX))
-
-
-def _sliding_on_each_other(
-    model: Model, solution: Solution, nodes: NodeFields, source: int
-) -> tuple[float, float]:
-    """Largest tangential motion of a touching row of a pair of bodies, and its facets' size.
-
-    A row weighs nodes by Σ_c value_c n_c, its entries being weights times the mean normal.
-    """
-    comm, d = model.comm, model.scene.dimension
-    contact = model.problem.contact
-    pushed = solution.multiplier[model.problem.inequality] > 0.0
-    rows = contact.of(pushed & (contact.sources == source))
-    entries, normals = rows.entries, rows.normals
-    query = model.node_exchange.among(entries.node)
-    u = query.from_owners(nodes.displacement[query.nodes - nodes.first])
-    weight = entries.value * -normals[entries.row, entries.component]
-    motion = np.zeros((len(rows.nodes), d))
-    np.add.at(motion, entries.row, weight[:, None] * u)
-    motion -= np.einsum("ij,ij->i", motion, normals)[:, None] * normals
-    size = np.linalg.norm(motion, axis=1)
-    worst = int(np.argmax(size)) if len(size) else -1
-    mine = (
-        (float(size[worst]), float(rows.areas[worst] ** (1 / (d - 1)))) if len(size) else (0.0, 0.0)
-    )
-    return max(comm.allgather(mine))
-
-
 CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _between_nodes, _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending,
     _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
     _certificates, _free_motions, _slides, _rubs_where_open,
-    _closes_at_once, _several_answers, _apart,
+    _closes_at_once, _several_answers, _plays, _apart,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

@@ -74,6 +74,8 @@ class BodyBalance:
     loose : (motions, k)
         The body's part of orthonormal motions of its group on which the contact rows, or all rows,
         are nearly zero.
+    allowed : (motions, k)
+        The body's part of orthonormal motions of its group that the held and tied rows leave free.
     """
 
     free_motions: NDArray[np.float64]
@@ -81,6 +83,7 @@ class BodyBalance:
     held: bool
     steady: bool = False
     loose: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+    allowed: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,6 +274,35 @@ def loose_motions(
     size += 1e-9 * np.trace(size) * np.eye(len(size))
     values, vectors = eigh(seen, size)
     return np.linalg.qr(allowed @ vectors[:, values <= SLIDING**2])[0]
+
+
+def undetermined_motions(
+    comm: MPI.Intracomm,
+    allowed: NDArray[np.float64],
+    contact: NDArray[np.float64],
+    presses: NDArray[np.bool_],
+    loose: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Orthonormal motions of a group that open contact rows see, and pressing ones do not.
+
+    No load works on them, since the pressing rows balance all loads, and none strains a body: an
+    answer may be moved along them until a row closes that is open (collective).
+
+    Parameters
+    ----------
+    allowed, loose : (motions, k), (motions, l)
+        As in `BodyBalance`; what is along `loose` is left out.
+    contact, presses : (rows, motions), (rows,)
+        This rank's contact rows applied to the rigid motions, and which have a force.
+    """
+    if allowed.shape[1] == 0:
+        return allowed
+    rows = contact @ allowed
+    free, found = (
+        allowed @ _null_space(comm.allreduce(some.T @ some)) for some in (rows, rows[presses])
+    )
+    told = np.hstack([free, loose]).T @ found
+    return np.asarray(found @ _null_space(told.T @ told)) if told.any() else found
 
 
 def spanned(motions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,137 @@
+"""Rigid motions along which an answer may be moved: its place is one of several.
+
+A part that is held by contact alone may press at so few points that it can still tilt or shift
+until another point closes: a dovetail with play, a bolt that floats in its bores. Let v be a rigid
+motion of bodies that may touch, with D v = 0 on held rows and N v = 0 on the contact rows that
+press. It strains nothing, and as the pressing rows balance the loads, fᵀ v = λᵀ N v = 0. So all
+u + t v with gaps g - N (u + t v) ≥ 0 have one energy, one stress and one contact force:
+
+    max_{(N v)_i < 0} g_i / (N v)_i ≤ t ≤ min_{(N v)_i > 0} g_i / (N v)_i,
+
+with g_i the distance left at row i. Motions that no row resists are told by `free_motions`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.equilibrium import (
+    body_frame,
+    contact_motions,
+    directions_in_words,
+    groups_in_contact,
+    upward,
+)
+from contact_app.model.model import Model
+from contact_app.model.rigid import RigidUnknowns
+from contact_app.scene.scene import Scene
+from solver.contact.equilibrium import undetermined_motions
+from solver.contact.solution import Solution
+from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
+
+Array = NDArray[np.float64]
+
+PRESSING = 1e-6
+"""Contact force over the largest of all below which a point does not hold a body in its place."""
+
+SMALL_PLAY = 0.05
+"""Play over the largest displacement of the body, below which it is not told."""
+
+SEEN = 1e-9
+"""Coefficient of a row along a motion, over the largest, below which it is a rounding error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Undetermined:
+    """A motion of one body, with others perhaps, that leaves energy and forces as they are.
+
+    Attributes
+    ----------
+    name
+        Of the body.
+    along
+        The motion in words.
+    reach
+        How far its points can move, from one end to the other.
+    """
+
+    name: str
+    along: str
+    reach: float
+
+    @property
+    def sentence(self) -> str:
+        """For the user."""
+        return (
+            f"{self.name} has a play of {self.reach:.3g} along {self.along}: the points that press "
+            "do not resist this motion and no load drives it, so that displacements are those of "
+            "one of many places with the same stresses and contact forces; a displacement "
+            "condition, `hold` or friction determines the place"
+        )
+
+
+def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
+    """The motions that an answer without friction leaves open (collective)."""
+    scene, problem, comm = model.scene, model.problem, model.comm
+    if problem.friction is not None:
+        return []
+    m, contact = MOTIONS[scene.dimension], problem.contact
+    rigid = RigidUnknowns.of(scene, model.partition)
+    seen = contact_motions(scene, model.partition, contact, rigid)
+    left = -problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
+    left = np.maximum(left / contact.spread, 0.0)
+    force = solution.multiplier[problem.inequality] * contact.spread
+    largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
+    found = []
+    for group in groups_in_contact(scene):
+        rows = seen[:, (group[:, None] * m + np.arange(m)).ravel()]
+        mine = np.diff(rows.indptr) > 0
+        dense, presses = rows[mine].toarray(), force[mine] > PRESSING * largest
+        allowed = np.concatenate([model.allowed[b] for b in group])
+        loose = _loose(model, group)
+        for motion in undetermined_motions(comm, allowed, dense, presses, loose).T:
+            speeds = [
+                _speed(scene, int(b), part)
+                for b, part in zip(group, motion.reshape(len(group), m), strict=True)
+            ]
+            most = int(np.argmax(speeds))
+            reach = speeds[most] * _reach(comm, dense @ motion, left[mine])
+            if reach > SMALL_PLAY * solution.measures.displacements[group[most]]:
+                along = directions_in_words(upward(motion.reshape(len(group), m)[most][:, None]))
+                found.append(Undetermined(scene.body_names[group[most]], along, reach))
+    return found
+
+
+def _loose(model: Model, group: NDArray[np.int64]) -> Array:
+    """Motions of a group that contacts hardly resist, (motions, k)."""
+    free = model.problem.system.free
+    if free is None:
+        return np.zeros((len(group) * MOTIONS[model.scene.dimension], 0))
+    return np.concatenate([free.loose.along[b] for b in group])
+
+
+def _reach(comm: MPI.Intracomm, closing: Array, left: Array) -> float:
+    """Length of the interval of t along which no row closes (collective)."""
+    size = comm.allreduce(float(np.abs(closing).max(initial=0.0)), op=MPI.MAX)
+    reach = 0.0
+    for toward in (closing, -closing):
+        closes = toward > SEEN * size
+        steps = left[closes] / toward[closes]
+        reach += comm.allreduce(float(steps.min(initial=np.inf)), op=MPI.MIN)
+    return reach
+
+
+def _speed(scene: Scene, body: int, motion: Array) -> float:
+    """Largest displacement at the corners of the box about a body, of a rigid one its own."""
+    if body >= len(scene.bodies):
+        return float(np.linalg.norm(motion))
+    mesh, d = scene.bodies[body].mesh, scene.dimension
+    corners = np.zeros((2**d, 3))
+    corners[:, :d] = list(product(*zip(mesh.lower, mesh.upper, strict=True)))
+    moved = rigid_motions(corners, d, *body_frame(scene.bodies[body])) @ motion
+    return float(np.linalg.norm(moved, axis=1).max())

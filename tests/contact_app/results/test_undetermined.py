@@ -1,0 +1,85 @@
+"""Answers whose place is one of several: the play that pressing points leave a body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import contact_app
+from tests import scenes
+from tests.scenes_on_ranks import summary_of
+
+
+def between_walls(right: float = 1.2, **more: object) -> scenes.Config:
+    """A block that is pressed onto a floor, 0.1 beside one wall and another on its right."""
+    body = {
+        "name": "block",
+        "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [4, 4]}},
+        "material": {"young": 1000.0, "poisson": 0.3},
+    }
+
+    def plane(point: list[float], normal: list[float]) -> dict[str, object]:
+        return {"obstacle": {"plane": {"point": point, "normal": normal}}}
+
+    return {
+        "dimension": 2,
+        "bodies": [{**body, **more}],
+        "conditions": [{"on": "block.y+", "pressure": 20.0}],
+        "contacts": [
+            {"on": "block.y-", **plane([0, 0], [0, 1])},
+            {"on": "block.x-", **plane([-0.1, 0], [1, 0])},
+            {"on": "block.x+", **plane([right, 0], [-1, 0])},
+        ],
+    }
+
+
+def plays(made: scenes.Config) -> list[str]:
+    """Warnings of a play."""
+    answer = contact_app.solve(made)
+    assert answer.certificate.passed
+    return [w for w in answer.summary["certificate"]["warnings"] if "has a play of" in w]
+
+
+@pytest.mark.parametrize("right", [1.2, 1.05])
+def test_the_play_between_two_walls_is_told(right: float) -> None:
+    """The block may lie anywhere between the walls; under the pressure it is wider by 0.0078."""
+    (told,) = plays(between_walls(right))
+    words = told.split()
+    assert told.startswith("block has a play of")
+    assert "along +x:" in told
+    wide = 0.3 * 1.3 * 20.0 / 1000.0  # ν(1 + ν) p / E, plane strain
+    assert float(words[5]) == pytest.approx(0.1 + right - 1.0 - wide, rel=5e-3)
+
+
+def test_what_determines_the_place_ends_the_warning() -> None:
+    assert not plays(between_walls(hold=["x"]))
+    pushed = between_walls()
+    pushed["conditions"].append({"on": "block.x-", "traction": [1.0, 0]})
+    assert not plays(pushed)
+
+
+def test_a_motion_that_no_row_resists_is_no_play() -> None:
+    alone = between_walls()
+    del alone["contacts"][1:]
+    assert not plays(alone)
+
+
+def test_a_body_on_a_single_point_has_the_play_of_a_tilt() -> None:
+    """Two feet under the middle and a load above them: the plate tilts until an end is down."""
+    made = between_walls(hold=["x"])
+    made["conditions"][0]["pressure"] = 0.1
+    made["bodies"][0]["boundaries"] = {"middle": {"where": "y < 1e-9 and abs(x - 0.5) < 0.1"}}
+    made["contacts"] = [
+        {**made["contacts"][0], "on": "block.middle"},
+        {"on": "block.y-", "obstacle": {"plane": {"point": [0, -0.01], "normal": [0, 1]}}},
+    ]
+    (told,) = plays(made)
+    assert "a turn about z" in told
+
+
+def test_two_ranks_tell_the_same_play(tmp_path: Path) -> None:
+    one, two = (summary_of(between_walls(), tmp_path, ranks) for ranks in (1, 2))
+    told = [[w for w in s["certificate"]["warnings"] if "play" in w] for s in (one, two)]
+    assert len(told[0]) == 1
+    assert told[0] == told[1]
