@@ -7,6 +7,8 @@ applications of the frictionless solve with Tresca's law, six times with Coulomb
 is more; a scene without equilibrium where nothing rubs has the limit 60. Of a history, ten
 increments together may take twelve times the applications of one that goes to the same loads.
 
+The rows of a scene begin with the method that `solver.method: auto` takes.
+
 ``--sets`` tells of each active set of a scene what it took and how many rows were active.
 """
 
@@ -21,6 +23,7 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 from contact_app.errors import ContactError
+from contact_app.model.method import chosen
 from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
@@ -280,7 +283,8 @@ def law_of(rubbed: Rubbed) -> str:
 
 def _cells(name: str, method: str, before: Counted, after: Counted, most: float) -> str:
     took, without = after.applications, before.applications
-    cells = [name, method, "none" if without is None else f"{without}"]
+    told_method = f"{method} (auto)" if method == taken_by_auto(name) else method
+    cells = [name, told_method, "none" if without is None else f"{without}"]
     told = "no answer" if took is None else f"{took}" + ("" if after.passed else ", not certified")
     over = "" if took is None or took <= most else " (above)"
     ratio = f"{took / without:.1f}" if took is not None and without else ""
@@ -293,8 +297,14 @@ def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
     yield "| scene | method | without, or one | with, or ten | limit | ratio | sets |"
     yield "|---|---|---:|---:|---:|---:|---:|"
     for name in names:
-        for method in methods:
+        for method in sorted(methods, key=lambda m: m != taken_by_auto(name)):
             yield row(name, method)
+
+
+def taken_by_auto(name: str) -> str:
+    """The method that `auto` stands for."""
+    method = chosen(scene_of((SCENES | HISTORIES)[name], "auto")).solver.method
+    return "active-set" if method == "auto" else method
 
 
 def told_sets(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:

@@ -19,8 +19,10 @@ Res. 1, 1976). It comes to rest where w = 0, or its force grows until it slides.
 Points open and close by Signorini's law. The rules are the semismooth Newton method for
 Tresca friction (G. Stadler, *Path-following and augmented Lagrangian methods for contact problems
 in linear elasticity*, 2007, in the plane), with a fixed point over slip limits. Tractions that
-change by less than the error of the state are left as they are. Points behind the front that the
-force beyond its limits would overload slide at once (`solver.contact.slip_front`).
+change by less than the error of the state are left as they are, in space only while nothing else
+changes: once a set changes, all directions follow the state. Directions that lag behind let points
+with small limits slip against their force. Points behind the front that the force beyond its limits
+would overload slide at once (`solver.contact.slip_front`).
 """
 
 from __future__ import annotations
@@ -145,11 +147,18 @@ class Friction(Frictionless):
         least = self.options.round_off * found.strongest * spread
         wanted = np.where(sticks[points.point], forces, wanted)
         kept = (stuck == sticks) & (points.sizes(wanted - given) <= np.maximum(slack, least))
+        if self._differs(~kept, touching, before):
+            kept[points.planar] = False
         give = np.divide(length, limit, out=np.zeros(len(limit)), where=(limit > 0.0) & ~stuck)
         after = self._statuses(normals, sticks, wanted, give)
         guessed = np.zeros(len(normals), bool)
         guessed[points.rows[points.first]] = early
         return self._keeping(after, before, kept), guessed
+
+    def _differs(self, points: Mask, touching: Mask, before: Statuses) -> bool:
+        """Whether the set changes at points, or in which points are closed (collective)."""
+        closed = before.active[self.points.normals[self.points.first]]
+        return bool(self.comm.allreduce(int((points | (touching != closed)).sum())))
 
     def _units(self, forces: Array) -> Array:
         """Directions of forces (k,), zero of none."""

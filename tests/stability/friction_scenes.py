@@ -14,8 +14,11 @@ COEFFICIENTS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 KINDS = ("floor", "ball", "edge", "room", "pair", "pair and wall")
 
 
-def friction_scene(seed: int) -> tuple[scenes.Config, Any]:
-    """The scene of a seed, and its decomposition."""
+def friction_scene(seed: int, variant: int = 0) -> tuple[scenes.Config, int]:
+    """The scene of a seed, and the number of its subdomains.
+
+    Variants are the same scene in other units and other subdomains.
+    """
     random = np.random.default_rng([seed, 25])
     kind = str(random.choice(KINDS))
     cell = str(random.choice(["quadrilateral", "triangle", "hexahedron", "tetrahedron"]))
@@ -26,6 +29,8 @@ def friction_scene(seed: int) -> tuple[scenes.Config, Any]:
     if flat and random.random() < 0.25:
         for body in made["bodies"]:
             body["degree"] = 2
+    if variant:
+        random = np.random.default_rng([seed, 25, variant])
     length = float(10.0 ** random.integers(-3, 4))
     _in_units(made, length, float(10.0 ** random.integers(-4, 5)))
     side = made["bodies"][-1].get("boundaries", {}).get("side")
@@ -34,13 +39,13 @@ def friction_scene(seed: int) -> tuple[scenes.Config, Any]:
     return made, int(random.integers(1, 6))
 
 
-def history_scene(seed: int) -> tuple[scenes.Config, Any]:
-    """The scene of a seed under a load history, and its decomposition.
+def history_scene(seed: int, variant: int = 0) -> tuple[scenes.Config, int]:
+    """The scene of a seed under a load history, and the number of its subdomains.
 
     The components of its load, or of what moves it, are conditions of their own: the vertical one
     begins, then one or two at a time go up, back or to the other side.
     """
-    made, subdomains = friction_scene(seed)
+    made, subdomains = friction_scene(seed, variant)
     random = np.random.default_rng([seed, 26])
     conditions = [c for c in made["conditions"] if _named(c)]
     others = [c for c in made["conditions"] if not _named(c)]

@@ -1,5 +1,8 @@
 """Random scenes with friction: ``python -m tests.stability.fuzz_friction 200``.
 
+``mpirun -n 2 python -m tests.stability.fuzz_friction 200`` solves the same scenes on ranks, and
+``--variant 1`` in other units and decompositions; the answers have to be the same.
+
 Every scene of `friction_scenes` must end in one of these ways:
 
 agrees       certified, with the displacements of the Gauss-Seidel reference (`friction_reference`):
@@ -26,6 +29,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.machine.time_limit import OutOfTime, time_limit
@@ -58,24 +62,31 @@ class FrictionVerdict(Verdict):
 
 
 def judge(
-    seed: int, method: str = "auto", *, solve: Any = solve_scene, patience: float = 120.0
+    seed: int,
+    method: str = "auto",
+    variant: int = 0,
+    *,
+    solve: Any = solve_scene,
+    patience: float = 120.0,
 ) -> FrictionVerdict:
-    """Solve a random scene and hold it against the reference.
+    """Solve a random scene and hold it against the reference (collective).
 
     Parameters
     ----------
     method
         As `solver.method` has it.
+    variant
+        Of its units and its decomposition.
     solve
         In place of `solve_scene`.
     patience
         Seconds of processor time after which it is said to hang.
     """
-    made, subdomains = friction_scene(seed)
+    made, subdomains = friction_scene(seed, variant)
     made["solver"]["method"] = method
 
     def one() -> tuple[str, str, int]:
-        scene = scenes.build(made, subdomains)
+        scene = scenes.build(made, max(subdomains, MPI.COMM_WORLD.size))
         with time_limit(patience):
             solved = solve(scene)
         kind, detail, _ = judged(condense(scene), solved)
@@ -104,15 +115,27 @@ def timed(seed: int, judging: Callable[[], tuple[str, str, int]]) -> FrictionVer
 
 
 def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:
-    """The verdict on an answer, what it stands on, and contact forces to go on from."""
-    certificate = solved.summary["certificate"]
+    """The verdict on an answer, what it stands on, and contact forces to go on from (collective).
+
+    The reference of rank 0 decides.
+    """
+    comm = solved.model.comm
+    ours, found = _forces(condensed, solved), solved.displacement_at_nodes()
+    told = _compared(condensed, solved.summary, ours, found) if comm.rank == 0 else None
+    return comm.bcast(told)
+
+
+def _compared(
+    condensed: Condensed, summary: dict[str, Any], ours: np.ndarray, nodes: Any
+) -> tuple[str, str, np.ndarray]:
+    """As `judged`, of contact forces in the rows of the reference and displacements at nodes."""
+    certificate = summary["certificate"]
     known = _settled(condensed, np.zeros(len(condensed.q)))
     if known is None:
         known = _settled(condensed, np.full(len(condensed.q), condensed.scale), backwards=True)
-    ours = _forces(condensed, solved)
     if not certificate["passed"]:
         return ("degraded" if known is None else "given up"), str(certificate), ours
-    found = in_order(condensed.system, *solved.displacement_at_nodes())
+    found = in_order(condensed.system, *nodes)
     assert found is not None, "the nodes of the reference are others"
     u = found.reshape(-1, condensed.system.dimension)
     left = condensed.residual(ours)
@@ -123,7 +146,7 @@ def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:
     apart = float(np.abs(u - known.u).max()) / size
     stiffness = condensed.system.stiffness
     strained = float(known.u.ravel() @ (stiffness @ known.u.ravel())) or 1.0
-    energy = abs(solved.summary["solution"]["energy"] - known.energy) / strained
+    energy = abs(summary["solution"]["energy"] - known.energy) / strained
     told = f"displacements {apart:.1e}, energy {energy:.1e} apart; ours leaves {left:.1e}"
     same = apart <= MOVED if condensed.coefficient.any() else energy <= ENERGY
     if same:
@@ -138,7 +161,7 @@ def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:
 
 
 def _forces(condensed: Condensed, solved: Any) -> np.ndarray:
-    """The contact forces of an answer in the rows of the reference."""
+    """The contact forces of an answer in the rows of the reference (collective)."""
     problem, multiplier = solved.model.problem, solved.solution.multiplier
     contact, points = problem.contact, problem.friction
     normal = multiplier[problem.inequality] * contact.spread
@@ -147,7 +170,8 @@ def _forces(condensed: Condensed, solved: Any) -> np.ndarray:
         place = np.searchsorted(np.flatnonzero(problem.inequality), points.normals)
         directions = -problem.system.friction.rows.normals
         np.add.at(tangential, place, points.forces(multiplier)[:, None] * directions)
-    return condensed.rows_of(contact.points, contact.sources, normal, tangential)
+    own = condensed.rows_of(contact.points, contact.sources, normal, tangential)
+    return np.asarray(solved.model.comm.allreduce(own))
 
 
 def _settled(
@@ -165,22 +189,26 @@ def main() -> int:
     return report(__doc__, judge)
 
 
-def report(document: str, judge: Callable[[int, str], FrictionVerdict]) -> int:
-    """Judge the scenes that the command line asks for."""
+def report(document: str, judge: Callable[[int, str, int], FrictionVerdict]) -> int:
+    """Judge the scenes that the command line asks for (collective)."""
     parser = argparse.ArgumentParser(description=document.split("\n", 1)[0])
     parser.add_argument("scenes", type=int, nargs="?", default=200)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--method", default="auto", help="solver.method")
+    parser.add_argument("--variant", type=int, default=0, help="other units and decompositions")
     arguments = parser.parse_args()
     verdicts = []
     for seed in range(arguments.first, arguments.first + arguments.scenes):
-        verdict = judge(seed, arguments.method)
+        verdict = judge(seed, arguments.method, arguments.variant)
         verdicts.append(verdict)
+        if MPI.COMM_WORLD.rank:
+            continue
         if verdict.kind not in ("agrees", "contradicts"):
             print(f"{seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True)
-    print(f"{len(verdicts)} scenes from seed {arguments.first} on")
-    for kind, count in Counter(v.kind for v in verdicts).most_common():
-        print(f"{kind}: {count}")
+    if MPI.COMM_WORLD.rank == 0:
+        print(f"{len(verdicts)} scenes from seed {arguments.first} on")
+        for kind, count in Counter(v.kind for v in verdicts).most_common():
+            print(f"{kind}: {count}")
     return int(any(v.fault for v in verdicts))
 
 

@@ -27,29 +27,36 @@ from tests.stability.fuzz_friction import GOOD, FrictionVerdict, judged, report,
 
 def solve_history(scene: Scene) -> list[SolvedIncrement]:
     """All increments of a scene."""
-    return list(solved_increments(scene, MPI.COMM_SELF, lambda place: None))
+    return list(solved_increments(scene, MPI.COMM_WORLD, lambda place: None))
 
 
 def judge(
-    seed: int, method: str = "auto", *, solve: Any = solve_history, patience: float = 240.0
+    seed: int,
+    method: str = "auto",
+    variant: int = 0,
+    *,
+    solve: Any = solve_history,
+    patience: float = 240.0,
 ) -> FrictionVerdict:
-    """Solve a random load history and hold its increments against the reference.
+    """Solve a random load history and hold its increments against the reference (collective).
 
     Parameters
     ----------
     method
         As `solver.method` has it.
+    variant
+        Of its units and its decomposition.
     solve
         In place of `solve_history`.
     patience
         Seconds of processor time after which it is said to hang.
     """
-    made, subdomains = history_scene(seed)
+    made, subdomains = history_scene(seed, variant)
     made["solver"]["method"] = method
 
     def all_increments() -> tuple[str, str, int]:
         with time_limit(patience):
-            found = solve(scenes.build(made, subdomains))
+            found = solve(scenes.build(made, max(subdomains, MPI.COMM_WORLD.size)))
         products = sum(f.solved.summary["solver"]["hessian_multiplications"] for f in found)
         return *_worst(made, found), products
 

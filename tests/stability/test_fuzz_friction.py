@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from contact_app.run.solve import solve_scene
+from tests.ranks import execute
 from tests.stability import fuzz_histories
 from tests.stability.friction_scenes import friction_scene, history_scene
 from tests.stability.fuzz_friction import judge
@@ -23,6 +24,9 @@ stick were inconsistent, and nothing was certified."""
 
 LIFTED = (70,)
 """A block is moved off a ball and has no strains: its first set went on for ever."""
+
+LIKE = 3
+"""A scene that has the same answer in other units and decompositions."""
 
 SECOND = (75, 89)
 """Three frictional contacts that share edges: the forces at an edge may be divided in several ways
@@ -40,6 +44,25 @@ def test_several_answers(seed: int) -> None:
     """An answer that is not the reference's meets all conditions, and the reference stays there."""
     verdict = judge(seed)
     assert verdict.kind in ("agrees", "second"), verdict
+
+
+def test_other_units_and_decompositions() -> None:
+    made, _ = friction_scene(LIKE)
+    other, _ = friction_scene(LIKE, 1)
+    assert made["bodies"][0]["material"] != other["bodies"][0]["material"]
+    assert [c["friction"].keys() for c in made["contacts"]] == [
+        c["friction"].keys() for c in other["contacts"]
+    ]
+    verdict = judge(LIKE, variant=1)
+    assert verdict.kind == "agrees", verdict
+
+
+@pytest.mark.mpi
+def test_random_scenes_on_two_ranks() -> None:
+    """The reference of the first rank decides for both."""
+    program = "from tests.stability.fuzz_friction import judge; print(judge({}).kind)"
+    told = execute(program.format(SHARED[0]), ranks=2).splitlines()
+    assert told == ["agrees", "agrees"]
 
 
 @pytest.mark.slow
