@@ -49,6 +49,18 @@ FACET_CORNERS = {
 NUMBERED = ("gmsh:physical", "medit:ref", "cell_tags")
 """Names of meshio's cell data that hold the numbers of groups."""
 
+LARGEST_COORDINATE = 1e50
+"""As for the numbers of a scene: products of lengths stay finite."""
+
+NASTRAN = (".bdf", ".fem", ".nas")
+"""Endings of Nastran's bulk data."""
+
+PLANE_ELEMENT = re.compile(r"^(\*ELEMENT\b.*\bTYPE *= *)CP[SE]([3468])[HIMR]*\b", re.I | re.M)
+"""A line of Abaqus that begins elements of plane stress or strain, and how many nodes they have."""
+
+PLANE_NAMES = {"3": "CPS3", "4": "CPS4", "6": "CPE6", "8": "S8R"}
+"""A name by the number of nodes that meshio knows."""
+
 
 @dataclass(frozen=True, eq=False)
 class FileContent:
@@ -103,6 +115,8 @@ def read_file(path: Path, dimension: int) -> FileContent:
         points = np.column_stack([points, np.zeros(len(points))])
     if not np.isfinite(points).all():
         raise MeshError("has a node whose coordinates are not finite numbers")
+    if np.abs(points).max() > LARGEST_COORDINATE:
+        raise MeshError(f"has a node with a coordinate above {LARGEST_COORDINATE:g}")
     for block in mesh.cells:
         used = np.asarray(block.data)
         if used.size and not (0 <= used.min() and used.max() < len(points)):
@@ -151,10 +165,12 @@ def _meshio(path: Path) -> Any:
             raise MeshError("is not a file" if path.exists() else "does not exist")
     except OSError as error:
         raise MeshError(f"cannot be read: {error.strerror}") from None
+    if path.stat().st_size == 0:
+        raise MeshError("is empty")
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            return meshio.read(path)
+            return meshio.read(*_as_meshio_reads(path))
     except SystemExit:
         reason = said.getvalue()
     except MemoryError:
@@ -172,6 +188,25 @@ def _meshio(path: Path) -> Any:
         endings = ".msh, .vtu, .vtk, .xdmf, .med, .inp, .bdf, .mesh"
         raise MeshError(f"has an ending no mesh format is known by; {endings} and others are")
     raise MeshError(f"cannot be read as a mesh ({reason[:200]})")
+
+
+def _as_meshio_reads(path: Path) -> tuple[Any, ...]:
+    """What meshio is given of a file: its path, or its text in the words that meshio knows.
+
+    Gmsh writes Nastran's bulk data without a line ``BEGIN BULK``. Of Abaqus' plane elements meshio
+    knows some names only; which one it is, plane stress or strain, is said by the scene.
+    """
+    ending = path.suffix.lower()
+    if ending in NASTRAN:
+        text = path.read_text(encoding="utf-8", errors="replace")
+        if "BEGIN BULK" not in text.upper() and text.strip():
+            return io.StringIO(f"BEGIN BULK\n{text}"), "nastran"
+    if ending == ".inp":
+        text = path.read_text(encoding="utf-8", errors="replace")
+        known = PLANE_ELEMENT.sub(lambda found: found[1] + PLANE_NAMES[found[2]], text)
+        if known != text:
+            return io.StringIO(known), "abaqus"
+    return (path,)
 
 
 def _kind(mesh: Any, dimension: int) -> CellKind:

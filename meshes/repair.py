@@ -14,7 +14,7 @@ body overlaps itself elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -185,7 +185,7 @@ def load_mesh(
     ):  # test pieces first: overlapping pieces are bodies of their own and have hanging nodes
         refuse_overlaps(points, cells, content.kind.name, topology, middles, number, comm)
     refuse_hanging(points, topology, comm)
-    _refuse_pieces(points, cells, pieces)
+    _refuse_pieces(points, cells, pieces, content.cell_groups)
     place = np.full(len(given), -1, np.int64)
     place[chosen] = rows
     sides = _sides(content, rename, topology, notes)
@@ -407,9 +407,18 @@ def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:
 
 
 def _refuse_pieces(
-    points: NDArray[np.float64], cells: NDArray[np.int64], label: NDArray[np.int64]
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    label: NDArray[np.int64],
+    groups: Collection[str],
 ) -> None:
-    """Refuse a body of more than one piece; `label` (cells,) numbers them."""
+    """Refuse a body of more than one piece; `label` (cells,) numbers them.
+
+    Parameters
+    ----------
+    groups
+        Names of groups of cells in the file.
+    """
     number = int(label.max()) + 1
     if number == 1:
         return
@@ -417,9 +426,12 @@ def _refuse_pieces(
     smallest = int(np.argmin(sizes))
     centre = points[cells[label == smallest]].reshape(-1, points.shape[1]).mean(axis=0)
     at = ", ".join(f"{v:g}" for v in centre)
+    known = f" ({', '.join(sorted(groups)[:9])})" if groups else (
+        ", which the file lacks: give each piece a physical group in the mesher, or a file"
+    )  # fmt: skip
     raise MeshError(
         f"falls into {number} pieces that share no facet, the smallest of {sizes[smallest]} cells "
-        f"about ({at}); each piece is a body of its own: choose its cells by `group`"
+        f"about ({at}); each piece is a body of its own: choose its cells by `group`{known}"
     )
 
 
