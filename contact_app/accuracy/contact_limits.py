@@ -99,7 +99,7 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
     contact, depth = scene.contacts[number], 0.0
     if contact.obstacle.curvature_radius is None:
         return depth
-    chosen = facets_of(scene, model.partition, contact.body, contact.boundary)
+    chosen = facets_of(scene.bodies, model.partition, contact.body, contact.boundary)
     for s, rows, (cls, column) in zip(model.partition.subdomains, chosen, model.place, strict=True):
         if len(rows) == 0:
             continue
@@ -160,7 +160,7 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
 
 def _facet_size(model: Model, contact: Contact) -> float:
     """Root of the mean area of the facets of a contact boundary (collective)."""
-    chosen = facets_of(model.scene, model.partition, contact.body, contact.boundary)
+    chosen = facets_of(model.scene.bodies, model.partition, contact.body, contact.boundary)
     sums = np.zeros(2)
     for s, rows in zip(model.partition.subdomains, chosen, strict=True):
         if len(rows):
@@ -241,7 +241,7 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
         owned = np.zeros(len(nodes.points))
         owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
         pressure = exchange.from_owners(owned[exchange.nodes - exchange.first])
-        chosen = facets_of(scene, model.partition, contact.body, contact.boundary)
+        chosen = facets_of(scene.bodies, model.partition, contact.body, contact.boundary)
         places, at = [], []
         for start, s, rows in zip(starts, subdomains, chosen, strict=False):
             facets = s.reference.facets[rows]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -41,12 +42,12 @@ def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
 
 
 def facets_of(
-    scene: Scene, partition: Partition, body: int, boundary: str
+    bodies: Sequence[Body], partition: Partition, body: int, boundary: str
 ) -> list[NDArray[np.int32]]:
     """Rows of the reference's facets of each subdomain of this rank on a boundary of a body."""
     none = np.zeros(0, np.int32)
     return [
-        boundary_facets(s, scene.bodies[body], boundary) if s.body == body else none
+        boundary_facets(s, bodies[body], boundary) if s.body == body else none
         for s in partition.subdomains
     ]
 

@@ -20,12 +20,14 @@ contact holds have all rows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene.conditions import BodyContact
+from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import BodyContact, Tie
 from contact_app.scene.scene import Scene
 from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -71,11 +73,12 @@ def reaches(
         ]
         depth = [overlaps[i] for i, c in enumerate(scene.touching) if c.body in group]
         pushed = max(moved, default=0.0) + max(depth, default=0.0)
-        pushed += sum(strains[b] * _growth(scene, int(b)) for b in group if strains[b])
+        pushed += sum(strains[b] * _growth(scene.bodies[b]) for b in group if strains[b])
         force = float(forces[group].sum())
         for b in group:
             if held[group].all():
-                softness = sum(_softness(scene, k) for k in _tied_to(scene, int(b)))
+                together = _tied_to(scene.ties, int(b))
+                softness = sum(_softness(scene.bodies[k], scene.dimension) for k in together)
                 bound[b] = SAFETY * (pushed + force * softness)
     return np.array(
         [
@@ -85,34 +88,32 @@ def reaches(
     )
 
 
-def _tied_to(scene: Scene, number: int) -> set[int]:
+def _tied_to(ties: Sequence[Tie], number: int) -> set[int]:
     """A body and all bodies that are tied to it, directly or through others."""
     found, before = {number}, 0
     while len(found) > before:
         before = len(found)
-        for tie in scene.ties:
+        for tie in ties:
             if found & {tie.body, tie.other}:
                 found |= {tie.body, tie.other}
     return found
 
 
-def _growth(scene: Scene, number: int) -> float:
+def _growth(body: Body) -> float:
     """Displacement of a body by free thermal strains of up to one, estimated from its size."""
-    mesh = scene.bodies[number].mesh
-    sides = np.subtract(mesh.upper, mesh.lower)
+    sides = np.subtract(body.mesh.upper, body.mesh.lower)
     length = float(np.linalg.norm(sides))
     return length * (1.0 + length / float(sides.min()))
 
 
-def _softness(scene: Scene, number: int) -> float:
+def _softness(body: Body, dimension: int) -> float:
     """Displacement of a body by a force of one, estimated from its size."""
-    body, d = scene.bodies[number], scene.dimension
     sides = np.subtract(body.mesh.upper, body.mesh.lower)
     length, thickness, volume = float(sides.max()), float(sides.min()), float(sides.prod())
     young = body.softest
     beam = length / (young * volume / length) * (1.0 + 4.0 * (length / thickness) ** 2)
-    cell = (volume / body.mesh.total_cells) ** (1.0 / d) / body.degree
-    return beam + (4.0 / young if d == 2 else 1.0 / (young * cell))
+    cell = (volume / body.mesh.total_cells) ** (1.0 / dimension) / body.degree
+    return beam + (4.0 / young if dimension == 2 else 1.0 / (young * cell))
 
 
 def estimated(rows: ContactRows, reach: NDArray[np.float64]) -> NDArray[np.bool_]:

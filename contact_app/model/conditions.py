@@ -70,7 +70,7 @@ def rows_in_the_mean(
     """Rows of a contact that is enforced on averages about vertices."""
     contact = scene.contacts[number]
     body = scene.bodies[contact.body]
-    chosen = facets_of(scene, partition, contact.body, contact.boundary)
+    chosen = facets_of(scene.bodies, partition, contact.body, contact.boundary)
     if not partition.comm.allreduce(sum(map(len, chosen))):
         raise ConfigurationError(
             f"{scene.at(contact.source)}.on: no whole facet of the surface of {body.name} lies on "
@@ -94,7 +94,7 @@ def mortar_rows(
         ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
     ):  # fmt: skip
         body = scene.bodies[b]
-        chosen = facets_of(scene, partition, b, boundary)
+        chosen = facets_of(scene.bodies, partition, b, boundary)
         side = gather_surface(scene, partition, chosen)
         if side is None:
             raise ConfigurationError(

@@ -5,7 +5,7 @@ A scene whose loads drive a body away is refused before the solve.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,7 +136,7 @@ def _no_equilibrium(
         share = None if scene.in_step else carried_share(comm, *rows, load, cones)
     return (
         f"{scene.source}: the scene has no equilibrium: nothing stops "
-        f"{_leaving(scene, group, escape)} under its loads"
+        f"{_leaving(scene.body_names, group, escape)} under its loads"
         + (", not even friction at its limit" if cones is not None else "")
         + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
     )
@@ -152,9 +152,9 @@ def _with_free(
     return spanned(np.where(elastic[:, None], np.hstack([sliding, free]), 0.0))
 
 
-def loose_bodies(scene: Scene, balances: list[BodyBalance]) -> LooseBodies:
+def loose_bodies(bodies: Sequence[Body], balances: list[BodyBalance]) -> LooseBodies:
     """Rigid motions of elastic bodies that nothing resists."""
-    frames = [body_frame(body) for body in scene.bodies]
+    frames = [body_frame(body) for body in bodies]
     frames += [(np.zeros(3), 1.0)] * (len(balances) - len(frames))
     return LooseBodies(
         [balance.loose for balance in balances],
@@ -296,12 +296,12 @@ def _moved_by_contact(
     return moved.reshape(-1, len(group) * MOTIONS[d])
 
 
-def _leaving(scene: Scene, group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:
+def _leaving(names: Sequence[str], group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:
     """Phrase with the bodies of a group that leave, and their directions."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
     said = [
-        f"{scene.body_names[b]} from leaving along {directions_in_words(motion[:, None])}"
+        f"{names[b]} from leaving along {directions_in_words(motion[:, None])}"
         for b, motion, s in zip(group, motions, size, strict=True)
         if s > 1e-6 * size.max()
     ]

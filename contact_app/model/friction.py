@@ -89,7 +89,7 @@ def _jumps(
     """Mean jumps of the displacements of a pair, of all ranks (collective)."""
     sides: list[Surface] = []
     for body, boundary in ((pair.body, pair.boundary), (pair.other, pair.other_boundary)):
-        side = gather_surface(scene, partition, facets_of(scene, partition, body, boundary))
+        side = gather_surface(scene, partition, facets_of(scene.bodies, partition, body, boundary))
         assert side is not None  # its contact rows were written
         sides.append(side)
     return mean_jumps(sides[0], sides[1], decided_by(exchange, held), gives=False)
@@ -104,7 +104,7 @@ def _shares(
 ) -> Array:
     """∫ φ_k over the boundary of a contact at some nodes this rank owns, (n,) (collective)."""
     every, values = [np.zeros(0, np.int64)], [np.zeros(0)]
-    chosen = facets_of(scene, partition, touching.body, touching.boundary)
+    chosen = facets_of(scene.bodies, partition, touching.body, touching.boundary)
     for s, rows in zip(partition.subdomains, chosen, strict=True):
         if len(rows):
             facets = s.reference.facets[rows]

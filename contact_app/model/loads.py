@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import boundary_facets, refuse_without_facet
 from contact_app.model.total_loads import LinearTraction, load_of
+from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
 from meshes import Partition, Subdomain
@@ -42,7 +43,7 @@ def load_vectors(
     loads = []
     for s in partition.subdomains:
         for i, load in enumerate(facet_loads):
-            found[i] |= bool(len(_facets(scene, s, load)))
+            found[i] |= bool(len(_facets(scene.bodies, s, load)))
         loads.append(subdomain_load(scene, s, elements[id(s.reference)], linear, cache))
     found = partition.comm.allreduce(found.astype(int)) > 0
     for load, some in zip(facet_loads, found, strict=True):
@@ -74,7 +75,7 @@ def subdomain_load(
 
     facet_loads: tuple[FacetLoad, ...] = (*scene.tractions, *scene.pressures)
     for i, load in enumerate(facet_loads):
-        rows = _facets(scene, s, load)
+        rows = _facets(scene.bodies, s, load)
         if len(rows):
             key: Hashable = (id(s.reference), i, rows.tobytes())
             parts.append(known(key, partial(_on_facets, element, rows, load)))
@@ -90,11 +91,11 @@ def subdomain_load(
     return np.sum(parts, axis=0) if parts else None
 
 
-def _facets(scene: Scene, s: Subdomain, load: FacetLoad) -> NDArray[np.int32]:
+def _facets(bodies: Sequence[Body], s: Subdomain, load: FacetLoad) -> NDArray[np.int32]:
     """Facets of a subdomain on which a load acts."""
     if load.body != s.body:
         return np.zeros(0, np.int32)
-    return boundary_facets(s, scene.bodies[s.body], load.boundary)
+    return boundary_facets(s, bodies[s.body], load.boundary)
 
 
 def _on_facets(element: Element, rows: NDArray[np.int32], load: FacetLoad) -> NDArray[np.float64]:

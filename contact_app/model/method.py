@@ -28,11 +28,13 @@ times as many (hub on a shaft, bolted flange), on thin bodies, whose sets have a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Scene
 from solver.primal.thin import THIN
 from solver.tfeti.options import TotalFetiOptions
@@ -101,7 +103,7 @@ def may_peel(scene: Scene) -> bool:
         return False
     unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
     small = unknowns <= _largest_thin(scene)
-    return bool(scene.touching and small and _has_thin_body(scene))
+    return bool(scene.touching and small and _has_thin_body(scene.bodies))
 
 
 def patience(scene: Scene) -> int:
@@ -139,11 +141,11 @@ def why_total_feti(scene: Scene) -> str:
 def _friction_is_faster_decomposed(scene: Scene) -> bool:
     """Whether a scene has friction on several bodies, on a thin one or in a load history."""
     several = len(scene.bodies) > 1
-    return scene.has_friction and (several or bool(scene.steps) or _has_thin_body(scene))
+    return scene.has_friction and (several or bool(scene.steps) or _has_thin_body(scene.bodies))
 
 
-def _has_thin_body(scene: Scene) -> bool:
-    extents = [np.subtract(body.mesh.upper, body.mesh.lower) for body in scene.bodies]
+def _has_thin_body(bodies: Sequence[Body]) -> bool:
+    extents = [np.subtract(body.mesh.upper, body.mesh.lower) for body in bodies]
     return any(bool(e.max() >= THIN * e.min()) for e in extents)
 
 

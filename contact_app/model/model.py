@@ -228,7 +228,7 @@ def model_of_outline(
     problem = DualProblem(
         build_system(
             subdomains, constraints, group_numbers(scene),
-            lambda: timings.measure("factorization"), options, loose_bodies(scene, balances),
+            lambda: timings.measure("factorization"), options, loose_bodies(scene.bodies, balances),
         )
     )  # fmt: skip
     give_back()

@@ -100,7 +100,7 @@ def _sides(scene: Scene, partition: Partition, tie: Tie) -> tuple[Surface, Surfa
     for key, b, boundary in (
         ("on", tie.body, tie.boundary), ("against", tie.other, tie.other_boundary)
     ):  # fmt: skip
-        side = gather_surface(scene, partition, facets_of(scene, partition, b, boundary))
+        side = gather_surface(scene, partition, facets_of(scene.bodies, partition, b, boundary))
         if side is None:
             raise ConfigurationError(
                 f"{scene.at(tie.source)}.{key}: no whole facet of the surface of "

@@ -94,7 +94,7 @@ def moments_of_boundary(
     middle[:d] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
     sums = np.zeros(13)
     for s, rows in zip(
-        partition.subdomains, facets_of(scene, partition, body, boundary), strict=True
+        partition.subdomains, facets_of(scene.bodies, partition, body, boundary), strict=True
     ):
         if len(rows):
             points = s.points() - middle

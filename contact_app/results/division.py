@@ -259,7 +259,7 @@ def _shares_in_turn(
     taken = [np.zeros(0, np.int32) for _ in model.partition.subdomains]
     for source in sources:
         touching = model.scene.touching[source]
-        chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+        chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
         left = [np.setdiff1d(own, t) for own, t in zip(chosen, taken, strict=True)]
         means = has_averaged_rows(model.scene.bodies[touching.body])
         yield source, surface.shares(model, left, hats=means)

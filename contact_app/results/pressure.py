@@ -231,7 +231,7 @@ def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Arra
 
 def boundary_shares(model: Model, surface: SurfaceNodes, touching: Contact | BodyContact) -> Array:
     """∫ φ_k over the boundary of a contact at the owned surface nodes, (owned,) (collective)."""
-    chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+    chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
     return surface.shares(model, chosen)
 
 
@@ -253,7 +253,7 @@ class _Boundary:
         shares, areas = np.zeros(copies), np.zeros(copies)
         self._points = np.zeros((copies, 3))
         self._parts: list[tuple[NDArray[np.int64], Array]] = []  # copies, weights (v, nodes)
-        chosen = facets_of(model.scene, model.partition, touching.body, touching.boundary)
+        chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
         for s, rows, nodes, share in facet_shares(model, surface, chosen):
             np.add.at(shares, nodes, share)
             self._points[nodes] = s.points()[s.reference.facets[rows]]

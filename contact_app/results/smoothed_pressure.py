@@ -108,7 +108,7 @@ def smoothed_on(
 
 
 def _side(model: Model, body: int, boundary: str) -> Surface | None:
-    chosen = facets_of(model.scene, model.partition, body, boundary)
+    chosen = facets_of(model.scene.bodies, model.partition, body, boundary)
     return gather_surface(model.scene, model.partition, chosen)
 
 

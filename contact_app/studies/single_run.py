@@ -70,7 +70,7 @@ def _cells(model: Model, body: int) -> tuple[NDArray, ...]:
     touching = [np.zeros((0, mine[0].reference.facets.shape[1]), np.int64)]
     for contact in model.scene.touching:
         if contact.body == body:
-            chosen = facets_of(model.scene, partition, body, contact.boundary)
+            chosen = facets_of(model.scene.bodies, partition, body, contact.boundary)
             touching += [
                 s.nodes[s.reference.facets[rows]] - first
                 for s, rows in zip(partition.subdomains, chosen, strict=True)

@@ -90,7 +90,7 @@ class Step(NamedTuple):
 Monitor = Callable[[Step], Any]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Result:
     """Outcome of a solve.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.scene.bodies import Body, Box
-from contact_app.scene.scene import Mirror, Scene
+from contact_app.scene.scene import Mirror
 from meshes.symmetric_half import (
     SAME,
     AsymmetryError,
@@ -43,46 +44,46 @@ class Half:
     kept: int
 
 
-def middle_plane(scene: Scene, axis: int) -> Mirror:
+def middle_plane(bodies: Sequence[Body], axis: int) -> Mirror:
     """The middle of all bodies along an axis."""
-    ends, size = _ends(scene, axis), scene_size(scene)
+    ends, size = _ends(bodies, axis), scene_size(bodies)
     at = 0.5 * float(ends[:, 0].min() + ends[:, 1].max())
-    for body, middle in zip(scene.bodies, ends.mean(axis=1), strict=True):
+    for body, middle in zip(bodies, ends.mean(axis=1), strict=True):
         if isinstance(body.mesh, Box) and abs(middle - at) <= SAME * size:
             return Mirror(axis, float(middle))  # a box has it exactly
     return Mirror(axis, at)
 
 
-def _ends(scene: Scene, axis: int) -> NDArray[np.float64]:
+def _ends(bodies: Sequence[Body], axis: int) -> NDArray[np.float64]:
     """Lower and upper end of the bodies along an axis, (bodies, 2)."""
-    return np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in scene.bodies])
+    return np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in bodies])
 
 
-def scene_size(scene: Scene) -> float:
+def scene_size(bodies: Sequence[Body]) -> float:
     """Longest side of the box about all bodies."""
-    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in bodies)
 
 
-def halves_about(scene: Scene, mirror: Mirror) -> list[Half]:
+def halves_about(bodies: Sequence[Body], mirror: Mirror) -> list[Half]:
     """The symmetry of each body about the plane."""
-    size = scene_size(scene)
-    middles = _ends(scene, mirror.axis).mean(axis=1)
+    size = scene_size(bodies)
+    middles = _ends(bodies, mirror.axis).mean(axis=1)
     away = middles - mirror.at
-    boxes = np.array([isinstance(b.mesh, Box) for b in scene.bodies])
+    boxes = np.array([isinstance(b.mesh, Box) for b in bodies])
     tolerance = np.where(boxes, ALIKE * max(size, *np.abs(middles)), SAME * size)
     found: dict[int, Half] = {}
     for k in np.flatnonzero(np.abs(away) <= tolerance):
-        half, surface = _half(scene.bodies[k], mirror)
+        half, surface = _half(bodies[k], mirror)
         found[int(k)] = Half(half, surface, int(k))
     for k in np.flatnonzero(away < -tolerance):
-        image = _image(scene, int(k), mirror, set(found))
-        surfaces = _beside(scene.bodies[k], scene.bodies[image], mirror, size)
-        found[int(k)] = Half(scene.bodies[k], surfaces[0], int(k))
+        image = _image(bodies, int(k), mirror, set(found))
+        surfaces = _beside(bodies[k], bodies[image], mirror, size)
+        found[int(k)] = Half(bodies[k], surfaces[0], int(k))
         found[image] = Half(None, surfaces[1], int(k))
-    for k in range(len(scene.bodies)):
+    for k in range(len(bodies)):
         if k not in found:
-            raise _alone(scene.bodies[k], mirror)
-    return [found[k] for k in range(len(scene.bodies))]
+            raise _alone(bodies[k], mirror)
+    return [found[k] for k in range(len(bodies))]
 
 
 def _alone(body: Body, mirror: Mirror) -> AsymmetryError:
@@ -92,12 +93,12 @@ def _alone(body: Body, mirror: Mirror) -> AsymmetryError:
     )
 
 
-def _image(scene: Scene, number: int, mirror: Mirror, taken: set[int]) -> int:
+def _image(bodies: Sequence[Body], number: int, mirror: Mirror, taken: set[int]) -> int:
     """The body at the place of the mirror image of a body."""
-    body, size = scene.bodies[number], scene_size(scene)
+    body, size = bodies[number], scene_size(bodies)
     corners = np.array([body.mesh.lower, body.mesh.upper])
     corners[:, mirror.axis] = 2.0 * mirror.at - corners[::-1, mirror.axis]
-    for k, other in enumerate(scene.bodies):
+    for k, other in enumerate(bodies):
         there = np.array([other.mesh.lower, other.mesh.upper])
         near = np.abs(corners - there).max() <= SAME * size
         if near and k not in taken and isinstance(other.mesh, Box) == isinstance(body.mesh, Box):

@@ -113,8 +113,8 @@ def _refuse_whole(scene: Scene) -> None:
 def _cut(scene: Scene, axis: int) -> Scene:
     """The lower half of a scene along an axis; raises an error if the scene is not symmetric."""
     _refuse_whole(scene)
-    mirror = middle_plane(scene, axis)
-    halves = halves_about(scene, mirror)
+    mirror = middle_plane(scene.bodies, axis)
+    halves = halves_about(scene.bodies, mirror)
     left = [half.body for half in halves if half.body is not None]
     number = np.cumsum([half.body is not None for half in halves]) - 1
     parts: dict[tuple[int, str], BoundaryPart] = {}
@@ -134,7 +134,9 @@ def _cut(scene: Scene, axis: int) -> Scene:
             return ()
         return tuple(case.of(item.name) for case in scene.loadings)
 
-    described = Descriptions(scene_size(scene), [half.kept for half in halves], part, factors)
+    described = Descriptions(
+        scene_size(scene.bodies), [half.kept for half in halves], part, factors
+    )
     _refuse_unpaired(scene, mirror, described)
 
     def kept(items: Iterable[Any]) -> tuple[Any, ...]:

@@ -165,7 +165,7 @@ def test_the_resultant_is_that_of_the_forces(cell: str, subdomains: int) -> None
     total = 0.0
     scene, partition = solution.model.scene, solution.model.partition
     contact = scene.contacts[0]
-    chosen = facets_of(scene, partition, contact.body, contact.boundary)
+    chosen = facets_of(scene.bodies, partition, contact.body, contact.boundary)
     for s, rows in zip(partition.subdomains, chosen, strict=True):
         if len(rows):
             facets = s.reference.facets[rows]
