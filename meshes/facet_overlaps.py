@@ -29,6 +29,9 @@ SLIVER = 1e-13
 UPRIGHT = 1e-12
 """Deviation of the corners of rectangles, over their sides, that counts as round-off."""
 
+TOUCHING = 1e-12
+"""Gap, over the size of a facet, that is round-off: nothing is tilted where the sides touch."""
+
 QUERIES = 200_000
 """Number of balls in one query of the tree."""
 
@@ -192,10 +195,9 @@ class Overlaps:
         tilted: bool,
     ) -> Overlaps:
         """Project, intersect, integrate."""
-        frame = frames(on)[i]
-        origin = on.centres[i][:, None]
-        here = np.einsum("pvk,pdk->pvd", on.points[i] - origin, frame)
-        there = np.einsum("pvk,pdk->pvd", against.points[j] - origin, frame)
+        axes = np.ascontiguousarray(frames(on).transpose(0, 2, 1))
+        here = ((on.points - on.centres[:, None]) @ axes)[i]
+        there = (against.points[j] - on.centres[i][:, None]) @ axes[i]
         apart = (here.max(axis=1) < there.min(axis=1)) | (there.max(axis=1) < here.min(axis=1))
         near = ~apart[:, :-1].any(axis=1)  # by their boxes in the plane
         here, there, i, j = here[near], there[near], i[near], j[near]
@@ -213,13 +215,18 @@ class Overlaps:
         gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
         gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
         gap -= on.height(i[pair], phi) + against.height(j[pair], hats)
-        slopes = np.linalg.solve(slopes @ plane, slopes) if tilted else slopes[:, :0]
+        apart = tilted and bool((np.abs(gap) > TOUCHING * on.radii[i[pair]]).any())
+        if apart:
+            slopes = np.linalg.solve(slopes @ plane, slopes)
         kept, start = np.unique(pair, return_index=True)
 
         def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
             weighted = values * weights.reshape(-1, *(1,) * (values.ndim - 1))
             return np.add.reduceat(weighted, start) if len(start) else weighted[:0]
 
+        tilt = np.zeros((len(kept), v, slopes.shape[1] if tilted else 0, slopes.shape[2]))
+        if apart:
+            tilt = integrate(phi[:, :, None, None] * (gap[:, None, None] * slopes)[:, None])
         return cls(
             i=i[kept],
             j=j[kept],
@@ -228,7 +235,7 @@ class Overlaps:
             shared=integrate(phi[:, :, None] * theirs[:, None, :]),
             weight=integrate(phi),
             gap=integrate(phi * gap[:, None]),
-            tilt=integrate(phi[:, :, None, None] * (gap[:, None, None] * slopes)[:, None]),
+            tilt=tilt,
         )
 
     def gathered(self, comm: MPI.Intracomm) -> Overlaps:

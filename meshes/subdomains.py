@@ -63,6 +63,8 @@ def vtk_places(
 ) -> NDArray[np.float64]:
     """Coordinates of points in the reference cell, (points, dimension), by Newton's method.
 
+    In a simplex of degree 1 its first step is exact, and is taken from the first vertex.
+
     Parameters
     ----------
     nodes : (points, nodes, dimension)
@@ -71,8 +73,11 @@ def vtk_places(
     """
     dimension = points.shape[1]
     simplex = cell in ("interval", "triangle", "tetrahedron")
+    if simplex and degree == 1:
+        edges = np.swapaxes(nodes[:, 1:] - nodes[:, :1], 1, 2)
+        return np.asarray(np.linalg.solve(edges, (points - nodes[:, 0])[..., None])[..., 0])
     places = np.full(points.shape, 1.0 / (dimension + 1) if simplex else 0.5)
-    for _ in range(1 if simplex and degree == 1 else PLACE_STEPS):
+    for _ in range(PLACE_STEPS):
         values, slopes = vtk_shapes(cell, degree, places)
         away = points - np.einsum("nk,nki->ni", values, nodes)
         jacobian = np.einsum("nrk,nki->nri", slopes, nodes)

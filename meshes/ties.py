@@ -148,22 +148,23 @@ class _Ties:
         count, corners = len(nodes), local[:, :v]
         functions, touched = psi.functions[found.i], np.unique(found.i)
         shared = functions @ found.shared
-        tilt = np.einsum("pjk,pkal->pjal", functions, found.tilt)
-        axes = frames(on)[found.i][..., :d]
-        turned = np.einsum("pjal,pai,pc->pjlci", tilt, axes[:, :-1], axes[:, -1])
         places = np.zeros((count + len(others), 3))
         places[local.ravel()] = on.points.reshape(-1, 3)
         places[count + there.ravel()] = against.points.reshape(-1, 3)
         here = _scattered(corners[touched], local[touched], psi.own[touched], (count, count))
         beyond = (count, len(others))
         jump = [here, _scattered(corners[found.i], there[found.j], -shared, beyond)]
-        column = local[found.i][..., None] * d * d + np.arange(d * d)
-        turned = turned.reshape(*turned.shape[:2], -1)
-        column = column.reshape(len(column), -1)
-        return cls(
-            on, psi, nodes, others, corners, sparse.hstack(jump, format="csr"),
-            _scattered(corners[found.i], column, turned, (count, count * d * d)), places,
-        )  # fmt: skip
+        tilt = sparse.csr_matrix((count, count * d * d))
+        if found.tilt.any():
+            turned = np.einsum("pjk,pkal->pjal", functions, found.tilt)
+            axes = frames(on)[found.i][..., :d]
+            turned = np.einsum("pjal,pai,pc->pjlci", turned, axes[:, :-1], axes[:, -1])
+            column = local[found.i][..., None] * d * d + np.arange(d * d)
+            column = column.reshape(len(column), -1)
+            turned = turned.reshape(*turned.shape[:2], -1)
+            tilt = _scattered(corners[found.i], column, turned, tilt.shape)
+        jump = sparse.hstack(jump, format="csr")
+        return cls(on, psi, nodes, others, corners, jump, tilt, places)
 
     def component(self, i: int, yielding: NDArray[np.bool_]) -> MeanGaps:
         """The rows of one component.

@@ -20,9 +20,17 @@ class Lanczos:
     def __init__(self, square: float) -> None:
         self.lengths: list[float] = []
         self.squares = [square]
+        self._ended = not square > 0.0
 
     def add(self, length: float, square: float) -> None:
-        """One more step."""
+        """One more step.
+
+        The matrix ends where a step is made of rounding errors: they have no length, or leave a
+        residual without one.
+        """
+        if self._ended or not (length > 0.0 and square > 0.0):
+            self._ended = True
+            return
         self.lengths.append(length)
         self.squares.append(square)
 

@@ -224,7 +224,7 @@ class CycleLevel(SharedLevel):
     """A level whose steps a few conjugate gradients find, with a cycle from there down.
 
     The Hessian is put together for the smoother alone, with the first springs. The levels below
-    have none: these cost more than the steps they save.
+    have none of contact rows: these cost more than the steps they save.
 
     Parameters
     ----------

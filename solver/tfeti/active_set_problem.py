@@ -23,6 +23,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.derived import beginning_at, turned, with_active
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem
@@ -126,6 +127,8 @@ class ActiveSetProblem:
         multiplier in equilibrium if None.
     directions
         Search directions of earlier active sets, which are used again; those of this set are added.
+    coupled
+        The coupled rows of the problem, if they are known already.
 
     Raises
     ------
@@ -139,11 +142,13 @@ class ActiveSetProblem:
         statuses: Statuses,
         multiplier: NDArray[np.float64] | None = None,
         directions: Directions | None = None,
+        coupled: CoupledRows | None = None,
     ) -> None:
         self.statuses = statuses
         turn, self._compliance = statuses.turn, statuses.compliance
         if turn is not None or self._compliance is not None:
-            directions = None  # recycled directions belong to F in the original frames
+            # recycled directions and coupled rows belong to the original frames and lengths
+            directions = coupled = None
         if turn is not None:
             problem = turned(problem, turn)
             multiplier = None if multiplier is None else turn.turned(multiplier)
@@ -166,7 +171,8 @@ class ActiveSetProblem:
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty: steps out of the range of P would have no curvature, and none occur
-        base = DualPreconditioner(self.reduced, math.inf)
+        kept = None if coupled is None else coupled.on(active | ~problem.conditional)
+        base = DualPreconditioner(self.reduced, math.inf, kept)
         own: Preconditioner = base
         rhs, scaled = self.reduced.rhs, None
         if rows is not None and self._compliance is not None:

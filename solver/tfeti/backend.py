@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from solver.backend import Statuses
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.constraints.contact_edge import mirror_image
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
 
@@ -48,7 +51,12 @@ class TotalFeti:
         ArithmeticError
             The active rows do not hold every body in place.
         """
-        return ActiveSetProblem(self.problem, statuses, multiplier, self._directions)
+        return ActiveSetProblem(self.problem, statuses, multiplier, self._directions, self._coupled)
+
+    @cached_property
+    def _coupled(self) -> CoupledRows | None:
+        """Of all sets (collective when first asked)."""
+        return coupled_rows(self.problem)
 
     def hierarchy(self, warm: bool) -> ConstraintHierarchy:
         """The constraint hierarchy.

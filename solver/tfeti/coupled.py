@@ -17,6 +17,8 @@ as large as a contact surface; every rank holds and factors it.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -24,7 +26,13 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.matrix import ConstraintMatrix, lent, local_rows, petsc_rows
+from solver.tfeti.constraints.matrix import (
+    ConstraintMatrix,
+    RowWeights,
+    lent,
+    local_rows,
+    petsc_rows,
+)
 from solver.tfeti.dual import DualProblem
 
 REDUNDANT = 1e-12
@@ -68,16 +76,46 @@ def _with_rows(
     return ConstraintMatrix(B.comm, local, B.columns, B.nodal, B.components)
 
 
+def coupled_rows(problem: DualProblem) -> CoupledRows | None:
+    """The coupled rows of a problem; None where no rank has a row of several nodes (collective)."""
+    return CoupledRows(problem) if problem.comm.allreduce(int(problem.wide.any())) else None
+
+
+class _Factor:
+    """The factor of M on the free rows that were asked for last."""
+
+    def __init__(self, matrix: sparse.csc_matrix) -> None:
+        self._matrix = matrix
+        self._free: bytes | None = None
+
+    def solve(self, values: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """M⁻¹ of the values of free rows, zero elsewhere, (coupled rows,)."""
+        if free.tobytes() != self._free:
+            self._free, self._chosen = free.tobytes(), np.flatnonzero(free)
+            if len(self._chosen):
+                block = self._matrix[self._chosen][:, self._chosen]
+                self._factor = splu(
+                    block.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+                )
+        result = np.zeros(len(values))
+        if len(self._chosen):
+            result[self._chosen] = self._factor.solve(values[self._chosen])
+        return result
+
+
 class CoupledRows:
     """M⁻¹ on the free coupled rows, and B with the coupled rows divided by D.
 
     Coupled rows are the rows of several nodes, and rows that are not perpendicular to one of them.
+    They are made once for a problem; its active sets take them `on` the rows they keep.
 
     Attributes
     ----------
     B : (dual, interface)
         Coupled rows times D⁻¹; the other rows unchanged.
     """
+
+    B: ConstraintMatrix
 
     def __init__(self, problem: DualProblem) -> None:
         self.comm, own = problem.comm, problem.deforming
@@ -90,15 +128,22 @@ class CoupledRows:
         M = divided.matMult(transpose)
         coupled = _coupled(M, problem.wide[others])
         self._rows = others[coupled]
-        self._matrix = self._gathered(M, np.flatnonzero(coupled))
+        gathered = self._gathered(M, np.flatnonzero(coupled))
         self.B = _with_rows(own, local_rows(divided)[coupled], self._rows)
         for matrix in (rows, divided, transpose, M):
             matrix.destroy()
         counts = self.comm.allgather(len(self._rows))
         first = sum(counts[: self.comm.rank])
         self._mine = slice(first, first + len(self._rows))
-        self._filled = self._matrix.diagonal() > 0.0
-        self._face: bytes | None = None
+        self._filled, self._factor = gathered.diagonal() > 0.0, _Factor(gathered)
+
+    def on(self, kept: NDArray[np.bool_]) -> CoupledRows:
+        """The coupled rows of the problem in which only some rows (dual,) are left (collective)."""
+        result = copy(self)
+        result.B = self.B.scaled(RowWeights(kept.astype(np.float64)))
+        every = np.concatenate(self.comm.allgather(kept[self._rows]))
+        result._filled = self._filled & every
+        return result
 
     def _gathered(self, M: PETSc.Mat, coupled: NDArray[np.int64]) -> sparse.csc_matrix:
         """The coupled rows and columns, on every rank."""
@@ -121,16 +166,4 @@ class CoupledRows:
         if self.comm.size > 1:
             pairs = self.comm.allgather((values, own))
             values, in_set = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        in_set = in_set & self._filled
-        if in_set.tobytes() != self._face:
-            self._face = in_set.tobytes()
-            self._chosen = np.flatnonzero(in_set)
-            if len(self._chosen):
-                block = self._matrix[self._chosen][:, self._chosen]
-                self._factor = splu(
-                    block.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-                )
-        result = np.zeros(len(values))
-        if len(self._chosen):
-            result[self._chosen] = self._factor.solve(values[self._chosen])
-        x[self._rows] = result[self._mine]
+        x[self._rows] = self._factor.solve(values, in_set & self._filled)[self._mine]

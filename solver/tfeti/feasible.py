@@ -21,6 +21,10 @@ ROUNDS = 40
 MOST_STEPS = 200
 """Largest number of conjugate gradient steps to close jumps; tied surfaces take 20 to 50."""
 
+DIVERGED = 1e4
+"""Square of the jumps over the least so far at which these steps end: where tied rows depend on one
+another, rounding errors that no displacement closes grow for ever."""
+
 ROUND_OFF = 1e-16
 """Contact forces up to this share of the largest multiplier are rounding errors."""
 
@@ -149,9 +153,10 @@ def _without_jumps(
     residual = np.where(equality, problem.residual(displacements), 0.0)
     multiplier, direction = np.zeros(problem.size), residual.copy()
     image = np.empty(problem.size)
-    square = comm.allreduce(float(residual @ residual))
+    least = square = comm.allreduce(float(residual @ residual))
+    best = multiplier.copy()
     for _ in range(MOST_STEPS):
-        if largest_magnitude(comm, residual) <= tolerance:
+        if largest_magnitude(comm, residual) <= tolerance or square > DIVERGED * least:
             break
         problem.deforming.apply_transpose(direction, change)
         problem.deforming.apply(change, image)
@@ -163,9 +168,12 @@ def _without_jumps(
         multiplier += length * direction
         residual -= length * image
         before, square = square, comm.allreduce(float(residual @ residual))
+        if square < least:
+            least = square
+            np.copyto(best, multiplier)
         direction *= square / before
         direction += residual
-    problem.deforming.apply_transpose(multiplier, change)
+    problem.deforming.apply_transpose(best, change)
     return displacements - change
 
 

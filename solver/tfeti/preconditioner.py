@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.coupled import CoupledRows
+from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 
@@ -35,13 +35,16 @@ class DualPreconditioner:
     rho
         Penalty ρ of Q, in the unit of F. Infinite if r is always in the range of Pᵀ: then one
         projection is enough.
+    coupled
+        The coupled rows of the problem, if they are known already.
     """
 
-    def __init__(self, problem: DualProblem, rho: float) -> None:
+    def __init__(
+        self, problem: DualProblem, rho: float, coupled: CoupledRows | None = None
+    ) -> None:
         assert problem.coarse is not None
         self.comm, self.coarse, self.rho = problem.comm, problem.coarse, rho
-        some = problem.comm.allreduce(int(problem.wide.any()))
-        self._coupled = CoupledRows(problem) if some else None
+        self._coupled = coupled or coupled_rows(problem)
         self.B = self._coupled.B if self._coupled else problem.B
         self._slices = interface_slices(problem.classes)
         self._shapes = [(c.members, len(c.interface)) for c in problem.classes]

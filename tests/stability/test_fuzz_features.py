@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +25,15 @@ body that several held nodes stop."""
 def test_random_scene(seed: int) -> None:
     verdict = judge(seed)
     assert not verdict.fault, verdict
+
+
+def test_a_scene_that_multigrid_solves_to_rounding_errors() -> None:
+    """Steps made of rounding errors crashed it, and closing jumps that depend on one another."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        verdict = judge(20008, method="primal")
+    assert verdict.kind == "agrees", verdict
+    assert verdict.method == "primal"
 
 
 @pytest.mark.slow

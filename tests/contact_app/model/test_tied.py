@@ -211,6 +211,22 @@ def test_a_tie_costs_little(cell: str, whole: list[int], parts: list[list[int]])
 
 
 @pytest.mark.ratchet
+def test_a_tie_costs_little_by_multigrid() -> None:
+    """At most 1.3 times the multiplications with the stiffness on the conforming mesh."""
+    counts = []
+    for parts in ([[24, 12, 12]], [[12, 12, 12], [11, 11, 11]]):
+        made = beam("tetrahedron", 1, parts)
+        floor = {"plane": {"point": [0.0, 0.0, -0.05], "normal": [0.0, 0.0, 1.0]}}
+        name = made["bodies"][-1]["name"]
+        made["contacts"] = [*made.get("contacts", []), {"on": f"{name}.z-", "obstacle": floor}]
+        solved = solve(made, method="primal")
+        assert solved.summary["solver"]["method"] == "primal"
+        assert solved.summary["certificate"]["passed"]
+        counts.append(solved.summary["solver"]["hessian_multiplications"])
+    assert counts[1] <= 1.3 * counts[0]
+
+
+@pytest.mark.ratchet
 def test_contact_that_reaches_the_tie_costs_little() -> None:
     """Rows of obstacles at tied nodes are weighed with the tied rows: half as many applications."""
     counts = []
