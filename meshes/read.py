@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes.unstructured import FACETS, MeshError
+from meshes.vtu_arrays import read_vtu
 
 
 @dataclass(frozen=True)
@@ -170,6 +171,8 @@ def _meshio(path: Path) -> Any:
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            if path.suffix == ".vtu":
+                return read_vtu(path)
             return meshio.read(*_as_meshio_reads(path))
     except SystemExit:
         reason = said.getvalue()

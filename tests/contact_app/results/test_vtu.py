@@ -1,5 +1,7 @@
 """VTU written, read back by meshio, equals what was handed over, and what the XDMF holds."""
 
+import base64
+import binascii
 from pathlib import Path
 
 import meshio
@@ -14,6 +16,7 @@ from contact_app.results.xdmf import CELL_TYPES
 from contact_app.run.run import run
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from meshes.vtu_arrays import read_vtu
 from tests import scenes
 from tests.contact_app.results.test_xdmf import MESHIO, separate_cells
 from tests.scenes_on_ranks import summary_of
@@ -45,7 +48,7 @@ def test_read_back_equals_what_was_written(slab: int, tmp_path: Path) -> None:
             file.point_data("gap", at, gap[at : at + slab])
             file.point_data("displacement", at, moved[at : at + slab])
     assert [p.name for p in tmp_path.iterdir()] == ["solution.vtu"]
-    found = meshio.read(path)
+    found = read_vtu(path)
     assert [block.type for block in found.cells] == [MESHIO.get(k, k) for k in CELL_TYPES]
     for number, (block, (points, cells)) in enumerate(
         zip(found.cells, parts.values(), strict=True)
@@ -96,7 +99,10 @@ def test_both_files_hold_the_same(cell: str, degree: int, tmp_path: Path) -> Non
     made["output"] = {"vtu": True}
     made["symmetry"] = "allow"
     assert run(build_scene(load(scenes.write(made, tmp_path / "s.yaml"))), tmp_path / "out") == 0
-    stored, found = read_xdmf(tmp_path / "out"), meshio.read(tmp_path / "out" / "solution.vtu")
+    stored, found = (
+        read_xdmf(tmp_path / "out"),
+        read_vtu(tmp_path / "out" / "solution.vtu"),
+    )
     np.testing.assert_array_equal(found.points, stored.points)
     (cells,) = stored.cells.values()
     np.testing.assert_array_equal(found.cells[0].data, cells)
@@ -118,7 +124,7 @@ def test_ranks_write_the_same(tmp_path: Path) -> None:
         summary_of(made, tmp_path, ranks)
         out = tmp_path / f"out{ranks}"
         assert not (out / "solution.xdmf").exists()
-        found = meshio.read(out / "solution.vtu")
+        found = read_vtu(out / "solution.vtu")
         order = np.lexsort(np.round(found.points, 9).T)
         assert len(found.cells[0].data) == 9
         fields.append({name: v[order] for name, v in found.point_data.items()})
@@ -126,3 +132,17 @@ def test_ranks_write_the_same(tmp_path: Path) -> None:
     for name, values in fields[0].items():
         size = np.nanmax(np.abs(values), initial=1e-3)
         np.testing.assert_allclose(fields[1][name], values, atol=1e-8 * size, rtol=1e-8)
+
+
+def test_meshio_reads_it_where_python_lets_it(tmp_path: Path) -> None:
+    """Where base64 ends at padding, as before Python 3.13.5; VTK's readers do not ask for that."""
+    points, cells = separate_cells("triangle", 1, np.random.default_rng(1))
+    path = tmp_path / "solution.vtu"
+    with VTUWriter(path, [("triangle", 1)], 3, {}, {}) as file:
+        file.points(0, points)
+        file.cells(0, cells)
+    try:
+        base64.b64decode(b"AAA=AAAA")
+    except binascii.Error:
+        pytest.skip("meshio reads no raw arrays with this Python")
+    np.testing.assert_array_equal(meshio.read(path).cells[0].data, cells)
