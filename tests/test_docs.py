@@ -57,6 +57,28 @@ def test_modules_that_a_page_runs_are_programs(page: Path) -> None:
         assert "__main__" in file.read_text(encoding="utf-8"), module
 
 
+def features() -> list[list[str]]:
+    """Cells of the rows of the table of features."""
+    lines = (ROOT / "docs/guide/features.md").read_text(encoding="utf-8").splitlines()
+    rows = [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")]
+    assert len(rows) > 25
+    return rows[1:]
+
+
+@pytest.mark.parametrize("row", features(), ids=lambda row: row[0])
+def test_each_feature_has_a_test_a_scene_a_page_and_messages(row: list[str]) -> None:
+    _, key, verified, where, page, wrong = row
+    assert all(name for _, name in NAMED.findall(verified))
+    assert "test_" in verified
+    assert LINK.search(page)
+    assert wrong == "nothing to set" or NAMED.search(wrong)
+    ((file, _),) = NAMED.findall(where)
+    word = key.strip("`")
+    if file.startswith("configs/") and not word.startswith(("--set", "contact-app", "python")):
+        text = (ROOT / file).read_text(encoding="utf-8")
+        assert re.search(rf"\b{word}:", text.split("\n", 1)[1]), (file, word)
+
+
 def test_a_run_takes_the_steps_of_the_tour_in_its_order(tmp_path: Path) -> None:
     """Of the scene that the page follows, in eight subdomains, by what is called first."""
     text = (ROOT / "docs/theory/tour.md").read_text(encoding="utf-8")

@@ -185,6 +185,8 @@ WRONG = [
     ("decomposition={subdomains: [1,2,9]}", "9 sub-boxes along z, where cube has 2 cells"),
     ("decomposition={subdomains: 9}", "at most one per cell is allowed, 8 here"),
     ("solver.expansion=projgc", "did you mean projcg?"),
+    ("output.vtu=maybe", "true or false is allowed"),
+    ("accuracy=0", "it must be at least"),
     ("output.fields=[stres]", "did you mean stress?"),
     # --set itself
     ("title", "has the form path.to.key=value"),
