@@ -1,22 +1,22 @@
 """The alternating part of nodal pressures of degree 2, on lines and quadrilaterals.
 
-Along a line of nodes through facets, ends and middles in turn, a pressure that is right in the mean
-but alternates is p + 2ε at the ends and p - ε in the middles. It shows in fourth differences,
+Along a line of nodes through facets (ends and middles in turn), a pressure with the right mean but
+an alternating error is p + 2ε at the ends and p - ε in the middles. Fourth differences,
 
     S = (q₋₂ - 4q₋₁ + 6q₀ - 4q₁ + q₂)/16 = (D₋₁ - 2D₀ + D₁)/16,   D = q₋₁ - 2q₀ + q₁,
 
-as 3ε/2 at the ends and -3ε/2 in the middles; of a smooth pressure they are of fourth order in the
-size of facets. So 4/3 S is taken off at the ends and 2/3 S in the middles, along each of the two
-axes of a face, which takes off the alternation whole and, where lines go on, no force: the sum of
-the S is zero. Where facets differ in size D is weighted so that linear and quadratic pressures have
-S = 0 at the ends. Lines that meet a plane of symmetry go on in their image.
+are 3ε/2 at the ends and -3ε/2 in the middles; for a smooth pressure they are of fourth order in the
+size of facets. So 4/3 S is subtracted at the ends and 2/3 S in the middles, along each of the two
+axes of a face. This removes the alternation completely and, where lines continue, no force: the sum
+of the S is zero. Where facets differ in size D is weighted so that linear and quadratic pressures
+have S = 0 at the ends. Lines that meet a plane of symmetry continue in their mirror image.
 
-Only lines that touch with all three nodes take part: beside the edge of the contact p falls like a
-root, and fourth differences across it would be taken for an alternation. A node between two others
-that touch counts as touching: an alternation opens it, the edge of the contact does not. At the
-ends of the lines, and where they do not go on straight, D is that of the other end of the facet,
-and S that of the middle with the other sign; half of that at the edge of the contact, towards which
-an alternation fades. The axes are told apart by the largest component of a line's direction.
+Only lines with all three nodes in contact take part: near the edge of the contact p falls like a
+root, and its fourth differences would look like an alternation. A node between two nodes in contact
+counts as in contact: only an alternation opens such a node. At the ends of the lines, and where
+they do not go on straight, D is that of the other end of the facet, and S that of the middle with
+the other sign; half of that at the edge of the contact, towards which an alternation fades. The
+axes are told apart by the largest component of a line's direction.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LINES = {
 """End, middle and end of the lines of nodes of a facet, in dolfinx's order, by its nodes."""
 
 STRAIGHT = 0.3
-"""Largest length of the mean of the unit vectors to both sides of a node on a line."""
+"""Largest length of the mean of the two unit vectors at a node where a line counts as straight."""
 
 END, MIDDLE, FADED = 4.0 / 3.0, 2.0 / 3.0, 0.5
 
@@ -72,7 +72,7 @@ class Lines:
         return cls(nodes, along / length[:, None], 1.0 / length)
 
     def chosen(self, rows: NDArray[np.bool_] | Numbers) -> Lines:
-        """Some of them."""
+        """Some of the lines."""
         return Lines(self.nodes[rows], self.along[rows], self.weight[rows])
 
 
@@ -87,13 +87,14 @@ def alternation(
     Parameters
     ----------
     lines
-        Of the whole boundary.
+        Lines of the whole boundary.
     q : (copies,)
-        0 where nothing touches.
+        Pressures; 0 at open nodes.
     meet
-        Sums values at copies (copies,) over those of a node, for all of them (collective).
+        Function that replaces values at copies (copies,) by their sums over all copies of a node
+        (collective).
     folded : (3, copies)
-        Whether a node lies on a plane of symmetry across each axis; none unless given.
+        Mask of copies on a plane of symmetry normal to each axis; none by default.
     """
     folded = np.zeros((3, len(q)), bool) if folded is None else folded
     result = np.zeros(len(q))
@@ -109,7 +110,7 @@ def alternation(
 class _Ends:
     """Sums over the ends of lines along one axis, at copies of nodes.
 
-    On a plane of symmetry they are half of those of the whole.
+    On a plane of symmetry the sums are half of those of the whole.
     """
 
     def __init__(
@@ -138,7 +139,7 @@ def _sum(nodes: Numbers, values: NDArray[Any], size: int) -> Array:
 
 
 def _touching(lines: Lines, ends: _Ends, q: Array) -> NDArray[np.bool_]:
-    """Which lines along one axis touch with all their nodes."""
+    """Mask of the lines along one axis with all nodes in contact."""
     first, middle, last = lines.nodes.T
     touches = (q[middle] > 0.0) | ((q[first] > 0.0) & (q[last] > 0.0))
     between = ends.go_on & (ends.sums(np.tile(touches, 2).astype(float)) == ends.count)
@@ -153,7 +154,7 @@ def _along(
     meet: Callable[[Array], Array],
     folded: NDArray[np.bool_],
 ) -> Array:
-    """The alternation along one axis of lines that touch, among every line there."""
+    """The alternation along one axis on lines in contact, among all lines along it."""
     first, middle, last = lines.nodes.T
     ends = _Ends(lines, len(q), meet, folded)
     weight = np.tile(lines.weight, 2)

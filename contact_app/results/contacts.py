@@ -1,4 +1,4 @@
-"""Each contact of a scene summed up, and its pressure at the nodes that are written.
+"""The resultants of each contact of a scene, and its pressure at the written nodes.
 
 The force on the body of `on` is the sum of the nodal forces f_k, its moment about a point c
 
@@ -7,10 +7,9 @@ The force on the body of `on` is the sum of the nodal forces f_k, its moment abo
 where m_k is the moment about the node of a row that is a mean about it; c is the centroid of the
 boundary, ∫ x ds / ∫ ds. In the plane the moment is its one component.
 
-Where the scene was cut at planes of symmetry, all of this is of the whole. Each contact of the
-whole consists of images of contacts of what was solved: of itself, or of its partner on the other
-side. A force turns with the mirror, a moment, an axial vector, turns and changes its sign, and
-nodes on a plane count once.
+If the scene was cut at planes of symmetry, all results are of the whole. Each contact of the whole
+consists of mirror images of solved contacts: of itself, or of its partner on the other side. A
+force is reflected as a vector, a moment as an axial vector, and nodes on a plane count once.
 """
 
 from __future__ import annotations
@@ -35,12 +34,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """One contact of what was solved, over all ranks; `whole` is the force on the body of `on`.
+    """One contact of the solved part, over all ranks; `whole` is the force on the body of `on`.
 
     Attributes
     ----------
     area
-        Of the boundary that belongs to nodes in contact.
+        Area of the boundary that belongs to nodes in contact.
     """
 
     whole: Resultant
@@ -74,7 +73,7 @@ def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
 
 
 def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
-    """Sums over the nodes of each contact of what was solved (collective)."""
+    """Sums over the nodes of each contact of the solved part (collective)."""
     scene = model.scene
     if not scene.touching:
         return []
@@ -103,23 +102,23 @@ def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
 
 
 def _middle(mesh: Any) -> Array:
-    """Middle of a mesh, (3,): a point near it, about which sums lose no digits."""
+    """Centre of a mesh, (3,): sums about a point near the mesh lose no digits."""
     middle = np.zeros(3)
     middle[: mesh.dimension] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
     return middle
 
 
 class ContactsOfWhole:
-    """The contacts of the scene file at the nodes this rank owns, and at their images.
+    """The contacts of the scene file at the nodes that this rank owns, and at their mirror images.
 
-    Contacts have the numbers of the file, from 0.
+    Contacts are numbered as in the file, from 0.
 
     Parameters
     ----------
     nodes
-        Fields of what was solved.
+        Fields of the solved part.
     found
-        The images of it.
+        Mirror images of the solved part.
     """
 
     def __init__(self, model: Model, nodes: NodeFields, found: Whole) -> None:
@@ -131,15 +130,18 @@ class ContactsOfWhole:
             self._place.setdefault(contact.source, []).append(i)
 
     def origins(self, image: Image, number: int) -> list[int]:
-        """The contacts of what was solved that are this one's in an image.
+        """The solved contacts whose mirror images in an image belong to this contact.
 
-        Several where it is with a rigid body of several obstacles, none where it has no part there.
+        Several for a rigid body of several obstacles, none if the contact has no part in the image.
         """
         origin = image.origin(self._scene.contact_names[number].source)
         return [] if origin is None else self._place.get(origin, [])
 
     def counts(self) -> list[dict[str, int]]:
-        """Nodes of each contact by their status, nodes of several images once (collective)."""
+        """Numbers of nodes of each contact by status.
+
+        Nodes of several images count once (collective).
+        """
         counts = np.zeros((len(self._scene.contact_names), 3), np.int64)
         for number in range(len(counts)):
             seen: list[Image] = []
@@ -192,7 +194,7 @@ class ContactsOfWhole:
     def _field(self, image: Image, number: int, values: Callable[[NodesInContact], Array]) -> Array:
         """Values of a contact at the images of the nodes, (nodes,).
 
-        A node on a plane has those of the image about that plane, too.
+        A node on a plane also has the values of the image about that plane.
         """
         result = np.zeros(len(self._nodes.points))
         for other in self.images:
@@ -204,7 +206,7 @@ class ContactsOfWhole:
         return result
 
     def _coincide(self, image: Image, other: Image, at: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which of some nodes (n,) are at one place in both images, (n,)."""
+        """Mask of the nodes (n,) that have the same place in both images."""
         apart = [
             k
             for k, mirror in enumerate(self._scene.mirrors)

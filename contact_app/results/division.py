@@ -1,20 +1,18 @@
-"""Which contact the force at a node belongs to.
+"""Division of the force at a node among its contacts.
 
-Every contact row is a row of one contact, and its force is the force of that contact, unless rows
-of several contacts say the same of a node: two floors side by side that are level, a boundary given
-twice, two surfaces of another body that go on straight where they meet. Then one row is kept for
-all of them (`merge_contact`, `candidates.estimated`), or the multipliers of equal rows are
-determined in their sum only. The sum is the force of the node; it is divided as a uniform pressure
-would be, by the area that each contact has about the node. So a pressure goes on across the seam of
-two boundaries, and the sum of all contacts stays what the solver found. Means over the facets of
-neighbouring pairs, which differ but may still have more multipliers than are determined, are
-settled before (`seams`).
+A contact row belongs to one contact, and its force is a force of that contact. An exception are
+equal rows of several contacts at a node: two level floors side by side, a boundary given twice, two
+coplanar surfaces of another body. Then one row represents all of them (`merge_contact`,
+`candidates.estimated`), or only the sum of their multipliers is determined. This sum is the force
+of the node. It is divided like a uniform pressure, by the area of each contact about the node. So
+the pressure is continuous across the seam of two boundaries, and the sum over all contacts does not
+change. Rows of neighbouring pairs on averages over facets differ, but their multipliers may still
+be undetermined; `seams` chooses them before.
 
-Rows say the same of a node where they are less than `NEARLY_PARALLEL` apart, as unit vectors and in
-their normals, and where their gaps differ by less than `TIED`: an obstacle that lies deeper takes
-no force. Two rows that both have multipliers are told apart by the solver unless they are less than
-`EQUAL` apart. A facet that is on the boundaries of several obstacles counts for the first of them,
-or else its pressure would be divided in two.
+Rows count as equal if they are less than `NEARLY_PARALLEL` apart, as unit vectors and in their
+normals, and if their gaps differ by less than `TIED`: a deeper obstacle takes no force. For two
+rows with separate multipliers the limit is `EQUAL`. A facet on the boundaries of several obstacles
+counts for the first of them; otherwise its pressure would be halved.
 """
 
 from __future__ import annotations
@@ -40,23 +38,23 @@ from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes, uni
 Array = NDArray[np.float64]
 
 TIED = 1e-9
-"""Difference of gaps, over the size of the scene, that is none: as in `merge_contact`."""
+"""Difference of gaps, over the size of the scene, that counts as zero: as in `merge_contact`."""
 
 
 EQUAL = 1e-6
-"""Distance of two unit rows below which their multipliers are determined in their sum only."""
+"""Distance of two unit rows below which only the sum of their multipliers is determined."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
-    """Forces of contacts at the nodes this rank owns, each contact at most once a node.
+    """Forces of contacts at the nodes that this rank owns, each contact at most once per node.
 
     Attributes
     ----------
     sources, nodes : (loads,)
         Contact, as `Scene.touching` counts them, and number of the node.
     force : (loads,)
-        Its size, zero or more.
+        Magnitude of the normal force, zero or more.
     vectors, moments : (loads, 3)
         Force on the body of `on`, and its moment about the node.
     areas : (loads,)
@@ -64,11 +62,11 @@ class ContactLoads:
     friction : (loads, 3)
         The part of `vectors` that is along the surface.
     slips : (loads, 3)
-        Along what is touched.
+        Slip along the other side.
     sticks : (loads,)
-        Whether friction holds the node.
+        Whether the node sticks.
     rubs : (loads,)
-        Whether it has a friction force that needs no contact force.
+        Whether it has a friction force with a given limit, independent of a contact force.
     """
 
     sources: NDArray[np.int64]
@@ -141,17 +139,16 @@ def _together(
     tied: float,
     rigid: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Number of the group of equal rows that carries force each row is in, -1 for none, (rows,).
+    """Number of the group of equal rows with a force that each row is in, (rows,); -1 for none.
 
     Parameters
     ----------
     own, force : (rows,)
-        Which have a multiplier, and its force.
+        Mask of rows with a multiplier, and their forces.
     tied
-        Difference of gaps that is none.
+        Difference of gaps that counts as zero.
     rigid : (rows,)
-        The moving rigid body of a row, which its force balances: those of different ones are not
-        equal.
+        The moving rigid body of a row; rows of different rigid bodies are never equal.
     """
     label = np.full(len(rows.nodes), -1, np.int64)
     first = np.flatnonzero(rows.nodes[1:] == rows.nodes[:-1])
@@ -233,7 +230,7 @@ def _weights(
 def _members(
     sources: NDArray[np.int64], group: NDArray[np.int64]
 ) -> tuple[list[tuple[int, ...]], NDArray[np.int64]]:
-    """Which contacts groups consist of: all different ones, and the number of that of each row."""
+    """Sets of contacts of the groups: all different sets, and the number of the set of each row."""
     if len(group) == 0:
         return [], group
     order = np.lexsort((sources, group))
@@ -252,9 +249,9 @@ def _members(
 def _shares_in_turn(
     model: Model, surface: SurfaceNodes, sources: tuple[int, ...]
 ) -> Iterator[tuple[int, Array]]:
-    """∫ φ_k over the facets of each obstacle's contact that no earlier one has, (owned,).
+    """∫ φ_k over the facets of each contact with an obstacle that no earlier contact has, (owned,).
 
-    Where rows are means about vertices these are the integrals of their hat functions. Collective.
+    For rows on averages about vertices, the integrals of linear shape functions. Collective.
     """
     taken = [np.zeros(0, np.int32) for _ in model.partition.subdomains]
     for source in sources:

@@ -1,4 +1,4 @@
-"""The largest stress and contact pressure over all load cases, and the case each belongs to.
+"""The largest stress and contact pressure over all load cases, and the case of each value.
 
 ``envelope.xdmf`` has four fields: `largest_von_mises` and `von_mises_case` in cells,
 `largest_contact_pressure` and `contact_pressure_case` at nodes. Cases are numbered in the order of
@@ -22,18 +22,18 @@ Array = NDArray[np.float64]
 
 
 class _Largest:
-    """The largest of values that are not negative, entry by entry, and whose it is, from 1."""
+    """Largest of non-negative values, entry by entry, and the number of its case, from 1."""
 
     def __init__(self, count: int) -> None:
         self.values, self.cases = np.zeros(count), np.zeros(count)
 
     def add(self, number: int, values: Array) -> None:
-        """Take in the values of a case."""
+        """Add the values of a case."""
         more = values > self.values
         self.values[more], self.cases[more] = values[more], number
 
     def peak(self) -> tuple[float, int]:
-        """The largest of all on this rank, and its case."""
+        """The largest value on this rank, and its case."""
         if not len(self.values):
             return 0.0, 0
         at = int(np.argmax(self.values))
@@ -41,12 +41,12 @@ class _Largest:
 
 
 class Envelope:
-    """Takes in one case after another; local parts.
+    """The envelope of load cases; local parts.
 
     Parameters
     ----------
     model, nodes, cells
-        Of the first case: other cases have to be solved on the same nodes and cells.
+        Model, nodes and cells of the first case; other cases must have the same nodes and cells.
     """
 
     def __init__(self, model: Model, nodes: NodeFields, cells: CellFields) -> None:
@@ -55,7 +55,7 @@ class Envelope:
         self._pressure = _Largest(len(nodes.contact_pressure))
 
     def add(self, number: int, model: Model, nodes: NodeFields, cells: CellFields) -> bool:
-        """Take in a case; False where its nodes or cells are others (collective)."""
+        """Add a case; return False if its nodes or cells differ (collective)."""
         alike = model.partition is self._model.partition or (
             np.array_equal(nodes.points, self._nodes.points)
             and len(cells.cells) == len(self._cells.cells)
@@ -76,7 +76,7 @@ class Envelope:
         return found
 
     def write(self, directory: Path) -> list[Path]:
-        """Write ``envelope.xdmf``, ``envelope.vtu`` or both; the files (collective)."""
+        """Write ``envelope.xdmf``, ``envelope.vtu`` or both; return the paths (collective)."""
         files = [directory / name for name in file_names(self._model.scene, "envelope")]
         at_nodes = {
             "largest_contact_pressure": self._pressure.values,

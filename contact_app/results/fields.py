@@ -1,7 +1,7 @@
 """Fields of an answer: at the nodes of the undecomposed mesh, and in its cells.
 
-Copies of a node meet at its owner, where their displacements, equal but for jumps below the
-tolerance, are averaged. Contact quantities are known at the owner already.
+The owner of a node averages the displacements of its copies, which differ by jumps below the
+tolerance only. Contact quantities are computed by the owner.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from contact_app.scene.material import von_mises
 from solver.contact.solution import Solution
 
 FRICTION_FIELDS = ("friction_traction", "slip", "contact_status")
-"""Fields at nodes that scenes with friction alone have."""
+"""Fields at nodes that only scenes with friction have."""
 
 POINT_FIELDS = (
     "displacement",
@@ -31,18 +31,18 @@ POINT_FIELDS = (
     "gap",
     *FRICTION_FIELDS,
 )
-"""Fields at nodes that can be asked for."""
+"""Fields at nodes that can be requested."""
 
 NODAL_FIELDS = ("nodal_stress", "nodal_von_mises")
-"""Those that are recovered from the stresses in cells; in files their names may have a suffix."""
+"""Fields recovered from the stresses in cells; in files their names may have a suffix."""
 
 CELL_FIELDS = ("stress", "von_mises", "body", "material")
-"""Fields in cells that can be asked for."""
+"""Fields in cells that can be requested."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodeFields:
-    """Fields at the nodes this rank owns, from node `first` on.
+    """Fields at the nodes that this rank owns, from node `first` on.
 
     Attributes
     ----------
@@ -53,13 +53,13 @@ class NodeFields:
     smoothed_contact_pressure : (nodes,)
         The same of `smoothed_pressure`.
     contacts
-        Each contact at its nodes, as `Scene.touching` counts them.
+        Each contact at its nodes, in the order of `Scene.touching`.
     gap : (nodes,)
-        Distance left to the nearest obstacle along its normal, between bodies its mean about a
-        node of `on`; NaN where there is no contact row.
+        Remaining distance to the nearest obstacle along its normal, between bodies its average
+        about a node of `on`; NaN without a contact row.
     friction_traction, slip : (nodes, dimension)
-        Friction force per area on the body of `on`, and its slip along what it touches; where
-        contacts overlap those of the one that presses most.
+        Friction force per area on the body of `on`, and its slip along the other side; where
+        contacts overlap, those of the contact with the largest pressure.
     contact_status : (nodes,)
         0 open, 1 stick, 2 slip.
     contact_force : (3,)
@@ -67,9 +67,9 @@ class NodeFields:
     pair_forces : (pairs, 3)
         Force of the `against` body of each pair on the other, of this rank's nodes.
     without_area
-        Touching nodes that carry force but no facet of the contact boundary.
+        Number of nodes in contact that lie on no facet of the contact boundary.
     slack : (rows,)
-        Distance left along the candidate rows of this rank that were left out.
+        Remaining distance along the omitted candidate rows of this rank.
     """
 
     first: int
@@ -131,7 +131,10 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
 def _friction(
     contacts: Sequence[NodesInContact], first: int, size: int, d: int
 ) -> dict[str, NDArray[np.float64]]:
-    """The fields of friction at nodes from `first` on; where contacts meet the one that presses."""
+    """The fields of friction at nodes from `first` on.
+
+    Where contacts meet, those of the largest pressure.
+    """
     traction, slip, status = np.zeros((size, d)), np.zeros((size, d)), np.zeros(size)
     pressed = np.full(size, -1.0)
     for contact in contacts:
@@ -156,10 +159,10 @@ class CellFields:
         xx, yy, zz, xy, yz, xz.
     von_mises : (cells,)
     energy_of_means : (bodies,)
-        Σ |T| σ̄ : ε̄ over this rank's cells T of each body, of the cell means σ̄ and ε̄; what it lacks
+        Σ |T| σ̄ : ε̄ over this rank's cells T of each body, of the cell means σ̄ and ε̄; the rest
         of a(u, u) lies in strains that vary within cells.
     largest_strain, largest_rotation
-        Of any cell of this rank: largest strain component and rotation in radians.
+        Largest strain component, and largest rotation in radians, of any cell of this rank.
     """
 
     first: int

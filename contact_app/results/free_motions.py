@@ -1,8 +1,8 @@
-"""How far bodies slide where nothing but the facets of their meshes resists.
+"""Rigid motions of bodies that only the facets of their meshes resist.
 
-A ball between races may turn: round surfaces slide along themselves. On a mesh its facets resist a
-little, and how far the ball turns says nothing of the problem. The motion is the combination of
-the loose motions of a group (`solver.contact.equilibrium.loose_motions`) that is nearest to the
+A ball between races may rotate: round surfaces slide along themselves. The facets of a mesh resist
+slightly, so the rotation of the ball depends on the mesh only. The motion is the combination of the
+loose motions of a group (`solver.contact.equilibrium.loose_motions`) that is nearest to the
 displacement in the mean square (`solver.tfeti.free_motions`).
 """
 
@@ -18,7 +18,7 @@ from contact_app.model.model import Model
 from solver.contact.solution import Solution
 
 LARGE = 0.5
-"""Largest displacement without the motion over that with it, below which the motion is told."""
+"""Largest displacement without the motion over that with it, below which there is a warning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class FreeMotion:
     without: float
 
     def record(self, name: str) -> dict[str, Any]:
-        """As `summary.json` holds it."""
+        """The record in `summary.json`."""
         return {
             "body": name, "along": self.along, "max_displacement": self.largest,
             "without_it": self.without,
@@ -52,7 +52,7 @@ class FreeMotion:
 
 
 def free_motions(model: Model, solution: Solution) -> list[FreeMotion]:
-    """Slides that make up most of the displacement of their body (collective)."""
+    """Motions that make up most of the displacement of their body (collective)."""
     free, measures = model.problem.system.free, solution.measures
     if free is None:
         return []

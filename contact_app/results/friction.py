@@ -1,8 +1,7 @@
-"""Friction of an answer at its contact rows: forces, slips, and whether points stick.
+"""Friction of an answer at its contact rows: forces, slips and sticking points.
 
-The force on the body of `on` is -Σ λ_k t_k over the tangents t_k of a point, its slip Σ w_k t_k
-what the body moves along what it touches. The work that friction takes is Σ λ_t · w over all
-points.
+The force on the body of `on` is -Σ λ_k t_k over the tangents t_k of a point, its slip Σ w_k t_k is
+its displacement along the other side. The work dissipated by friction is Σ λ_t · w over all points.
 """
 
 from __future__ import annotations
@@ -28,9 +27,9 @@ class FrictionAtRows:
         On the body of `on`, and about the node.
     slips : (rows, 3)
     sticks : (rows,)
-        Points with friction whose force is below its limit, or nearly at it without a slip.
+        Mask of points with friction whose force is below its limit, or nearly at it without a slip.
     rubs : (rows,)
-        Points with a friction force whose limit is given: it also acts where they are open.
+        Mask of points with a friction force of a given limit, which also acts at open points.
     """
 
     forces: Array
@@ -62,7 +61,7 @@ def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows
 
 
 def dissipated_work(problem: DualProblem, solution: Solution) -> float:
-    """Σ λ_t · w, the work that friction takes (collective)."""
+    """Σ λ_t · w, the work dissipated by friction (collective)."""
     points, own = problem.friction, 0.0
     if points is not None:
         residual = problem.residual(problem.on_interface(solution.displacements))
@@ -73,7 +72,7 @@ def dissipated_work(problem: DualProblem, solution: Solution) -> float:
 def closing_points(
     problem: DualProblem, solution: Solution, start: list[Array] | None
 ) -> tuple[int, int]:
-    """How many points with Coulomb friction close or open on the way to an answer (collective).
+    """Number of points with Coulomb friction that close or open before an answer (collective).
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ def closing_points(
 
     Returns
     -------
-    Points that close or open, and points that touch at the start or at the end.
+    Numbers of points that close or open, and of points in contact at the start or at the end.
     """
     counts, points = np.zeros(2, int), problem.friction
     if points is not None:

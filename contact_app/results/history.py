@@ -31,7 +31,7 @@ COLUMNS = (
 )
 
 FLUSH_SECONDS = 1.0
-"""Rows this old are on disk: what an interrupted run leaves."""
+"""Seconds after which rows are flushed to disk, for interrupted runs."""
 
 
 class History:
@@ -42,14 +42,14 @@ class History:
     path
         The file; None on ranks that write none, where the monitor does nothing.
     go_on
-        Keep the rows of the run this one goes on from.
+        Whether to keep the rows of the earlier run of a resumed one.
     increments
         Of a load history: a last column has the number of the increment.
 
     Attributes
     ----------
     increment
-        The number of the increment that is being solved.
+        Number of the present increment.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class History:
                     more = ("increment",) if increments else ()
                     self._file.write(",".join((*COLUMNS, *more)) + "\n")
                 self._file.flush()
-            except OSError:  # else Python's collector would meet the full disk once more
+            except OSError:  # otherwise Python's collector would fail at the full disk once more
                 self.close()
                 raise
 
@@ -83,12 +83,12 @@ class History:
         self.close()
 
     def __call__(self, event: Step) -> None:
-        """Write one row; where an outer iteration starts is no iteration and leaves none."""
+        """Write one row; the start of an outer iteration writes none."""
         if self._file is None or event.type == "start":
             return
         try:
             self._write(event)
-        except OSError as error:  # a full disk: the solve is worth more than its rows
+        except OSError as error:  # a full disk must not end the solve
             log.warning("history.csv ends here: %s", error.strerror)
             self.close()
 
@@ -106,10 +106,10 @@ class History:
             self._flushed = now
 
     def close(self) -> None:
-        """Write what is left; more calls do nothing."""
+        """Write the remaining rows and close the file; further calls do nothing."""
         file, self._file = self._file, None
         if file is not None:
             try:
                 file.close()
             except OSError as error:
-                log.warning("history.csv is not whole: %s", error.strerror)
+                log.warning("history.csv is incomplete: %s", error.strerror)

@@ -1,7 +1,7 @@
-"""The whole of a scene that was solved on one side of its planes of symmetry.
+"""Completion of a scene that was solved on one side of its planes of symmetry.
 
-Every subset of the planes is an image of what was solved. Nodes on a plane are their own image
-about it, and get no second number: the whole is one mesh, as if it had not been cut.
+Each subset of the planes gives one mirror image of the solved part. Nodes on a plane are their own
+image and get no second number: the whole is one mesh, as if it had not been cut.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ REVERSED = {
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """An image of what was solved about some of the planes.
+    """A mirror image of the solved part about some of the planes.
 
     Attributes
     ----------
     mirrors
-        The planes; none for what was solved itself.
+        The planes; none for the solved part itself.
     numbers : (nodes,)
-        Number in the whole of each node this rank owns.
+        Number in the whole of each node that this rank owns.
     new : (nodes,)
-        Which of them are not nodes of an earlier image, too.
+        Mask of the nodes that are not nodes of an earlier image, too.
     first
         Number of this rank's first new node.
     """
@@ -55,7 +55,7 @@ class Image:
     first: int
 
     def origin(self, source: str) -> str:
-        """The contact or condition of the solved scene whose image this one of the whole is."""
+        """Source in the solved part whose mirror image this source of the whole is."""
         for mirror in self.mirrors:
             source = dict(mirror.partners).get(source, source)
         return source
@@ -67,7 +67,7 @@ class Image:
         return points
 
     def field(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values of a field there; displacements and stresses turn with the mirror."""
+        """Values of a field in the image; displacements and stresses are reflected."""
         values = values.copy()
         for mirror in self.mirrors:
             if name == "displacement":
@@ -84,14 +84,14 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """All images of what was solved, itself first.
+    """All mirror images of the solved part; the part itself comes first.
 
     Attributes
     ----------
     nodes, cells
-        Of the whole.
+        Numbers of nodes and cells of the whole.
     weight : (nodes,)
-        How many nodes of the whole each node this rank owns stands for.
+        Number of nodes of the whole for each node that this rank owns.
     """
 
     images: tuple[Image, ...]
@@ -134,9 +134,9 @@ def _turned(cell: str, degree: int) -> list[int]:
 
 
 def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> dict[str, Any]:
-    """`summary.json` of the whole from that of what was solved (collective).
+    """`summary.json` of the whole, from that of the solved part (collective).
 
-    `decomposition` and `active_contacts` count what was solved.
+    `decomposition` and `active_contacts` are those of the solved part.
     """
     comm, d, found = model.comm, model.scene.dimension, whole(model, nodes)
     copies = len(found.images)
@@ -161,7 +161,7 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
 
 
 def _pair_forces(forces: dict[str, list[float]], scene: Scene) -> dict[str, list[float]]:
-    """Forces between the whole bodies from those of what was solved, by pair."""
+    """Forces between the whole bodies, by pair, from those of the solved part."""
     found = {pair: np.array(force) for pair, force in forces.items()}
     pairs = {c.source for c in scene.mirrors[0].contacts if c.against not in SHAPES}
     for mirror in reversed(scene.mirrors):

@@ -1,6 +1,6 @@
-"""The fields of a run in files: XDMF for ParaView, VTU for all else that reads VTK's formats.
+"""Output of the fields of a run: XDMF for ParaView, VTU for other programs that read VTK formats.
 
-Ranks hand their share to rank 0 one after another, so no rank holds a field of the whole mesh.
+Ranks send their share to rank 0 one after another, so no rank holds a field of the whole mesh.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """The fields of an answer, of this rank.
+    """The fields of an answer on this rank.
 
     Attributes
     ----------
@@ -52,12 +52,12 @@ class Fields:
 def write_fields(
     model: Model, fields: Fields, directory: Path, series: Series | None = None
 ) -> list[Path]:
-    """Write the fields and files the scene asks for; the files (collective).
+    """Write the requested fields and files; return the paths (collective).
 
     Parameters
     ----------
     series
-        Frames that the files hold already, and the time of this one.
+        Frames already in the files, and the time of this one.
     """
     files = [directory / name for name in file_names(model.scene)]
     if not files:
@@ -98,15 +98,15 @@ def write_grid(
     Parameters
     ----------
     files
-        The same in each: ``….xdmf`` or ``….vtu``.
+        Files to write with the same content: ``….xdmf`` or ``….vtu``.
     at_nodes
-        Fields of an image at its nodes, (nodes, components).
+        Function that returns the fields of an image at its nodes, (nodes, components).
     cell_fields
-        In this rank's cells of what was solved.
+        Fields in this rank's cells of the solved part.
     size
-        Bytes of the numbers of an XDMF file, where they are known.
+        Bytes of the numbers of an XDMF file, if known.
     series
-        As of `write_fields`.
+        As in `write_fields`.
     """
     partition, comm, found = model.partition, model.comm, whole(model, nodes)
     starts = partition.cell_starts
@@ -136,7 +136,7 @@ def write_grid(
 
 
 class _Files:
-    """Hands slabs to each of several writers."""
+    """Passes slabs to each of several writers."""
 
     def __init__(self, writers: list[XDMFWriter | VTUWriter]) -> None:
         self._writers = writers
@@ -167,7 +167,7 @@ def _files(
     size: int,
     series: Series | None,
 ) -> Iterator[_Files]:
-    """Open files; `names` are those of the fields at nodes and in cells."""
+    """Open files; `names` has the fields at nodes and in cells."""
     counts = np.diff(model.partition.first_cell)
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
@@ -190,7 +190,7 @@ def _files(
 
 
 def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:
-    """Number of the body and of its material of each cell of this rank, as the file counts them."""
+    """Numbers, in the order of the file, of the body and the material of each cell of this rank."""
     subdomains = model.partition.subdomains
     tags = [s.reference.tags for s in subdomains]
     bodies = [np.full(len(own), s.body) for own, s in zip(tags, subdomains, strict=True)]

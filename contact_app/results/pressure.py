@@ -1,26 +1,26 @@
 """Contact pressure at the nodes of the surface, from the forces of contact rows.
 
-What a multiplier is depends on the rows. Those of bodies on bodies, and of second-order
-tetrahedra on obstacles, are mean pressures about a vertex times an area: p_j = λ_j / W_j. Those at
-nodes are nodal forces f_k = ∫ p φ_k, and the pressure is the force over the node's share of the
-boundary, q_k = f_k / ∫ φ_k.
+The meaning of a multiplier depends on the rows. Between bodies, and for second-order tetrahedra at
+obstacles, multipliers are mean pressures about a vertex times an area: p_j = λ_j / W_j. Multipliers
+of rows at nodes are nodal forces f_k = ∫ p φ_k, and the pressure is the force over the node's share
+of the boundary, q_k = f_k / ∫ φ_k.
 
-With degree 2 that is not enough. Corners and middles see the pressure through different functions,
-and where the boundary is a polygon, or the material nearly incompressible, q alternates between
-them about the right mean, however fine the mesh. What alternates is taken out (`alternation`); the
-values at all nodes are then as good as those of degree 1 on as many.
+For degree 2 this is not enough. Corners and middles have different shape functions, and if the
+boundary is a polygon or the material nearly incompressible, q alternates between them about the
+right mean on any mesh. `alternation` removes this part; the values are then as accurate as those of
+degree 1 on as many nodes.
 
-Near ν = 0.5 it is a large part of the pressure, opens nodes that should touch, and cannot be
-told from the edge of the contact. There the pressure is taken linear on each facet, with the values
-at the vertices
+Near ν = 0.5 the alternation is a large part of the pressure, opens nodes that should be in contact,
+and cannot be distinguished from the edge of the contact. Then the pressure is linear on each facet,
+with the values at the vertices
 
-    P q = Σ_k ψ_j(x_k) f_k / ∫ ψ_j,     ψ_j the hat function of vertex j:
+    P q = Σ_k ψ_j(x_k) f_k / ∫ ψ_j,     ψ_j the linear shape function of vertex j:
 
 the mean of the pressure about the vertex, in which alternations cancel. It flattens a smooth peak
-by h²p''/12; the mean of what it took away is given back, p = P q + P(q - P q) (twicing, J. W.
+by h²p''/12; the mean of the removed part is added again, p = P q + P(q - P q) (twicing, J. W.
 Tukey, *Exploratory Data Analysis*, 1977, chapter 16), which leaves errors of fourth order.
 
-What would take p below zero is cut off and as much left out of the rest, so that ∫ p is the force.
+Negative values of p are set to zero and the rest is scaled so that ∫ p is the force.
 Constant pressures are exact, linear ones are inside the boundary. Beside a jump means about
 vertices overshoot by at most 3 % of it; at the end of the boundary the last of them is off by a
 ninth of the change over the last facet.
@@ -48,26 +48,26 @@ from solver.contact.solution import Solution
 Array = NDArray[np.float64]
 
 STRONG = 0.05
-"""Alternation over pressure, both in the mean, from which on means about vertices are taken."""
+"""Alternation over pressure, both in the mean, from which on averages about vertices are used."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodesInContact:
-    """One contact at those nodes of its boundary that this rank owns.
+    """One contact at the nodes of its boundary that this rank owns.
 
     Attributes
     ----------
     nodes : (n,)
         Ascending numbers.
     pressure, smoothed : (n,), (n,)
-        Also without what facets make of it (`smoothed_pressure`).
+        Contact pressure, also averaged over facets (`smoothed_pressure`), force per area.
     shares : (n,)
         ∫ φ_k over the boundary.
     carriers : (n,)
-        Where the contact law is kept: at all nodes, or at the vertices of facets whose rows are
-        means about them.
+        Mask of nodes at which the contact law is enforced: all nodes, or the vertices for rows on
+        averages about vertices.
     closed : (n,)
-        Carriers with a contact force.
+        Mask of carriers with a contact force.
     areas : (n,)
         Area that the force at a closed node acts on; 0 at others.
     forces, moments : (n, 3)
@@ -75,11 +75,11 @@ class NodesInContact:
     traction : (n, 3)
         Friction force per area on the body of `on`.
     slips : (n, 3)
-        Of the body of `on` along what it touches.
+        Slip of the body of `on` along the other side.
     sticks : (n,)
-        Nodes that friction holds.
+        Mask of sticking nodes.
     rubs : (n,)
-        Nodes with a friction force that needs no contact force: they may be open.
+        Mask of nodes with a friction force of a given limit: they may be open.
     """
 
     nodes: NDArray[np.int64]
@@ -100,14 +100,14 @@ class NodesInContact:
     def status(self) -> NDArray[np.int64]:
         """0 where a node is open, 1 where it sticks, 2 where it slides, (n,).
 
-        Where friction of a given limit acts on an open node, it sticks or slides, too.
+        An open node with friction of a given limit also sticks or slides.
         """
         return np.where(self.closed | self.rubs, np.where(self.sticks, 1, 2), 0)
 
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """The forces of obstacles and other bodies on the surface, at the nodes this rank owns.
+    """Forces of obstacles and other bodies on the surface, at the nodes that this rank owns.
 
     Attributes
     ----------
@@ -116,9 +116,9 @@ class ContactForces:
     pressure, smoothed : (owned,), (owned,)
         The largest over the contacts of a node.
     contacts
-        Each contact alone, as `Scene.touching` counts them.
+        Each contact separately, in the order of `Scene.touching`.
     without_area
-        Rows that carry force at a node no facet of the contact boundary has.
+        Number of rows with a force at a node that is on no facet of the contact boundary.
     """
 
     nodes: NDArray[np.int64]
@@ -151,7 +151,7 @@ def contact_forces(model: Model, solution: Solution, surface: SurfaceNodes) -> C
 def _in_contact(
     model: Model, surface: SurfaceNodes, loads: ContactLoads, number: int
 ) -> tuple[NodesInContact, int]:
-    """One contact at its nodes, and how many of its rows have force but no area (collective)."""
+    """One contact at its nodes, and the number of its rows with force but no area (collective)."""
     touching = model.scene.touching[number]
     body = model.scene.bodies[touching.body]
     at_nodes = isinstance(touching, Contact) and not has_averaged_rows(body)
@@ -198,14 +198,14 @@ def _in_contact(
 
 
 def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Array) -> Array:
-    """Distance left at the owned surface nodes, (owned,); NaN where no row is (collective).
+    """Remaining distance at the owned surface nodes, (owned,); NaN without a row (collective).
 
-    Known about vertices only, it is continued to the middles between them.
+    Distances at vertices only are interpolated to the middles between them.
 
     Parameters
     ----------
     far : (rows,)
-        Distance along the rows that were left out.
+        Distance along the omitted rows.
     """
     left_out = model.left_out
     scene, problem, contact = model.scene, model.problem, model.problem.contact
@@ -236,7 +236,7 @@ def boundary_shares(model: Model, surface: SurfaceNodes, touching: Contact | Bod
 
 
 class _Boundary:
-    """The facets of one contact and what is averaged over them; all methods are collective.
+    """The facets of one contact, and averages over them; all methods are collective.
 
     Attributes
     ----------
@@ -264,12 +264,12 @@ class _Boundary:
         self.areas = surface.sums(areas)
 
     def nodes(self, with_single: bool) -> NDArray[np.bool_]:
-        """Which nodes are on the boundary, (owned,).
+        """Mask (owned,) of the nodes on the boundary.
 
         Parameters
         ----------
         with_single
-            Whether nodes count that no whole facet of the boundary has.
+            Whether to include nodes that are on no whole facet of the boundary.
         """
         surface, partition = self._surface, self._model.partition
         marks = np.zeros(surface.starts[-1])
@@ -286,7 +286,7 @@ class _Boundary:
         return surface.sums(marks) > 0.0
 
     def recovered(self, pressure: Array) -> Array:
-        """The pressure at all nodes from forces over shares (owned,), nothing alternating in it."""
+        """The pressure at all nodes from forces over shares (owned,), without alternation."""
         surface = self._surface
         q = surface.copies(pressure)
         lines = Lines.of([nodes for nodes, _ in self._parts], self._points)
@@ -315,7 +315,7 @@ class _Boundary:
         return mean + cut + given * (sums[1] / sums[0] if sums[0] < 0.0 else 1.0)
 
     def about_vertices(self, copies: Array) -> Array:
-        """P: means about the vertices of values at copies, (owned,); 0 elsewhere."""
+        """P: averages about the vertices of values at copies, (owned,); 0 elsewhere."""
         sums = np.zeros(len(copies))
         for nodes, weights in self._parts:
             np.add.at(
@@ -326,14 +326,17 @@ class _Boundary:
         return np.divide(total, self.areas, out=np.zeros(len(total)), where=some)
 
     def extended(self, values: Array) -> Array:
-        """Values (owned,) at vertices, continued to the middles: at the copies of facets here."""
+        """Values (owned,) at vertices, interpolated to the middles.
+
+        At this rank's copies of facets.
+        """
         copies = self._surface.copies(values)
         for nodes, _ in self._parts:
             between_vertices(nodes, copies)
         return copies
 
     def at_all_nodes(self, values: Array) -> Array:
-        """Values (owned,) at vertices, continued to the middles, at their owners."""
+        """Values (owned,) at vertices, interpolated to the middles, at their owners."""
         known = np.zeros(sum(map(len, self._surface.local)))
         for nodes, _ in self._parts:
             known[nodes] = 1.0

@@ -1,17 +1,17 @@
 """Reactions: the force and moment of each displacement condition on its body.
 
 In equilibrium the residual K u - f of a node, summed over the subdomains that share it, is the
-force of supports and contacts on it. Gluing forces cancel. In the components that a condition holds
-the residual is the reaction and what a contact row of several nodes does there. Where two
-conditions hold the same component of a node, the first one in the file has the reaction. The moment
-is about the centroid of the boundary, the mean of its nodes where it has no facet.
+force of supports and contacts on it. Gluing forces cancel. In held components the residual is the
+sum of the reaction and the forces of contact rows over several nodes. Where two conditions hold the
+same component of a node, the first one in the file has the reaction. The moment is about the
+centroid of the boundary, the mean of its nodes where it has no facet.
 
 Rigid motions of a body that are held on request have a reaction of their own, after the conditions,
 on the body as a whole.
 
-Where the scene was cut at planes of symmetry, a condition of the whole consists of images of
-conditions of what was solved, as a contact does (`results.contacts`). The conditions at the cuts
-are none of the file's and are left out.
+If the scene was cut at planes of symmetry, a condition of the whole consists of mirror images of
+solved conditions, as for contacts (`results.contacts`). The conditions at the cuts are not in the
+file and are left out.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> lis
 
 
 def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resultant]:
-    """Of the conditions of what was solved (collective)."""
+    """Reactions of the conditions of the solved part (collective)."""
     d, exchange = model.scene.dimension, model.node_exchange
     conditions = model.scene.displacements
     if not conditions:
@@ -82,7 +82,7 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
 
 
 def _add_contact(model: Model, solution: Solution, force: Array) -> None:
-    """Add what rows of several nodes push against held components (collective)."""
+    """Add the forces of rows over several nodes on held components (collective)."""
     problem, friction = model.problem, model.problem.system.friction
     parts = [(problem.contact, problem.inequality), (problem.system.tied, problem.tied)]
     parts.append((problem.system.means, problem.means))
@@ -133,10 +133,10 @@ class _Copies:
 def _held_copies(
     model: Model, condition: DisplacementCondition, place: NDArray[np.int64]
 ) -> _Copies:
-    """In the order of the exchange of all nodes (collective).
+    """Copies of held nodes, in the order of the exchange of all nodes (collective).
 
-    A subdomain may meet a held node by an edge or a corner and have none of the facets about it:
-    its copy counts, too.
+    A subdomain may have a held node at an edge or a corner without any facet of the boundary; its
+    copy counts, too.
     """
     body, one = model.scene.bodies[condition.body], np.eye(model.scene.dimension)[0]
     on, weight = [], []

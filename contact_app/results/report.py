@@ -27,7 +27,7 @@ log = logging.getLogger("contact_app")
 
 
 class _LogFile(logging.FileHandler):
-    """A log file that a full disk cuts short, which is told once and ends nothing."""
+    """A log file; a full disk truncates it with one message and does not end the run."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, mode="w", encoding="utf-8")
@@ -45,7 +45,7 @@ class _LogFile(logging.FileHandler):
 
 @contextmanager
 def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
-    """Keep what is logged meanwhile, warnings of Python included, in a text file.
+    """Context manager that writes log messages and warnings of Python to a text file.
 
     Other packages' messages are kept from the terminal, their warnings in the file: compiling a
     form tells the root logger every command it runs. An exception that passes is logged, one that
@@ -88,7 +88,7 @@ def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
 
 
 def _log_end(error: BaseException, path: Path, first: bool) -> None:
-    """Log the exception that ends a run; other ranks add theirs to the file of the first."""
+    """Log the exception that ends a run; rank 0 logs those of other ranks."""
     own = is_own_failure(error)
     if first:
         log.error("%s", message_of(error), exc_info=error if own else None)
@@ -115,12 +115,12 @@ def _log_warning(
 
 
 def _is_told(record: logging.LogRecord) -> bool:
-    """This package's messages, and what others warn of."""
+    """Accept messages of this package, and warnings of others."""
     return record.name == log.name or record.levelno >= logging.WARNING
 
 
 def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
-    """Write ``summary.json`` at once: it is never seen half-written.
+    """Write ``summary.json`` in one step: it is never incomplete.
 
     JSON knows neither NaN nor infinity: they become null.
     """
@@ -131,7 +131,7 @@ def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
 
 
 def plain(value: Any) -> Any:
-    """A value in types that JSON has; what is not finite is null."""
+    """A value in the types of JSON; numbers that are not finite become null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -145,7 +145,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-#: The certificate's numbers and what they are called in the table.
+#: Names of the certificate's numbers in the table.
 CERTIFICATE = {
     "max_penetration": "penetration / largest displacement",
     "max_gluing_jump": "gluing jump / largest displacement",
@@ -155,7 +155,7 @@ CERTIFICATE = {
     "duality_gap": "duality gap / energy",
 }
 
-#: The same of scenes with friction.
+#: Names of the further numbers with friction.
 FRICTION = {
     "friction_cone": "friction beyond its limit / load",
     "slip_alignment": "slip against friction / (load × displacement)",
@@ -173,11 +173,11 @@ def print_summary(
     Parameters
     ----------
     summary
-        What ``summary.json`` holds.
+        Content of ``summary.json``.
     tolerance
         ``solver.tolerance``: with it each line of the certificate says whether it is met.
     files
-        What was written.
+        Paths of the written files.
     console
         Where to; standard output when not given.
     """
@@ -269,9 +269,9 @@ def print_cases(
     Parameters
     ----------
     summary
-        What the ``summary.json`` beside the directories of the cases holds.
+        Content of the ``summary.json`` beside the directories of the cases.
     warnings
-        What the certificates warn of, each with the cases it is about.
+        Warnings of the certificates, each with its cases.
     """
     console = console or Console(highlight=False)
     console.print(cases_table(summary))
@@ -327,7 +327,7 @@ def steps_table(records: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def force_of_case(case: Mapping[str, Any]) -> Sequence[float]:
-    """The force of the contact of a case; where it has several, that of all obstacles."""
+    """The force of the contact of a case; with several contacts, that of all obstacles."""
     contacts = case.get("contacts", [])
     force = contacts[0]["force"] if len(contacts) == 1 else case["solution"]["contact_force"]
     return list(force)

@@ -1,4 +1,4 @@
-"""Forces and displacements that a summary tells by name, as lines of the table at a run's end."""
+"""Lines of forces and displacements by name for the table at the end of a run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from contact_app.scene.obstacles import SHAPES
 
 MOST = 12
-"""Lines of a kind that the table shows; the others are in ``summary.json``."""
+"""Largest number of lines of one kind in the table; ``summary.json`` has all."""
 
 ROUND_OFF = 1e-9
 """Component of a vector over its largest that is shown as 0."""
@@ -44,7 +44,7 @@ def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
 
 
 def _contacts(contacts: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
-    """Force and largest pressure of each contact, where there are several."""
+    """Force and largest pressure of each contact, if there are several."""
     if len(contacts) > 1:
         yield from _several(
             "of each contact: force, largest pressure",

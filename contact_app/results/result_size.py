@@ -14,24 +14,24 @@ from contact_app.scene.scene import Scene
 COMPONENTS = {
     "displacement": 3, "friction_traction": 3, "slip": 3, "stress": 9, "nodal_stress": 9,
 }  # fmt: skip
-"""Components that are written of the fields that are no scalars."""
+"""Number of written components of fields that are not scalars."""
 
 
 def components(name: str) -> int:
-    """Components that are written of a field."""
+    """Number of written components of a field."""
     for base in NODAL_FIELDS:
         name = base if name.startswith(base) else name
     return COMPONENTS.get(name, 1)
 
 
 def wanted_fields(scene: Scene) -> list[str]:
-    """The fields a scene asks for that it can have."""
+    """The requested fields that a scene can have."""
     left_out = () if scene.has_friction else FRICTION_FIELDS
     return [name for name in scene.output.fields if name not in left_out]
 
 
 def file_names(scene: Scene, name: str = "solution") -> list[str]:
-    """The files of fields that a scene asks for."""
+    """The requested files of fields."""
     return [f"{name}.{suffix}" for suffix in ("xdmf", "vtu") if getattr(scene.output, suffix)]
 
 

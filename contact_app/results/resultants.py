@@ -1,6 +1,6 @@
-"""Force and moment about a point, of contacts and supports: their images and their sums.
+"""Resultants of contacts and supports: force and moment about a point, mirror images and sums.
 
-A force turns with a mirror; a moment, an axial vector, turns and changes its sign.
+A force is reflected as a vector, a moment as an axial vector.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Resultant:
     Attributes
     ----------
     weight
-        Of the point among those of other pieces: the area of the boundary.
+        Weight of the point in sums of pieces: the area of the boundary.
     """
 
     force: Array
@@ -34,7 +34,7 @@ class Resultant:
     weight: float
 
     def image(self, image: Image) -> Resultant:
-        """The same of an image."""
+        """The resultant of a mirror image."""
         turned, axial = (image.field("displacement", v[None])[0] for v in (self.force, self.moment))
         sign = -1.0 if len(image.mirrors) % 2 else 1.0
         return Resultant(turned, sign * axial, image.points(self.point[None])[0], self.weight)
@@ -71,7 +71,7 @@ def summed(
     ----------
     points, forces : (nodes, 3)
     on : (nodes,)
-        Nodes whose mean is the point where there are no weights.
+        Nodes whose mean is the point if there are no weights.
     weights : (nodes,)
         Shares of the area.
     moments : (nodes, 3)

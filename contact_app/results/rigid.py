@@ -1,9 +1,8 @@
-"""Rigid bodies in ``summary.json``: how they moved, and what holds them.
+"""Rigid bodies in ``summary.json``: displacement, rotation and reactions.
 
-A rigid body is in equilibrium: in the components that its conditions hold, the reaction is what
-the contact forces on it and its loads leave. Force and moment are about its reference point where
-that has come to. The contact forces are those of the contacts with it, on the bodies of `on`, with
-the other sign.
+A rigid body is in equilibrium: in held components the reaction balances contact forces and loads.
+Moments are about its displaced reference point. The contact forces are those of the contacts with
+it, on the bodies of `on`, with the other sign.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def placements_of(model: Model, solution: Solution) -> list[Placement]:
-    """Where an answer has brought each rigid body (collective)."""
+    """Placement of each rigid body after its displacement by an answer (collective)."""
     scene, comm, d = model.scene, model.comm, model.scene.dimension
     unknowns = RigidUnknowns.of(scene, model.partition)
     mine = [
@@ -46,7 +45,7 @@ def rigid_records(
     Parameters
     ----------
     reactions
-        Those of elastic bodies, in the order of the file.
+        Reactions of elastic bodies, in the order of the file.
     """
     scene, d = model.scene, model.scene.dimension
     places = placements_of(model, solution)

@@ -1,16 +1,16 @@
-"""Multipliers where rows of several contacts meet at a node: those with the smoothest pressure.
+"""Choice of multipliers with the smoothest pressure where rows of several contacts share a node.
 
 Where two contacts of a body with others share a line of nodes, each has a row at every node of it:
-the gap in the mean over its own facets. Against a coarser mesh these are more rows than there are
-displacements that tell them apart, and the forces f of the rows are not unique. What is unique are
-the nodal forces Aᵀ f (A the rows), and with them all resultants; any Δ with Aᵀ Δ = 0 may be added.
-Taken is the one that brings the pressures f_i / W_i nearest to the mean pressure q of all rows of
-the node,
+the gap in the mean over its own facets. Against a coarser mesh these rows may be linearly
+dependent, and then the forces f of the rows are not unique. The nodal forces Aᵀ f (A the rows), and
+with them all resultants, are unique; any Δ with Aᵀ Δ = 0 may be added to f. The chosen Δ makes the
+pressures f_i / W_i nearest to the mean pressure q of all rows of the node,
 
     min Σ (f_i + Δ_i - q W_i)² / W_i   over Aᵀ Δ = 0.
 
 With y = W^(-1/2) Δ and τ = W^(-1/2) (q W - f) that is the residual y of the least squares problem
-min |τ - W^(1/2) A z|: zero where the rows are independent. The step ends where a force would pull.
+min |τ - W^(1/2) A z|: zero where the rows are independent. The step ends where a force would become
+tensile.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def smooth_forces(
         Of this rank.
     force : (rows,)
     closed : (rows,)
-        Which rows are closed, with a force or without.
+        Mask of closed rows, with or without a force.
 
     Returns
     -------

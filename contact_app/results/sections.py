@@ -1,4 +1,4 @@
-"""Section forces: what the part of a body in front of a plane exerts on the part behind it.
+"""Section forces: the force of the part of a body in front of a plane on the part behind it.
 
 The nodal forces K_A u of the cells A behind the plane have no resultant: a rigid motion strains no
 cell. At nodes of A alone they are those of all cells, f + c, the loads and the forces of supports
@@ -16,7 +16,7 @@ each other are opposite.
 Where no load acts on the cells that the plane cuts, S is that of the plane itself; otherwise the
 loads on parts of these cells belong to the side of their middle.
 
-On planes of symmetry the force across the plane holds the image and is none of the whole's.
+On planes of symmetry the force across the plane is an internal force of the whole and is left out.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _outer_forces(model: Model, solution: Solution, nodes: NodeFields) -> Array:
 
 
 def _resultant(model: Model, piece: SectionPiece, nodes: NodeFields, outer: Array) -> Resultant:
-    """Force and moment on what lies behind the plane, about the centroid of the cut."""
+    """Force and moment on the part behind the plane, about the centroid of the cut."""
     pushed = outer * _shares(model, piece)[:, None]
     arms = nodes.points - piece.centre
     sums = np.concatenate([pushed.sum(axis=0), np.cross(arms, pushed).sum(axis=0)])
@@ -92,7 +92,7 @@ def _resultant(model: Model, piece: SectionPiece, nodes: NodeFields, outer: Arra
 
 
 def _shares(model: Model, piece: SectionPiece) -> Array:
-    """Which part of a node this rank owns lies behind, (nodes,) (collective)."""
+    """Share of each owned node that lies behind the plane, (nodes,) (collective)."""
     exchange = model.node_exchange
     copies = [np.zeros((0, 4))]
     for s, behind in zip(model.partition.subdomains, piece.behind, strict=True):
@@ -146,7 +146,7 @@ def _load_behind(model: Model, piece: SectionPiece, number: int) -> Array | None
 
 
 def _part(s: Subdomain, behind: NDArray[np.bool_]) -> Subdomain:
-    """A subdomain whose surface is that of some of its cells."""
+    """The subdomain reduced to some of its cells."""
 
     def own(rows: NDArray[np.int32]) -> NDArray[np.int32]:
         return rows[behind[s.reference.facet_cells[rows]]]

@@ -1,9 +1,9 @@
-"""Files of a load history: a frame for each increment, and the text that puts them in order.
+"""Files of a load history: one frame per increment, and the index of the frames.
 
 The first frame of ``solution.xdmf`` has its numbers, and the mesh, in ``solution.h5``; those of
-later ones are in ``solution-2.h5``, `solution-3.h5`, … Each file is whole when it has its name, and
-the text is written anew after each: a run that is killed leaves the frames it had finished.
-``solution.pvd`` names the files ``solution-1.vtu``, ``solution-2.vtu``, … likewise.
+later ones are in ``solution-2.h5``, `solution-3.h5`, … Each file appears when it is complete, and
+the index is rewritten after each: a killed run leaves its finished frames. ``solution.pvd`` names
+the files ``solution-1.vtu``, ``solution-2.vtu``, … likewise.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ GRID = re.compile(r'<Grid Name="solution" GridType="Uniform">.*?</Grid>', re.DOT
 
 
 class Series:
-    """The frames that were written so far; rank 0 has it.
+    """The frames written so far, on rank 0.
 
     Attributes
     ----------
     times
-        Of the frames, that of the next one last.
+        Times of the frames, the next frame last.
     grids
         The text of each frame in an XDMF file.
     """

@@ -1,8 +1,8 @@
 """The contact pressure over the contact surface, by matplotlib alone.
 
-In the plane a line for each stretch of boundary in contact: pressure against the position along
-the boundary. In space a patch for each connected piece of surface, laid flat (a bore is unrolled)
-and zoomed to where it is pressed.
+In the plane the picture has a line for each stretch of boundary in contact: pressure against the
+position along the boundary. In space it has a patch for each connected piece of surface, flattened
+(a bore is unrolled) and zoomed to the part in contact.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from contact_app.results.plot.stored import Stored
 from meshes.connected import connected
 
 MARGIN = 0.15
-"""Room about what is pressed, as a share of its size."""
+"""Margin around the part in contact, as a share of its size."""
 
 
 STATUS = "contact_status"
-"""The field that tells of nodes whether they are open (0), stick (1) or slip (2)."""
+"""Name of the field of node statuses: open (0), stick (1) or slip (2)."""
 
 STRAIGHT = 0.97
 """Length of the mean of unit normals below which a surface is bent: a quarter of a circle's."""
@@ -33,7 +33,7 @@ BARREL = 0.01
 """Share of normals along an axis below which a surface is bent about it alone."""
 
 ROUND = 0.05
-"""How much a cylinder's radius may differ."""
+"""Relative variation of the radius up to which a surface counts as a cylinder."""
 
 
 class NothingPressedError(ContactError):
@@ -48,12 +48,12 @@ def draw_contact(
     Parameters
     ----------
     name
-        Of the field: that pressure, or the smoothed one.
+        Name of the field: the pressure, or the smoothed pressure.
 
     Raises
     ------
     NothingPressedError
-        There is none to draw.
+        There is no pressure to draw.
     """
     pressure = stored.point_data.get(name)
     if pressure is None:
@@ -77,7 +77,7 @@ def draw_contact(
 
 
 def touchable(stored: Stored) -> NDArray[np.bool_]:
-    """Nodes (n,) with a contact row; those that touch where the gap was not written."""
+    """Mask (n,) of nodes with a contact row; without a written gap, of nodes in contact."""
     data = stored.point_data
     if "gap" in data:
         return np.asarray(np.isfinite(data["gap"]))
@@ -87,12 +87,12 @@ def touchable(stored: Stored) -> NDArray[np.bool_]:
 def profiles(
     stored: Stored, acting: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Stretches of a plane result's boundary that may touch and do so somewhere.
+    """Stretches of the boundary of a plane result that are candidates and partly in contact.
 
     Parameters
     ----------
     acting : (n,)
-        Positive at nodes that touch: the contact pressure, or the status.
+        Positive at nodes in contact: the contact pressure, or the status.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def profiles(
             continue
         ends = ends.reshape(-1, 2)
         tips = np.flatnonzero(np.bincount(ends.ravel(), minlength=len(nodes)) == 1)
-        if not len(tips):  # a closed curve is opened where it is pressed least
+        if not len(tips):  # a closed curve is opened at the least pressure
             lightest = int(np.argmin(acting[nodes]))
             opened = int(np.flatnonzero((ends == lightest).any(axis=1))[0])
             ends, tips = np.delete(ends, opened, axis=0), np.array([lightest])
@@ -127,7 +127,7 @@ def profiles(
 def sides_in_contact(
     stored: Stored, sides: NDArray[np.int64], acting: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Sides that may touch; where only a line or a node is pressed, all sides about it."""
+    """Candidate sides; if only a line or a node is in contact, all sides around it."""
     may = touchable(stored)[sides].all(axis=1)
     pressed = (acting[sides] > 0.0).any(axis=1)
     return sides[may if (may & pressed).any() else pressed]
@@ -164,7 +164,7 @@ def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64], label: 
 
 
 def patches(stored: Stored, acting: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-    """Connected pieces of surface in space that touch somewhere, as triangles (m, 3)."""
+    """Connected pieces of surface in space that are partly in contact, as triangles (m, 3)."""
     corners = np.concatenate(
         [sides[:, pick] for sides in stored.boundary() for pick in _CORNERS[sides.shape[1]]]
     )
@@ -173,7 +173,7 @@ def patches(stored: Stored, acting: NDArray[np.float64]) -> list[NDArray[np.int6
 
 
 def zoom(axes: Any, corners: NDArray[np.float64], names: tuple[str, str]) -> None:
-    """Show what lies about triangles (m, 3, 2) of a piece laid flat."""
+    """Limit the axes to the surroundings of triangles (m, 3, 2) of a flattened piece."""
     low, top = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     room = MARGIN * (top - low).max()
     axes.set_xlim(low[0] - room, top[0] + room)
@@ -185,16 +185,16 @@ def zoom(axes: Any, corners: NDArray[np.float64], names: tuple[str, str]) -> Non
 def flattened(
     points: NDArray[np.float64], triangles: NDArray[np.int64], pressed: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]]:
-    """Lay a piece of surface flat.
+    """Flatten a piece of surface.
 
-    Where what is pressed is bent about an axis, as in a bore, the surface is unrolled; otherwise
-    it is looked at along the mean normal of what is pressed.
+    If the part in contact is curved about an axis, as in a bore, the surface is unrolled; otherwise
+    it is projected along the mean normal of the part in contact.
 
     Parameters
     ----------
     points : (n, 3)
     triangles : (m, 3)
-        Of one connected piece, against the clock as seen from outside.
+        Triangles of one connected piece, anticlockwise seen from outside.
     pressed : (m,)
 
     Returns
@@ -202,9 +202,9 @@ def flattened(
     across : (n, 2)
         Coordinates of all points.
     shown : (m,)
-        Triangles that do not lie on their backs, nor across the cut where a bore is opened.
+        Mask of triangles that are not reversed and not across the cut of an unrolled bore.
     names
-        Of the coordinates.
+        Names of the coordinates.
     """
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)  # twice the area in length
@@ -236,10 +236,13 @@ def _unrolled(
     axis: NDArray[np.float64],
     middle: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]] | None:
-    """Unroll a piece of a cylinder along an axis, cut opposite its `middle`; None if it is none."""
+    """Unroll a piece of a cylinder along an axis, cut opposite to `middle`.
+
+    None for other shapes.
+    """
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     out = middle - (middle @ axis) * axis
-    if np.linalg.norm(out) < 1e-6:  # pressed all round: it is cut anywhere
+    if np.linalg.norm(out) < 1e-6:  # in contact all around: cut anywhere
         out = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     out /= np.linalg.norm(out)
     plane = points @ np.stack([out, np.cross(axis, out)], axis=1)

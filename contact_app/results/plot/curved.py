@@ -1,4 +1,4 @@
-"""Skins of second-order tetrahedra in pieces small enough to look round.
+"""Subdivision of the skin of second-order tetrahedra into pieces that look round.
 
 A side of six nodes is cut at the middles of its edges into four triangles and these once more, with
 nodes where the side's own polynomial has them: x = Σ_k N_k x_k, and the same of every field.
@@ -29,7 +29,7 @@ each corner is part of one of the side."""
 
 
 def finer(stored: Stored) -> Stored:
-    """A result with sixteen pieces a side of the skin; as it is where cells are of other kinds."""
+    """A result with sixteen pieces per side of the skin; unchanged for other cells."""
     if set(stored.cells) != {"tetrahedron10"}:
         return stored
     faces, rows = _faces(stored)

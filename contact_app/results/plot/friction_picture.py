@@ -1,4 +1,4 @@
-"""Where a contact with friction is open, sticks and slips, with its friction traction.
+"""Picture of a contact with friction: open, sticking and slipping parts, and friction traction.
 
 In the plane a curve for each stretch of boundary in contact: the friction traction along the
 boundary, above a strip coloured by the status of the nodes. In space a patch for each connected
@@ -34,11 +34,11 @@ STRIP = 0.06
 """Height of the strip of colours, as a share of the picture's."""
 
 ARROWS = 400
-"""Arrows in a patch, about."""
+"""Approximate number of arrows in a patch."""
 
 
 def draw_friction(stored: Stored, target: Path, title: str = "") -> Path:
-    """Draw what is open, sticks and slips in a result with friction; return the picture's path.
+    """Draw the status of contact nodes of a result with friction; return the picture's path.
 
     Raises
     ------
@@ -67,8 +67,8 @@ def draw_friction(stored: Stored, target: Path, title: str = "") -> Path:
 def status_shown(stored: Stored) -> NDArray[np.float64]:
     """Status (n,) of nodes that may touch, NaN at others.
 
-    A node amid a facet that is pressed, but at which the contact law is not kept, has that of its
-    neighbours: slip where one of them slips.
+    A node inside a facet in contact at which the contact law is not enforced has the status of its
+    neighbours: slip if one of them slips.
     """
     status = np.where(touchable(stored) | (stored.point_data[STATUS] > 0.0), 0.0, np.nan)
     np.maximum(status, stored.point_data[STATUS], out=status)
@@ -100,7 +100,7 @@ def laid_flat(
     triangles: NDArray[np.int64],
     vectors: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Means of vectors (n, 3) over triangles, in the coordinates of the piece laid flat (m, 2)."""
+    """Means of vectors (n, 3) over triangles, in the coordinates of the flattened piece (m, 2)."""
     edges = np.diff(points[triangles], axis=1).transpose(0, 2, 1)
     flat = np.diff(across[triangles], axis=1).transpose(0, 2, 1)
     means = vectors[triangles].mean(axis=1)

@@ -15,7 +15,7 @@ from contact_app.errors import ContactError
 TABLE = "increments.csv"
 
 LARGEST = 12
-"""Lines of a panel that a legend names; more are drawn without."""
+"""Largest number of lines in a legend; further lines are drawn without a name."""
 
 Column = list[float]
 
@@ -30,7 +30,7 @@ def draw_history(table: Path, target: Path, title: str = "") -> Path:
     Raises
     ------
     HistoryError
-        The table is not whole.
+        The table is incomplete.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -51,7 +51,7 @@ def draw_history(table: Path, target: Path, title: str = "") -> Path:
 
 
 def read_table(table: Path) -> dict[str, Column]:
-    """The columns of ``increments.csv``; what a row does not have is zero, as before its step."""
+    """The columns of ``increments.csv``; missing values are zero, as before their step."""
     try:
         with table.open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
@@ -64,7 +64,7 @@ def read_table(table: Path) -> dict[str, Column]:
 
 
 def _panels(columns: dict[str, Column]) -> dict[str, dict[str, Column]]:
-    """What is drawn in each panel: names and columns."""
+    """Content of each panel: names and columns."""
     axes = ("_x", "_y", "_z")
     known = {"max_displacement", "energy", "dissipated_work"}
     own = [name for name in columns if name.endswith(axes) and name not in known]

@@ -1,4 +1,4 @@
-"""Values at nodes as pictures take them: smooth where stresses at nodes were written.
+"""Values at nodes for pictures: smooth if stresses at nodes were written.
 
 Where materials of one body meet, a node has a stress for each. Pictures then have a copy of all
 nodes for each material: copy k of node i is node k n + i of n, and the cells and sides of material
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from contact_app.results.plot.stored import Stored
 
 UNIFORM = 1e-4
-"""Relative spread below which a field counts as the same everywhere."""
+"""Relative variation below which a field counts as constant."""
 
 OF_MATERIAL = "_material_"
 """Prefix of a material's number in the name of its field."""
@@ -25,7 +25,7 @@ def smooth_name(stored: Stored, name: str) -> str:
 
 
 def copies(stored: Stored) -> int:
-    """Copies of all nodes: as many as materials have fields of their own, 1 if none has."""
+    """Number of copies of all nodes: one for each material with a separate field, at least 1."""
     numbers = [
         int(name.rpartition(OF_MATERIAL)[2]) for name in stored.point_data if OF_MATERIAL in name
     ]
@@ -49,7 +49,7 @@ def node_values(stored: Stored, name: str) -> NDArray[np.float64]:
 
 
 def limits(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Range of the colours; of a field that is the same everywhere, from 0, not its round-off."""
+    """Range of the colours; for a constant field from 0, so that round-off is not shown."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0

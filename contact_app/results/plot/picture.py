@@ -1,7 +1,7 @@
 """Pictures of a result: the deformed shape, coloured by fields, the contact pressure, and friction.
 
-Reads only what a run left (``solution.xdmf``, ``summary.json``). All is drawn by matplotlib, which
-needs no screen.
+Reads only the files of a run (``solution.xdmf``, ``summary.json``). matplotlib draws all pictures
+and needs no screen.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ VISIBLE = 0.08
 #: Largest change of an edge of a cell's side in the picture, as a share of its length.
 BENT = 0.5
 SMOOTHED = "smoothed_contact_pressure"
-#: What each field is called below its colours.
+#: Label of each field below its colour scale.
 LABELS = {
     "displacement": "displacement, magnitude",
     "von_mises": "von Mises stress",
@@ -58,28 +58,28 @@ def plot(
 ) -> tuple[list[Path], list[str]]:
     """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
 
-    Where the result holds ``contact_status``, also what sticks and slips (``contact_status.png``);
-    of a load history forces, probes and statuses over its time (``history.png``).
+    With ``contact_status`` in the result, also sticking and slipping parts (``contact_status.png``);
+    for a load history, forces, probes and statuses over time (``history.png``).
 
     Parameters
     ----------
     directory
-        What a run wrote.
+        Directory of the results of a run.
     output
-        Where pictures go; the directory when not given.
+        Directory of the pictures; by default that of the results.
     fields
-        What to colour by, a panel each; those that the result does not hold are left out. With
+        One panel for each field; fields that are not in the result are left out. With
         ``smoothed_contact_pressure`` among them and without ``contact_pressure`` the picture of the
         contact shows the smoothed one.
     exaggeration
-        Factor of the displacements; when not given a round number that makes them visible.
+        Factor on the displacements; by default a round number that makes them visible.
     camera
-        In space the direction from the bodies to the eye; when not given where contact is seen.
+        In space the direction to the camera; by default one from which contact is visible.
 
     Returns
     -------
     pictures, remarks
-        Paths written, and sentences on what was not drawn and why.
+        Paths of the pictures, and sentences on those that were not drawn.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def plot(
 
 
 def _of_history(directory: Path, target: Path, title: str) -> list[Path]:
-    """Draw the load history, where the run was one."""
+    """Draw the load history, if the run has one."""
     if not (directory / TABLE).is_file():
         return []
     with whole(target / "history.png") as part:
@@ -140,10 +140,9 @@ def _of_history(directory: Path, target: Path, title: str) -> list[Path]:
 
 
 def round_exaggeration(stored: Stored) -> float:
-    """A factor 1, 2 or 5 times a power of ten that makes the displacements visible, not wild.
+    """A factor 1, 2 or 5 times a power of ten that makes the displacements visible.
 
-    Wild is what turns cells over: a small dent, enlarged as much as the body's size asks for,
-    would be pulled inside out.
+    The factor is small enough not to invert cells, for example at a small dent in a large body.
     """
     if "displacement" not in stored.point_data:
         return 1.0
@@ -163,7 +162,7 @@ def round_exaggeration(stored: Stored) -> float:
 
 
 def _summary(directory: Path) -> dict[str, Any]:
-    """The content of `summary.json`; empty where it is missing or not whole."""
+    """The content of `summary.json`; empty if it is missing or incomplete."""
     try:
         found = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -19,7 +19,7 @@ from contact_app.results.plot.node_values import (
 from contact_app.results.plot.stored import STRESSES, Stored
 
 EDGES_UP_TO = 5_000
-"""Cells beyond which their edges would blacken the picture."""
+"""Number of cells above which edges are not drawn."""
 
 
 def draw_plane(
@@ -83,7 +83,7 @@ def _shades(
     triangles: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> Any:
-    """Cells or nodes coloured by a field; of vectors and tensors the magnitude."""
+    """Cells or nodes coloured by a field; for vectors and tensors by the magnitude."""
     colours = "viridis" if name in STRESSES else "magma_r"
     name = smooth_name(stored, name)
     if name in stored.cell_data:

@@ -1,9 +1,9 @@
 """Images of triangles in space by a depth buffer, in NumPy alone.
 
-Each triangle is divided into the pixels it covers; a pixel keeps the triangle that is nearest to
-the eye there, so that what hides what is right also where triangles interlock. Colours come
-afterwards, from values interpolated within the triangle. Translucent triangles are counted in front
-of what is opaque: k of them, each hiding a share v, leave (1 - v)ᵏ of it, in whatever order.
+Each triangle is divided into the pixels it covers; each pixel stores the triangle nearest to the
+camera, so that hidden parts are right also for interlocking triangles. Colours are computed
+afterwards, from values interpolated within the triangle. Translucent triangles in front of opaque
+ones are counted: k of them, each hiding a share v, leave (1 - v)ᵏ of the colour, in any order.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 AT_ONCE = 2_000_000
-"""Pixels of triangles worked on at once."""
+"""Number of pixels processed at once."""
 
 INSIDE = -1e-9
 """Smallest barycentric coordinate of a pixel in a triangle."""
@@ -35,7 +35,7 @@ WIDE = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Triangles as the eye sees them.
+    """Triangles in pixel coordinates.
 
     Attributes
     ----------
@@ -55,19 +55,19 @@ class Triangles:
     wired: NDArray[np.bool_]
 
     def some(self, chosen: NDArray[np.bool_]) -> Triangles:
-        """Some of them."""
+        """Some of the triangles."""
         return Triangles(
             self.corners[chosen], self.values[chosen], self.bright[chosen], self.wired[chosen]
         )
 
     @property
     def towards(self) -> NDArray[np.bool_]:
-        """Those that look to the eye, (n,)."""
+        """Mask (n,) of triangles that face the camera."""
         return np.asarray(_twice_area(self.corners) < 0.0)
 
     @property
     def bare(self) -> NDArray[np.bool_]:
-        """Those without a value at some corner, (n,)."""
+        """Mask (n,) of triangles without a value at some corner."""
         return np.asarray(np.isnan(self.values).any(axis=1))
 
 
@@ -103,7 +103,7 @@ class DepthBuffer:
             self._shares[pixel] = shares[order]
 
     def in_front(self, corners: Array, bright: Array) -> tuple[Array, Array]:
-        """How many triangles are before what was drawn, and their mean brightness, by pixel."""
+        """Number of triangles in front of the drawn ones, and their mean brightness, by pixel."""
         count, sums = np.zeros((2, len(self.depth)))
         for pixel, triangle, _, depth in self._fragments(corners):
             near = depth > self.depth[pixel] + self.level
@@ -117,7 +117,7 @@ class DepthBuffer:
         return pixel, self.triangle[pixel], self._shares[pixel].astype(float)
 
     def _fragments(self, corners: Array) -> Iterator[tuple[Integers, Integers, Array, Array]]:
-        """Pixels, triangles, barycentric coordinates and depths, some triangles at a time."""
+        """Yield pixels, triangles, barycentric coordinates and depths, some triangles at a time."""
         x, y = corners[:, :, 0], corners[:, :, 1]
         size = np.array([self.width, self.height])
         first = np.clip(np.ceil(corners[:, :, :2].min(axis=1) - 0.5), 0, size).astype(np.int64)
@@ -145,7 +145,7 @@ class DepthBuffer:
 
 
 def _twice_area(corners: Array) -> Array:
-    """Of triangles (n, 3, 2 or more), with a sign: below zero for those that look to the eye."""
+    """Twice the signed area of triangles (n, 3, 2 or more); negative if they face the camera."""
     first, second = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
@@ -169,7 +169,7 @@ def wires(triangles: Triangles, triangle: Integers, shares: Array) -> NDArray[np
 
 
 def visible_share(corners: Array, chosen: NDArray[np.bool_], width: int, height: int) -> float:
-    """Which part of the pixels of chosen triangles (n,) is not hidden by the others."""
+    """Share of the pixels of chosen triangles (n,) that other triangles do not hide."""
     alone, all_of_them = DepthBuffer(width, height), DepthBuffer(width, height)
     alone.add(corners[chosen])
     all_of_them.add(corners)

@@ -1,4 +1,4 @@
-"""Deformed bodies in space coloured by fields, a panel a field, within the edges they had.
+"""Deformed bodies in space coloured by fields, one panel per field, with undeformed edges.
 
 The picture shows the skin of the cells, seen along one direction without perspective
 (`contact_app.results.plot.raster`). Titles and scales are matplotlib's.
@@ -30,14 +30,14 @@ from contact_app.results.plot.raster import (
 )
 from contact_app.results.plot.stored import STRESSES, Stored
 
-#: Faces beyond which their edges would blacken the picture.
+#: Number of faces above which edges are not drawn.
 EDGES_UP_TO = 40_000
 #: Angle between faces, in degrees, from which the edge between them is drawn as an outline. A hole
 #: of eight facets has 45 between them and is shown by its rims.
 SHARP = 50.0
-#: Share of the faces whose extreme values may leave the scale, where they would squeeze the rest.
+#: Share of the faces with extreme values that the colour scale may leave out.
 EXTREME = 0.01
-#: Pixels along the picture where it is asked whether something is hidden.
+#: Pixels along the picture in the test for hidden parts.
 COARSE = 300
 #: Width of a panel in inches.
 WIDTH = 6.0
@@ -46,7 +46,7 @@ SHARPNESS = 300
 #: Light that falls on every face, and what comes from one side.
 AMBIENT, DIFFUSE = 0.72, 0.30
 BARE, GREY = (0.82, 0.82, 0.82), (0.5, 0.5, 0.5)
-#: How much of what is behind a bare face it hides, where it has to be looked through.
+#: Opacity of translucent faces.
 VEIL = 0.12
 
 
@@ -66,7 +66,7 @@ class Panel:
         Name of matplotlib's colour map.
     label
     through
-        Whether bare faces are translucent, because what is coloured lies behind them.
+        Whether bare faces are translucent, because coloured ones lie behind them.
     """
 
     values: NDArray[np.float64]
@@ -84,10 +84,10 @@ class View:
     Attributes
     ----------
     direction, up, right : (3,)
-        Unit vectors; `direction` points to the eye.
+        Unit vectors; `direction` points to the camera.
     centre : (3,)
     half : (2,)
-        Half the width and height of what is seen, in lengths of the bodies.
+        Half the width and height of the view, in lengths of the bodies.
     """
 
     direction: NDArray[np.float64]
@@ -98,7 +98,7 @@ class View:
 
     @property
     def light(self) -> NDArray[np.float64]:
-        """Unit vector (3,) to the light: above the eye, on its left."""
+        """Unit vector (3,) to the light: above and to the left of the camera."""
         towards = self.direction + 0.7 * self.up - 0.35 * self.right
         return towards / np.linalg.norm(towards)
 
@@ -110,7 +110,7 @@ class Frame:
     Attributes
     ----------
     scale
-        Pixels a length of the bodies.
+        Pixels per unit of length.
     size
         Width and height in pixels.
     """
@@ -121,7 +121,7 @@ class Frame:
 
     @classmethod
     def of(cls, view: View, inches: tuple[float, float], dots: int) -> Frame:
-        """As many dots an inch as fit."""
+        """A frame with the given dots per inch."""
         wide, tall = 2 * view.half
         scale = dots * min(inches[0] / wide, inches[1] / tall)
         return cls(view, scale, (max(int(scale * wide), 50), max(int(scale * tall), 50)))
@@ -148,8 +148,8 @@ def draw_space(
     Parameters
     ----------
     between
-        Whether bodies touch each other: then they are translucent where pressure is shown, as
-        where most of what is pressed is hidden from the eye.
+        Whether bodies touch each other: then they are translucent in pictures of pressure. They are
+        also translucent if most of the contact surface is hidden.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
@@ -199,7 +199,7 @@ def panel_of(
     rows: NDArray[np.int64],
     inside: bool,
 ) -> Panel:
-    """A field as it is drawn: its values and colours on the skin, and its caption."""
+    """Panel of a field: its values and colours on the skin, and its caption."""
     stress = name in STRESSES
     name = smooth_name(stored, name)
     at_nodes = name in stored.point_data
@@ -228,7 +228,7 @@ def panel_of(
 def mostly_hidden(
     stored: Stored, faces: list[NDArray[np.int64]], points: NDArray[np.float64], view: View
 ) -> bool:
-    """Whether most of what is pressed lies behind something."""
+    """Whether most of the contact surface is hidden."""
     pressure = stored.point_data.get("contact_pressure")
     if pressure is None or not (pressure > 0.0).any():
         return False
@@ -244,21 +244,21 @@ def mostly_hidden(
 
 
 def _towards(stored: Stored) -> NDArray[np.float64]:
-    """Direction to the eye, from where the bodies and their contacts are seen."""
+    """Direction to a camera from which the bodies and their contacts are visible."""
     direction = np.array([1.2, -1.0, 0.6])
     touched = touchable(stored) if "contact_pressure" in stored.point_data else np.zeros(0, bool)
     if touched.any():
         low, high = stored.points.min(axis=0), stored.points.max(axis=0)
         half = np.maximum(0.5 * (high - low), 1e-12)
         side = (stored.points[touched].mean(axis=0) - 0.5 * (low + high)) / half
-        # Where a whole face may touch its mean is at ±1; several faces share what is left.
+        # If a whole face may touch, its mean is ±1; several faces share the rest.
         beside = np.abs(side) > 0.5 * np.abs(side).max()
         direction = np.where(beside, 1.4 * np.sign(side) * np.abs(direction), direction)
     return direction
 
 
 def view_from(direction: NDArray[np.float64], points: NDArray[np.float64]) -> View:
-    """The closest look from a direction that shows all points; z is up where it can be."""
+    """The closest view along a direction that shows all points; z is up if possible."""
     direction = direction / np.linalg.norm(direction)
     upwards = np.array([0.0, 0.0, 1.0] if abs(direction[2]) < 1.0 - 1e-9 else [0.0, 1.0, 0.0])
     right = np.cross(upwards, direction)
@@ -344,7 +344,7 @@ def _triangles(
     frame: Frame,
     few: bool,
 ) -> Triangles:
-    """The skin as the eye sees it; quadrilaterals in two halves. Edges where faces are few."""
+    """The skin in pixel coordinates; quadrilaterals in two halves, with edges for few faces."""
     places, view = frame.places(points), frame.view
     corners, values, bright, wired = [], [], [], []
     start = 0
@@ -352,7 +352,7 @@ def _triangles(
         normals = _normals(points, sides)
         light = AMBIENT + DIFFUSE * np.maximum(normals @ view.light, 0.0)
         own = _at_corners(panel, points, sides, start)
-        if panel.through:  # seen from both sides, its colours as in the scale
+        if panel.through:  # visible from both sides, with the colours of the scale
             light = np.where(np.isfinite(own).all(axis=1), 1.0, light)
         for pick, edges in _HALVES[sides.shape[1]]:
             corners.append(places[sides[:, pick]])
@@ -370,7 +370,7 @@ _HALVES = {
     3: (([0, 1, 2], (True, True, True)),),
     4: (([0, 1, 2], (True, False, True)), ([0, 2, 3], (True, True, False))),
 }
-"""Corners of the triangles of a face, and whether the edge opposite each is one of the face."""
+"""Corners of the triangles of a face; whether the edge opposite to each is one of the face."""
 
 
 def _at_corners(
@@ -384,7 +384,7 @@ def _at_corners(
 
 
 def _line_pixels(ends: NDArray[np.float64], buffer: DepthBuffer) -> NDArray[np.int64]:
-    """Pixels of lines (n, 2, 3) where they are not hidden."""
+    """Visible pixels of lines (n, 2, 3)."""
     if not len(ends):
         return np.zeros(0, np.int64)
     length = np.linalg.norm(ends[:, 1, :2] - ends[:, 0, :2], axis=1)

@@ -1,4 +1,4 @@
-"""Reads ``solution.xdmf`` back: mesh, fields, and the sides of its cells.
+"""Reader of ``solution.xdmf``: mesh, fields, and the sides of its cells.
 
 Reads the files that `contact_app.results.xdmf` writes, with h5py.
 """
@@ -26,7 +26,7 @@ SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
         (0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7),
     ),
 }  # fmt: skip
-"""Vertices of the sides of a cell, seen from outside against the clock in space."""
+"""Vertices of the sides of a cell; in space anticlockwise seen from outside."""
 
 
 STRESSES = ("von_mises", "stress", "nodal_von_mises", "nodal_stress")
@@ -34,7 +34,7 @@ STRESSES = ("von_mises", "stress", "nodal_von_mises", "nodal_stress")
 
 
 class StoredError(ContactError):
-    """There is no result, or not one of this application."""
+    """There is no result, or it is not one of this application."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,9 @@ class Stored:
         Rows of the cells in `cell_data`.
     point_data, cell_data : {name: (n,) or (n, 3) or (n, 9)}
     pieces
-        Sides of the skin and their rows, where these are finer than the cells; else None.
+        Sides of the skin and their rows, if finer than the cells; otherwise None.
     drawn : (sides, 3)
-        Of finer sides: whether the edge opposite each corner is one of a cell.
+        For finer sides: whether the edge opposite to each corner is an edge of a cell.
     """
 
     points: NDArray[np.float64]
@@ -65,7 +65,7 @@ class Stored:
 
     @property
     def plane(self) -> bool:
-        """Whether the cells are of the plane."""
+        """Whether the result is two-dimensional."""
         return all(_base(name) in ("triangle", "quadrilateral") for name in self.cells)
 
     def field(self, name: str) -> NDArray[np.float64]:
@@ -83,7 +83,7 @@ class Stored:
         return [sides for sides, _ in self.skin()]
 
     def skin(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-        """The same, and the row in `cell_data` of the cell each side belongs to (sides,)."""
+        """The boundary sides, and the row in `cell_data` of the cell of each side (sides,)."""
         if self.pieces is not None:
             return list(self.pieces)
         return [_single(sides, rows) for sides, rows in self._sides() if len(sides)]
@@ -110,12 +110,12 @@ class Stored:
 
 
 def read(directory: Path | str) -> Stored:
-    """Read the result in a directory; of a load history its last increment.
+    """Read the result in a directory; for a load history the last increment.
 
     Raises
     ------
     StoredError
-        There is none, or its files are not whole.
+        There is no result, or its files are incomplete.
     """
     source = Path(directory) / "solution.xdmf"
     if not source.is_file():
@@ -146,7 +146,7 @@ def read(directory: Path | str) -> Stored:
 
 
 def _last_numbers(grid: ElementTree.Element, source: Path) -> str:
-    """The file of the fields of a frame; that of the mesh where it has none."""
+    """The file of the fields of a frame; the file of the mesh if the frame has none."""
     item = grid.find("Attribute/DataItem")
     text = "" if item is None else item.text or ""
     return text.partition(":/")[0] or source.with_suffix(".h5").name
@@ -165,7 +165,7 @@ def _split(
     parts: dict[str, list[NDArray[np.int64]]] = {}
     rows: dict[str, list[NDArray[np.int64]]] = {}
     at = row = 0
-    while at < len(numbers):  # once a run of cells of one type
+    while at < len(numbers):  # once per run of cells of one type
         name, vertices = kinds[int(numbers[at])]
         width = vertices + 1
         rest = numbers[at : at + (len(numbers) - at) // width * width].reshape(-1, width)
@@ -185,7 +185,7 @@ def _base(name: str) -> str:
 
 
 def _pieces(cell: str, quadratic: bool) -> Iterator[tuple[int, ...]]:
-    """Nodes of the sides of a cell; of second order cut into as many as nodes allow."""
+    """Nodes of the sides of a cell; sides of second order are divided at all their nodes."""
     if not quadratic:
         yield from SIDES[cell]
         return
@@ -207,7 +207,7 @@ def _pieces(cell: str, quadratic: bool) -> Iterator[tuple[int, ...]]:
 
 
 def edge_middles(cell: str, side: tuple[int, ...]) -> list[int]:
-    """Nodes amid the edges of a side, in the order of its vertices."""
+    """Middle nodes of the edges of a side, in the order of its vertices."""
     known = {frozenset(edge): i for i, edge in enumerate(EDGES[cell], start=_CORNERS[cell])}
     around = zip(side, side[1:] + side[:1], strict=True)
     pairs = [frozenset(pair) for pair in around]
@@ -217,7 +217,7 @@ def edge_middles(cell: str, side: tuple[int, ...]) -> list[int]:
 def _single(
     sides: NDArray[np.int64], rows: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sides that occur once, whichever way round, and their rows."""
+    """Sides that occur once, in either orientation, and their rows."""
     _, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
