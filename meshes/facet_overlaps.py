@@ -239,7 +239,7 @@ class Overlaps:
         )
 
     def gathered(self, comm: MPI.Intracomm) -> Overlaps:
-        """Those of all ranks, in the order of ranks (collective)."""
+        """The overlaps of all ranks, in the order of ranks (collective)."""
         return Overlaps(**{name: joined(comm, values) for name, values in self.__dict__.items()})
 
     def nearest_layer(self, on: Surface) -> Overlaps:

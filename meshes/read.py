@@ -194,7 +194,7 @@ def _meshio(path: Path) -> Any:
 
 
 def _as_meshio_reads(path: Path) -> tuple[Any, ...]:
-    """What meshio is given of a file: its path, or its text in the words that meshio knows.
+    """Input of meshio for a file: its path, or its text in a dialect that meshio reads.
 
     Gmsh writes Nastran's bulk data without a line ``BEGIN BULK``. Of Abaqus' plane elements meshio
     knows some names only; which one it is, plane stress or strain, is said by the scene.

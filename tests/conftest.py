@@ -1,4 +1,4 @@
-"""What all tests share: slow ones only where asked for, MPI that starts as root or is missing."""
+"""Settings of all tests: slow ones only on request, MPI as root or missing."""
 
 import os
 import shutil

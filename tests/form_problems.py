@@ -281,7 +281,7 @@ PROBLEMS: dict[str, Callable[[], Forms]] = {
 
 
 def answer(name: str) -> dict[str, Any]:
-    """What an answer comes to; the same for all numbers of ranks (collective)."""
+    """Numbers of an answer that are equal on all numbers of ranks (collective)."""
     problem = PROBLEMS[name]().problem()
     uh = problem.solve()
     comm = uh.function_space.mesh.comm

@@ -99,7 +99,7 @@ class Condensed:
         return float(np.abs(self.q).max() / np.abs(np.diag(self.W)).max())
 
     def answer(self, force: np.ndarray) -> FrictionReference:
-        """What contact forces (dim·points,) stand for."""
+        """Displacements and friction of contact forces (dim·points,)."""
         system, u = self.system, self.own.copy()
         u[self.free] -= self.soft @ force
         along, residual = force[self.rows], (self.q - self.W @ force)[self.rows]

@@ -25,7 +25,7 @@ PAUSE = 0.01
 
 
 def run(program: str, arguments: list[str]) -> tuple[str, str]:
-    """What a program printed, and the traceback of its error or nothing."""
+    """Output of a program, and the traceback of its error or nothing."""
     printed, error = io.StringIO(), ""
     sys.argv = ["-c", *arguments]
     with contextlib.redirect_stdout(printed):

@@ -48,7 +48,7 @@ def python(*arguments: str, ranks: int, limit: float) -> subprocess.CompletedPro
 
 
 def execute(program: str, *arguments: str, ranks: int, limit: float = 180.0) -> str:
-    """What a program of Python prints, rank by rank; an error of any rank is one here.
+    """Output of a Python program, rank by rank; an error of any rank is raised here.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ def run_scene(path: Path, directory: Path, ranks: int) -> subprocess.CompletedPr
 
 
 def summary_of(made: scenes.Config, directory: Path, ranks: int) -> dict[str, Any]:
-    """What a scene's `summary.json` holds; it is in `out1`, `out2` … of the directory."""
+    """The `summary.json` of a scene, which is in `out1`, `out2` … of the directory."""
     path = scenes.write(made, directory / "scene.yaml")
     out = directory / f"out{ranks}"
     execute(RUN, str(path), str(out), ranks=ranks)

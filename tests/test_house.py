@@ -34,6 +34,9 @@ LONGEST, MOST_PARAMETERS = 80, 8
 LONG: dict[str, str] = {}
 """Functions that are longer, with the reason."""
 
+UNCLEAR = ("What ", "Those ", "Whose ", "Who ")
+"""Beginnings of docstrings without a noun that says what the object is."""
+
 LONGEST_FILE = 500
 """Lines of a file of the packages."""
 
@@ -192,7 +195,7 @@ def test_only_tests_of_studies_name_studies() -> None:
 
 
 def private(node: ast.AST) -> str:
-    """What of another module's own a piece of a test reads or patches."""
+    """Private name of another module that a piece of a test reads or patches."""
 
     def hidden(name: str) -> bool:
         return name.startswith("_") and not name.startswith("__")
@@ -218,3 +221,21 @@ def test_tests_use_public_names_and_patch_no_constants() -> None:
         if private(node)
     ]
     assert not wrong
+
+
+def docstrings(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines and texts of docstrings, those below constants included."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            yield node.lineno, str(node.value.value)
+
+
+def test_docstrings_begin_with_the_name_of_a_thing() -> None:
+    unclear = [
+        f"{path.relative_to(ROOT)}:{line} {text.splitlines()[0]}"
+        for package in (*PACKAGES, "tests")
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for line, text in docstrings(path)
+        if text.startswith(UNCLEAR)
+    ]
+    assert not unclear

@@ -38,8 +38,10 @@ FLAT = 1e-9
 """Extent of a flat boundary across itself, over its size."""
 
 UNFELT = 1e-2
-"""The same in runs to an accuracy where the obstacle presses no node: no force tells what the depth
-is worth."""
+"""Limit for that depth in runs to an accuracy if the obstacle presses no node.
+
+No force tells what the depth is worth.
+"""
 
 CONCENTRATED = {2: 1, 3: 3}
 """Nodes in contact, by dimension, up to which their force is a concentrated one."""

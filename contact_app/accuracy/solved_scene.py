@@ -40,7 +40,7 @@ class SolvedScene:
 
     @cached_property
     def estimator(self) -> ErrorEstimator:
-        """What tells where the error of the answer is."""
+        """Estimator of the distribution of the error of the answer."""
         return ErrorEstimator(self.model)
 
     def without_factors(self) -> SolvedScene:

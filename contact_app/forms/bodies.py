@@ -39,7 +39,7 @@ RESISTED = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of a mesh: what hangs together through nodes.
+    """The bodies of a mesh: parts of the mesh connected through nodes.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Bodies:
     sizes : (bodies,)
         Number of subdomains of each body.
     centres, lengths : (bodies, 3), (bodies,)
-        To which rigid motions refer.
+        Centre and length in the definition of rigid motions.
     """
 
     of_subdomain: NDArray[np.int64]
@@ -173,12 +173,12 @@ def resisted(
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """What holds the bodies.
+    """Supports of the bodies.
 
     Attributes
     ----------
     free_motions : one (motions, k) array per body
-        What nothing holds and no load works on.
+        Motions that nothing stops and on which no load does work.
     held : (bodies,)
         Whether conditions and springs stop every rigid motion of a body by itself.
     without_contact
@@ -221,7 +221,7 @@ def holding(
     loads: list[Array],
     rows: Resisting,
 ) -> Holding:
-    """What holds each body, by rigid motions alone (collective).
+    """Supports of each body against rigid motions (collective).
 
     Raises
     ------
@@ -319,7 +319,7 @@ def _contact_motions(
 
 
 def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, d: int, rough: bool) -> str:
-    """Which bodies leave and where to, as an error says it."""
+    """Phrase with the bodies that leave, and their directions, for an error."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
     said = []

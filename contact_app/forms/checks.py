@@ -1,4 +1,4 @@
-"""What is refused before anything is assembled, and the sentences that say why."""
+"""Checks before assembly, with the messages of their errors."""
 
 from __future__ import annotations
 

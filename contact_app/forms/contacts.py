@@ -152,12 +152,12 @@ class Contact:
 
     @property
     def on(self) -> str:
-        """What it is called."""
+        """Name of the contact boundary in messages and the summary."""
         return self.name or f"facets {_listed(self.tag)}"
 
     @property
     def other(self) -> str:
-        """What it touches, as the summary calls it."""
+        """Name of the other side in the summary."""
         if self.against is not None:
             return f"facets {_listed(self.against)}"
         for kind, shape in SHAPES.items():

@@ -48,7 +48,7 @@ from solver.qp.result import Monitor, Reason
 from solver.tfeti.options import TotalFetiOptions
 
 BY_NEWTON = "solved for the displacements by Newton's method, which takes longer"
-"""What a warning says of the last way to an answer."""
+"""Warning on the last method that was tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class _Friction:
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """What a solve leaves."""
+    """The result of a solve."""
 
     solution: Solution
     pressure: Any
@@ -326,7 +326,10 @@ class ContactProblem:
 
     @property
     def certificate(self) -> Certificate:
-        """How far the answer may be off; `certificate.passed` says whether it is certified."""
+        """The certificate.
+
+        Relative errors of the answer; `passed` tells whether all meet the tolerance.
+        """
         return self._solved.solution.certificate
 
     @property
@@ -366,7 +369,10 @@ class ContactProblem:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What `summary.json` has of a scene: mesh, solver, solution, contacts, certificate."""
+        """Summary with the keys of `summary.json`.
+
+        Mesh, solver, solution, contacts, certificate.
+        """
         return self._solved.summary
 
 

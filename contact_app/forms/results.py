@@ -38,12 +38,12 @@ class Owners:
 
     @classmethod
     def of_subdomains(cls, model: FormModel) -> Owners:
-        """Those of the copies that subdomains have."""
+        """Owners of the copies in subdomains."""
         return cls(model.exchange)
 
     @classmethod
     def of_parts(cls, model: FormModel) -> Owners:
-        """Those of the copies that the parts have, with the cells of their ranks."""
+        """Owners of the copies in parts, which are on the ranks of their cells."""
         if model.subdomains.moved is None:
             return cls(model.exchange)
         return cls(model.exchange.among(model.parts.numbers))
@@ -298,7 +298,7 @@ def summary_of(
     records: tuple[list[dict[str, Any]], list[dict[str, Any]]],
     timings: Timings,
 ) -> dict[str, Any]:
-    """What `summary.json` has of a scene, as far as forms have it (collective).
+    """The summary with the keys of `summary.json` that exist for forms (collective).
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def _size(parts: Parts) -> float:
 
 
 _AtNodes = tuple[NDArray[np.int64], Array, Array, Array, NDArray[np.int64]]
-"""What `NodeConditions` has of contacts."""
+"""Fields of `NodeConditions` on contacts."""
 
 
 def _no_contact(d: int) -> _AtNodes:

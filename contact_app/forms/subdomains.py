@@ -168,7 +168,7 @@ class Moved:
     def of_subdomains(
         self, arrived: list[Value]
     ) -> list[list[tuple[Value, NDArray[np.int64]]]]:  # fmt: skip
-        """What arrived for each subdomain, with the nodes of the parts."""
+        """Arrived data of each subdomain, with the nodes of the parts."""
         result: list[list[tuple[Value, NDArray[np.int64]]]] = [[] for _ in range(self.count)]
         for number, value, nodes in zip(self.subdomain, arrived, self.nodes, strict=True):
             result[number].append((value, nodes))

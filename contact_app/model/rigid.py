@@ -72,7 +72,7 @@ class RigidUnknowns:
 
     @classmethod
     def of(cls, scene: Scene, partition: Partition) -> RigidUnknowns:
-        """Those of a scene whose meshes are cut."""
+        """The unknowns of a scene with cut meshes."""
         return cls(scene, partition.nodes, scene_length(scene))
 
     @property
@@ -93,7 +93,7 @@ class RigidUnknowns:
 
     @property
     def units(self) -> Array:
-        """What a component is multiplied by to be a displacement: one, and L for rotations."""
+        """Factors that make components displacements: one, and L for rotations."""
         d = self.scene.dimension
         return np.where(np.arange(MOTIONS[d]) < d, 1.0, self.length)
 
@@ -109,7 +109,7 @@ class RigidUnknowns:
         return placement.components(self.scene.dimension) * self.units
 
     def held(self, nth: int) -> tuple[NDArray[np.bool_], Array]:
-        """Which components of the nth moving body are held, and at what, as displacements."""
+        """Held components of the nth moving body (mask) and their values, as displacements."""
         held, values = self.scene.held_components(self.scene.moving[nth])
         return held, values * self.units
 
@@ -124,18 +124,18 @@ class RigidUnknowns:
         return result
 
     def body_of(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Which moving body nodes stand for."""
+        """Number of the moving body of each node."""
         return (nodes - self.first) // NODES
 
     def motion_of(
         self, nodes: NDArray[np.int64], component: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Which component, displacement then rotation, components of nodes are."""
+        """Component of the rigid motion (displacement, then rotation) of components of nodes."""
         return (nodes - self.first) % NODES * self.scene.dimension + component
 
 
 def exchange_with(surface: SurfaceCopies, partition: Partition, unknowns: int) -> NodeExchange:
-    """Where copies of surface nodes meet, and after them the nodes of so many rigid bodies.
+    """Exchange between copies of surface nodes and, after them, the nodes of rigid bodies.
 
     The last rank has these. (Collective.)
     """
@@ -196,9 +196,9 @@ def moving_rows(
 
 
 def _tightest_on_held(rows: ContactRows, partition: Partition) -> NDArray[np.bool_]:
-    """Which rows to keep, (rows,): of those of held nodes alone that are parallel the tightest.
+    """Mask (rows,) of rows to keep: of parallel rows of held nodes alone, the tightest.
 
-    Nothing gives way there: a second one would be closed with a gap that no force can change.
+    Nothing moves there: a second closed row would have a gap that no force can change.
     Collective.
     """
     count, d = len(rows.nodes), partition.dimension
@@ -283,7 +283,7 @@ def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Conta
 
 
 def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene) -> Array:
-    """What held components of rigid bodies have added to the gaps of tangential rows, (rows,).
+    """Contribution of held components of rigid bodies to the gaps of tangential rows, (rows,).
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene) -> 
 
 
 def _along(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Array:
-    """What each component of a rigid body makes of tangential rows, (rows, components)."""
+    """Coefficients of tangential rows for each component of a rigid body, (rows, components)."""
     scene, d = unknowns.scene, unknowns.scene.dimension
     center = np.array(scene.rigid_bodies[number].center)
     center = center + np.array(scene.placements[number].displacement)

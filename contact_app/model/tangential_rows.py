@@ -41,8 +41,11 @@ HELD = 1e-8
 """Length of what held components leave of a unit tangent below which nothing slides along it."""
 
 LEANING = 0.2
-"""The same between bodies, whose normals are means over facets: at the end of one half of a round
-side they lean by half the angle of a facet, 0.2 for facets of 23°."""
+"""Limit of that length between bodies, whose normals are means over facets.
+
+At the end of one half of a round side they lean by half the angle of a facet, 0.2 for facets of
+23°.
+"""
 
 
 @dataclass(frozen=True, eq=False)

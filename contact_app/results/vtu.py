@@ -48,7 +48,7 @@ class _Array:
 
     @property
     def tag(self) -> str:
-        """Its element."""
+        """The XML element of the array."""
         several = f'NumberOfComponents="{self.components}" ' if self.components > 1 else ""
         return (
             f'<DataArray type="{_TYPES[self.number]}" Name={quoteattr(self.name)} {several}'

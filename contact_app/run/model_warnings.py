@@ -48,7 +48,7 @@ from solver.contact.solution import Solution
 from solver.driver import reason_text
 
 SMOOTHED = "and max_smoothed_pressure may be a tenth off, too"
-"""What a warning of few facets across a contact says of the smoothed pressure: with 2.6 across
+"""Sentence on the smoothed pressure in warnings of few facets across a contact: with 2.6 across
 Hertz's ellipse (ball_in_grooves.yaml) it is 7 % and 4 % below Hertz, and 13 % and 2 % below that of
 meshes whose peaks agree (docs/guide/results.md)."""
 

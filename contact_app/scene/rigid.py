@@ -68,7 +68,7 @@ class RigidMotion:
         return (*self.displacement, *self.rotation)
 
     def scaled(self, factor: float) -> RigidMotion:
-        """The same condition with its values times a factor; what is free stays free."""
+        """The condition with its values times a factor; free components stay free."""
         parts = (
             tuple(None if v is None else factor * v for v in part)
             for part in (self.displacement, self.rotation)
@@ -96,7 +96,7 @@ class RigidLoad:
     name: str | None = None
 
     def scaled(self, factor: float) -> RigidLoad:
-        """The same force and moment times a factor."""
+        """The force and moment times a factor."""
         force, moment = (_vector(factor * np.array(v)) for v in (self.force, self.moment))
         return replace(self, force=force, moment=moment)
 

@@ -44,7 +44,7 @@ FIGURE = Figure(
 
 MOST_DIRECT = ("snes-vi-cholmod", "snes-vi", ONE_FACTOR, "tao-bnls", "tao-bntr", OURS)
 MOST_DIRECT_LINEAR = ("linear-cholmod", "linear-gamg", "linear-boomeramg")
-"""Whose energy the others' are compared with: the first of those that are there."""
+"""Methods whose energy is the reference: the first one that was run."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ def _attempt(
 def run_method(
     method: str, series: Series, mesh: Sequence[str], dofs: int, tolerance: float, limit: float
 ) -> dict[str, Any]:
-    """What one method takes on one mesh, in a process of its own."""
+    """Time and memory of one method on one mesh, in a separate process."""
     parts = "{subdomains: 1}" if method == ONE_FACTOR else series.decomposition(dofs)
     overrides = (*mesh, f"decomposition={parts}")
     parallel = series.parallel and method == OURS

@@ -1,4 +1,4 @@
-"""What ten load cases cost beside one: whole runs, from the scene file to the written results.
+"""Cost of ten load cases compared with one: whole runs, from the scene file to the written results.
 
     python -m contact_app.studies.case_costs [NAME …] [-o DIR]
 

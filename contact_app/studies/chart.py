@@ -86,7 +86,7 @@ class Variant:
 
     @property
     def kind(self) -> Variant:
-        """What takes too long on finer meshes where it does on one."""
+        """Key of a series: if it takes too long on one mesh, finer meshes are left out."""
         return replace(self, factor=Fraction(1), tolerance=USUAL)
 
     @property
@@ -145,7 +145,7 @@ def scaled(cells: Sequence[int], factor: Fraction) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a chart runs.
+    """Runs of a chart.
 
     Attributes
     ----------
@@ -313,7 +313,7 @@ def _reference_mesh(
 
 @dataclass(frozen=True)
 class Progress:
-    """What a chart tells while it runs: a sentence, or the row of a point."""
+    """Messages of a running chart: a sentence, or the row of a point."""
 
     text: str
     row: dict[str, Any] | None = None
@@ -446,7 +446,7 @@ def solve_point(
 
 @dataclass(frozen=True)
 class Runs:
-    """What solves the reference and a point of a chart."""
+    """Functions that solve the reference and a point of a chart."""
 
     reference: Callable[..., Generator[Progress, None, ReferenceAnswer]] = solve_reference
     point: Callable[..., dict[str, Any]] = solve_point

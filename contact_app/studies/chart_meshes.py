@@ -41,7 +41,7 @@ class MeshVariant(Variant):
 
     @property
     def kind(self) -> MeshVariant:
-        """What takes too long on finer meshes where it does on one."""
+        """Key of a series: if it takes too long on one mesh, finer meshes are left out."""
         return replace(self, settings=(), mesh="")
 
     def overrides(self, scene: Scene, refine: Sequence[int] = ()) -> list[str]:
@@ -61,7 +61,7 @@ def plan_meshes(
     largest: int = 250_000,
     peers: bool = True,
 ) -> Sweep:
-    """What a chart runs on meshes from coarse to fine.
+    """Runs of a chart on meshes from coarse to fine.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a chart has run so far, kept in its directory so that it can go on where it was stopped.
+"""Stored results of a chart, so that a stopped study can go on.
 
 ``runs.json`` has the row of each point, or why there is none, and what the chart was made of: with
 another scene, other changes or another reference it begins anew. ``reference-0.npz`` and so on are

@@ -143,7 +143,7 @@ def _said(error: Exception) -> str:
 
 
 def summary(claims: list[Claim]) -> Iterator[str]:
-    """What the claims were worth."""
+    """Summary of the claims and their errors."""
     met = [claim for claim in claims if claim.met]
     yield (
         f"{len({c.seed for c in claims})} scenes, {len(claims)} runs, of which {len(met)} claim to "

@@ -1,4 +1,4 @@
-"""What the error of an answer to a random scene is: against one fine mesh of degree 2 a scene.
+"""Error of an answer to a random scene, against one fine mesh of degree 2 per scene.
 
 The reference has quadrilaterals or hexahedra of degree 2 between grid lines that are finer than the
 start by `FINER` at least, and halve again and again towards the sides of the box and towards places

@@ -50,7 +50,7 @@ class ClaimScene:
 
     @property
     def words(self) -> str:
-        """What the scene is, in a few words."""
+        """A short description of the scene."""
         box, body = self.box, self.config["bodies"][0]
         size = np.subtract(box["upper"], box["lower"])
         cells = "x".join(str(n) for n in box["cells"])

@@ -1,4 +1,4 @@
-"""What the coarse problem costs as subdomains become many: measured on cubes of 2³ cells each.
+"""Cost of the coarse problem for many subdomains: measured on cubes of 2³ cells each.
 
 The size and pattern of an active set's G W Gᵀ depend on the number of subdomains alone, not on
 what is inside them, so the smallest subdomains serve that have nodes within their faces.

@@ -1,4 +1,4 @@
-"""What the error estimate is worth: effectivity on scenes whose error is known, and targets met.
+"""Quality of the error estimate: effectivity on scenes with known error, and targets met.
 
 Two ways to the error ‖u - u_h‖ in energy norm. Where every admissible displacement of the mesh is
 admissible in the continuum (flat obstacles), from energies,
@@ -140,7 +140,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class AnswerOnMesh:
-    """What a mesh's answer leaves behind: nodal values, energy, estimate."""
+    """Stored results of a mesh: nodal values, energy, estimate."""
 
     case: Case
     cells: int
@@ -184,7 +184,7 @@ class AnswerOnMesh:
         return total
 
     def on(self, fine: AnswerOnMesh) -> Array:
-        """The same displacements at the nodes of a mesh that refines this one."""
+        """The displacements at the nodes of a mesh that refines this one."""
         values = interpolation(self.fields.nodes(0), fine.fields.points)
         return np.asarray(values @ self.displacement)
 

@@ -53,7 +53,7 @@ def held(coefficient: float, n: int = 12, push: float = 30.0) -> Config:
 
 
 def smooth() -> Config:
-    """The same without friction."""
+    """The scene without friction."""
     made = held(0.0)
     del made["contacts"][0]["friction"]
     return made
@@ -158,7 +158,7 @@ FRICTION_CASES = (
 
 
 def solve_rough(method: str, made: Config, subdomains: Any) -> Outcome:
-    """What a method makes of a scene with friction, over all its increments."""
+    """Verdict of a method on a scene with friction, over all its increments."""
     from contact_app.run.increments import solved_increments
     from contact_app.run.solve import solve_scene
 

@@ -1,4 +1,4 @@
-"""What `ContactProblem` costs beside a scene of the same mesh.
+"""Cost of `ContactProblem` compared with a scene on the same mesh.
 
 ``python -m contact_app.studies.forms_beside_scenes [CELLS]`` presses a cube beside a rigid wall,
 CELLS bricks along each edge (28 unless given) cut into tetrahedra whose inner nodes are moved at
@@ -118,12 +118,12 @@ def measure(cells: int, turns: int = TURNS, degree: int = 1) -> dict[str, dict[s
 
 
 def measure_quadratic(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
-    """The same of degree 2 on half as many cells along an edge."""
+    """The mesh of degree 2 with half as many cells along an edge."""
     return measure(cells // 2, turns, degree=2)
 
 
 def measure_bricks(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
-    """The same of a regular mesh (collective)."""
+    """The case of a regular mesh (collective)."""
     box = {"lower": [0, 0, 0], "upper": [1, 1, 1], "cells": [cells] * 3}
     return _by_turns(form_problem(bricks(cells)), {"box": box}, turns)
 

@@ -66,7 +66,7 @@ def missing(program: str) -> str:
 def run(
     program: str, name: str, level: float, degree: int, directory: Path
 ) -> tuple[Outcome, dict[str, Any]]:
-    """What a program makes of a scene on a mesh, with its seconds.
+    """Result of a program for a scene on a mesh, with its seconds.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What friction costs: operator applications beside those of the same scene without friction.
+"""Cost of friction: operator applications compared with those of the scene without friction.
 
     python -m contact_app.studies.friction_cost [NAME …] [--methods active-set,primal] [--sets]
 
@@ -191,7 +191,7 @@ HISTORIES = {
 
 @dataclass
 class Counted:
-    """What a solve took.
+    """Work of a solve.
 
     Attributes
     ----------
@@ -308,7 +308,7 @@ def taken_by_auto(name: str) -> str:
 
 
 def told_sets(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
-    """What each active set took."""
+    """Work of each active set."""
     for name in names:
         for method in methods:
             known = SCENES | HISTORIES

@@ -107,7 +107,7 @@ def _product_shapes(place: Array, degree: int) -> list[tuple[Array, Array]]:
 
 
 def _simplex_shapes(place: Array, degree: int) -> list[tuple[Array, Array]]:
-    """The same of the triangles or tetrahedra that points lie in.
+    """Values from the triangles or tetrahedra that contain the points.
 
     A point lies in the simplex from the lower corner along the axes in descending order of its
     coordinates: with those sorted, 1 - x_1, x_1 - x_2, ..., x_d are its barycentric coordinates.

@@ -1,4 +1,4 @@
-"""What the guaranteed bound is worth beside the error and its estimate.
+"""The guaranteed bound compared with the error and its estimate.
 
     python -m contact_app.studies.guaranteed
 

@@ -1,4 +1,4 @@
-"""What `contact-app verify` measures in load histories, and the mesh that one of them needs.
+"""Load histories of `contact-app verify`, and the mesh of one of them.
 
 * Rod: u of the end where the force is back at zero and where it pushes, and the work that friction
   takes in a cycle, s the slip limit per area, b the width, A the section:

@@ -1,4 +1,4 @@
-"""What it saves to begin each level of a run to an accuracy with the answer of the last.
+"""Savings by beginning each level of a run to an accuracy with the answer of the last.
 
     python -m contact_app.studies.level_starts
 

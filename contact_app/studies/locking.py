@@ -1,4 +1,4 @@
-"""What locks, and what helps: a slender cantilever and a block of nearly incompressible material.
+"""Locking and its remedies: a slender cantilever and a block of nearly incompressible material.
 
 Prints two tables: the tip deflection of a cantilever 1:100 (ν = 0) over the F L³ / 3 E I of Euler
 and Bernoulli, and the sinking of a block of ν = 0.4999 between walls that is pushed on half of its

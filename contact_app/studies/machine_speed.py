@@ -1,4 +1,4 @@
-"""What the machine gives to ranks, whatever they run: dense products and vectors from memory.
+"""Speed of the machine for several ranks: dense products and memory bandwidth.
 
 ``mpirun -n N python -m contact_app.studies.machine_speed`` prints the sum over ranks of both in a
 line of JSON, in 10⁹ operations and 10⁹ bytes per second. Nothing made of the two scales better than

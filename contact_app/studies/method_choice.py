@@ -1,4 +1,4 @@
-"""What `solver.method: auto` takes beside each of the methods that it chooses from.
+"""Time of `solver.method: auto` compared with each of the methods that it chooses from.
 
     python meshes/samples/make_trials.py --to TRIALS
     python -m contact_app.studies.method_choice TRIALS/*.yaml [--degree 2] [--friction 0.3]

@@ -1,4 +1,4 @@
-"""What `contact-app verify mindlin` measures: a block pressed against a rigid ball and pushed.
+"""The case `contact-app verify mindlin`: a block pressed against a rigid ball and pushed.
 
 Normal and tangential tractions do not couple in an incompressible block, so that the pressure is
 Hertz's, nodes within c = a (1 - Q/(μ P))^(1/3) stick, and the tractions are along the push,

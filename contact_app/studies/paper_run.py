@@ -41,7 +41,7 @@ PAPER_CELLS = 300
 
 
 class Settings(StrEnum):
-    """Whose rules a run follows."""
+    """The rules of a run: of this solver or of the paper."""
 
     paper = "paper"
     ours = "ours"

@@ -57,7 +57,7 @@ HEADING = (
 
 @dataclass(frozen=True)
 class Settings:
-    """What all runs of a benchmark share: relative tolerance, degree, seconds a run may take."""
+    """Settings of all runs of a benchmark: relative tolerance, degree, time limit in seconds."""
 
     tolerance: float = 1e-8
     degree: int = 1

@@ -1,4 +1,4 @@
-"""What a PETSc user would pick instead of a decomposition, on a scene as one system.
+"""Methods of PETSc without a decomposition, on a scene as one system.
 
 One process (or ``mpirun`` of several) runs one method and prints one line of JSON, so that time
 and memory are its own: ``python -m contact_app.studies.peers METHOD SCENE.yaml``. Each takes the

@@ -46,7 +46,7 @@ SLACK = 1e-6
 
 
 def as_published(samples: Samples, name: str) -> Samples:
-    """The same samples with the digits of the published file.
+    """The samples with the digits of the published file.
 
     Samples that do not come from the set's table, by size or by value, are returned as they are.
     """

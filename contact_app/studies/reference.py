@@ -183,7 +183,7 @@ class ReferenceAnswer:
         return distance
 
     def describe(self) -> str:
-        """Its accuracy in a sentence."""
+        """The accuracy of the reference in a sentence."""
         parts = [
             f"{name} {accuracy:.1e} (rate {rate:.2f})"
             for name, accuracy, rate in zip(QUANTITIES, self.accuracy, self.rates, strict=True)

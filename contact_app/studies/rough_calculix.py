@@ -204,7 +204,7 @@ class Deck:
         yield "*END STEP"
 
     def outcome(self, dat: Path) -> Outcome:
-        """What CalculiX printed at the end."""
+        """The last lines printed by CalculiX."""
         tables = _tables(dat)
         moved = {int(row[0]): row[1:] for row in tables["displacements"]}
         d, points, displacements = self.scene.dimension, [], []

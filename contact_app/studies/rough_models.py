@@ -1,4 +1,4 @@
-"""What other programs need of a scene with friction, and what comes back: bare arrays in files.
+"""Data exchange with other programs for scenes with friction: plain arrays in files.
 
 Nothing here imports a solver, so that a process of another program starts as fast as it can.
 """
@@ -86,7 +86,7 @@ class PlainScene:
 
     @staticmethod
     def load(file: Path) -> PlainScene:
-        """What `save` wrote."""
+        """Read the file that `save` wrote."""
         found: PlainScene = pickle.loads(file.read_bytes())
         return found
 
@@ -118,6 +118,6 @@ class Outcome:
 
     @staticmethod
     def load(file: Path) -> Outcome:
-        """What `save` wrote."""
+        """Read the file that `save` wrote."""
         found: Outcome = pickle.loads(file.read_bytes())
         return found

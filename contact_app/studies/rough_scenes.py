@@ -120,7 +120,7 @@ def _block(cells: int, degree: int) -> Scene:
 
 
 def plain(name: str, level: float, degree: int) -> PlainScene:
-    """The same as bare arrays."""
+    """The scene as plain arrays."""
     scene = scene_of(name, level, degree)
     count = INCREMENTS[name]
     bodies = []

@@ -10,7 +10,7 @@ from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError, parallel_ranks, python
 
 STAGES = ("setup", "assembly", "factorization", "solve")
-"""What counts as seconds: from the mesh to the certified solution, nothing written."""
+"""Stages in the reported seconds: from the mesh to the certified solution, without output."""
 
 
 def run_one(

@@ -73,7 +73,7 @@ def _cycle(axes: Any) -> None:
 
 @dataclass(frozen=True)
 class Search:
-    """What a search over random expansions found.
+    """Result of a search over random expansions.
 
     Attributes
     ----------

@@ -67,7 +67,7 @@ def rows(
 
 
 def cells(summary: dict[str, Any]) -> str:
-    """What a summary tells, from the unknowns that were solved for to the error of the solver."""
+    """Numbers of a summary, from the unknowns to the error of the solver."""
     solver, accuracy = summary["solver"], summary["accuracy"]
     solved = summary.get("symmetry", {}).get("solved", summary["mesh"])["dofs"]
     note = "" if summary["certificate"]["passed"] else ", not certified"

@@ -145,7 +145,7 @@ def _attempt(solve: Solve, method: str, case: Case, made: Config) -> Outcome:
 
 
 def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
-    """What a method makes of a configuration; an empty verdict where it says it converged."""
+    """Verdict of a method on a configuration; empty if it reports convergence."""
     scene = built(made, subdomains)
     if method in (OURS, WHOLE):
         from contact_app.run.solve import solve_scene

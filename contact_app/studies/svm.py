@@ -27,7 +27,7 @@ RTOL = 0.1
 
 @dataclass(frozen=True)
 class Report:
-    """What came out.
+    """Result of the training.
 
     Attributes
     ----------

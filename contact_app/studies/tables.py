@@ -40,7 +40,7 @@ def _value(text: str) -> int | float | bool:
 
 @dataclass(frozen=True)
 class Figure:
-    """What a figure shows.
+    """Content of a figure.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ COUNTS = "*_counts.csv"
 EXPANSIONS = (
     "projcg", "gfgf-opt", "gfgr-opt", "grgr-opt", "gfgr-optapprox", "grgr-optapprox", "fixed",
 )  # fmt: skip
-"""Those of the paper's rows, the quickest first."""
+"""Rows of the paper's tables, the quickest first."""
 
 
 def jobs(checkout: Path, data: Path) -> Iterator[tuple[str, list[str]]]:

@@ -128,7 +128,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """What one mesh gives."""
+    """Results on one mesh."""
 
     case: str
     level: str

@@ -1,4 +1,4 @@
-"""What is measured in answers of `verification`, beside the numbers of the theory."""
+"""Measures of answers of `verification`, with the numbers of the theory."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def fit(solved: SolvedScene) -> list[Quantity]:
 
 
 def round_fit(solved: SolvedScene) -> list[Quantity]:
-    """The same with straight edges, by the smoothed pressure."""
+    """The measure for straight edges, by the smoothed pressure."""
     mean, single = fit(solved)
     (contact,) = solved.summary["contacts"]
     return [mean, Quantity("largest smoothed", contact["max_smoothed_pressure"], single.theory)]

@@ -39,25 +39,29 @@ from solver.vectors import Mask, Vector
 Array = NDArray[np.float64]
 
 SAFETY = 0.5
-"""Share of the smallest Ritz value that is taken for the smallest eigenvalue of M⁻¹ K, which it
-bounds from above."""
+"""Factor on the smallest Ritz value that estimates the smallest eigenvalue of M⁻¹ K.
+
+The Ritz value itself is an upper bound.
+"""
 
 SHORT = 6
-"""Steps from which on a Ritz value tells."""
+"""Number of steps from which on the Ritz value is used."""
 
 UNKNOWN = 0.1
-"""Smallest eigenvalue before any set has taken so many steps."""
+"""Assumed smallest eigenvalue before any set has taken so many steps."""
 
 CHANGED = 0.3
-"""Rows by which a set differs from the one that the V-cycle was truncated for, over its own, above
-which it gets a new one."""
+"""Changed rows, over the rows of the set, above which the V-cycle is truncated anew.
+
+The changes count from the set for which the V-cycle was truncated.
+"""
 
 STALLED = 500
-"""Steps on one set after which rounding errors, or a cycle that does not fit, hold it up."""
+"""Steps on one set after which the solve counts as stalled, by rounding errors or a poor cycle."""
 
 
 def free_matrices(comm: MPI.Intracomm) -> None:
-    """Free PETSc objects that nobody has any more; petsc4py leaves them for later (collective)."""
+    """Free unused PETSc objects now; petsc4py would free them later (collective)."""
     for whose in (PETSc.COMM_SELF, comm):
         PETSc.garbage_cleanup(whose)
 
@@ -149,17 +153,17 @@ class Multigrid:
         return self.problem.inequality
 
     def begin_at(self, u: Array, left: Array | None = None) -> None:
-        """Where the next set begins: a displacement and, where it is known, f - K u."""
+        """Set the initial displacement of the next set and, if known, f - K u."""
         self.u, self._left = u, left
 
     def left(self) -> Array:
-        """f - K u where the next set begins (collective)."""
+        """f - K u of the initial displacement of the next set (collective)."""
         if self._left is None:
             self._left = self.system.load - multiply(self.system.K, self.u)
         return self._left
 
     def first_set(self) -> FirstSet:
-        """Contact on coarse levels; all rows where these have levels of their own (collective)."""
+        """Contact on coarse levels; all rows if a constraint hierarchy applies (collective)."""
         if self._peels:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
         found = find_first_set(self.system, self.hierarchy_of_levels)
@@ -173,9 +177,9 @@ class Multigrid:
     def correction(
         self, system: MergedSystem, projector: Projector, springs: Springs
     ) -> Cycle | Factor:
-        """A factor of the set, or the V-cycle truncated for the first set it was asked for.
+        """A factor of the set, or the V-cycle truncated for the first set.
 
-        Later sets differ by few rows: their own cycles save no steps. A set that differs by more
+        Later sets differ by few rows: separate cycles save no steps. A set that differs by more
         than `CHANGED` of the rows gets a new one.
         """
         if self.direct:
@@ -191,26 +195,26 @@ class Multigrid:
         return self._cycle
 
     def give_up_multigrid(self) -> bool:
-        """Whether factors take the place of the V-cycle from now on."""
+        """Replace the V-cycle by factors from now on, if affordable; return whether."""
         if self.direct or self._seconds > self.factors.slow_seconds:
             return False
         self.direct, self._cycle = True, None
         return True
 
     def hierarchy(self, warm: bool) -> ConstraintHierarchy:
-        """Levels of the contact rows of thin bodies, which peel off (collective)."""
+        """The constraint hierarchy of thin bodies, whose contact may peel off (collective)."""
         return ConstraintHierarchy(self.problem, self._peels and not warm)
 
     @property
     def _peels(self) -> bool:
-        """Whether bodies are thin and may lift off row by row.
+        """Whether bodies are thin and their contact may peel off row by row.
 
         Without a factor the many sets of a constraint hierarchy would cost too many iterations.
         """
         return self.thin and self.direct and self.problem.held_without_contact
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
-        """No rows: sets settle without."""
+        """No rows: the sets settle without this rule."""
         return np.zeros_like(active)
 
     def closing_share(self, state: PrimalState, penetrated: Mask) -> Array:
@@ -224,7 +228,7 @@ class Multigrid:
         free_matrices(self.comm)
 
     def forget(self) -> None:
-        """Begin at rest: displacements of sets that hardly hold a body have no digits."""
+        """Begin at rest: displacements of sets that hardly hold a body are rounding errors."""
         self.begin_at(self.system.at_rest)
 
     def strained(self, u: Array, left: Array) -> float:

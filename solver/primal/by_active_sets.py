@@ -24,8 +24,10 @@ from solver.tfeti.methods.task import Task
 METHOD = "primal"
 
 FIRST_REDUCTION = 0.1
-"""Of the residual before the first evaluation on a set: a V-cycle takes as much off in two or three
-steps, and a set decided on less changes back."""
+"""Reduction of the residual before the first evaluation on a set.
+
+A V-cycle takes two or three steps for it; decisions with a larger residual are often undone.
+"""
 
 
 def solve_by_multigrid(
@@ -34,16 +36,16 @@ def solve_by_multigrid(
     restart: Restart | None,
     factors: FactorOptions | None = None,
 ) -> Solution:
-    """Active sets from the contact on coarse levels on, or from a guess (collective).
+    """Solve by active sets, from the contact on coarse levels or from a guess (collective).
 
     Parameters
     ----------
     guess : (dual,)
-        Multipliers of a problem that is nearly the same.
+        Multipliers of a nearly equal problem.
     restart
-        Where a stopped solve had come to.
+        State of an interrupted solve.
     factors
-        When a factor takes the place of the V-cycle.
+        Limits for the use of a factor in place of the V-cycle.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def _solve(
     restart: Restart | None,
     factors: FactorOptions | None,
 ) -> Solution:
-    """As `solve_by_multigrid`."""
+    """Run `solve_by_multigrid` without handling of errors."""
     backend, before = Multigrid(task.problem, factors=factors), Counts()
     test = _CertificateTest(backend, task.rule)
     problem = task.problem
@@ -117,7 +119,7 @@ def _answer(test: _CertificateTest, found: Outcome[PrimalState], before: Counts)
 
 
 class _CertificateTest:
-    """Certifies answers, and tells how far a state is from a certificate.
+    """Certify answers, and estimate how far a state is from a certificate.
 
     Attributes
     ----------
@@ -149,12 +151,12 @@ class _CertificateTest:
         )
 
     def accept(self, state: PrimalState) -> bool:
-        """Whether the answer of a state passes (collective)."""
+        """Whether the certificate of a state's answer passes (collective)."""
         self.answer, self._certified = self.certified(state), state
         return self.answer.converged
 
     def required_reduction(self, state: PrimalState) -> float:
-        """Factor by which the error has to fall before a certificate is worth it (collective)."""
+        """Factor by which the error has to fall before an answer is certified (collective)."""
         problem, rule = self._backend.problem, self._rule
 
         def gap(sharp: bool) -> float:

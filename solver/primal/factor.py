@@ -1,7 +1,7 @@
 """A sparse factor in place of the V-cycle: for small problems, and where multigrid is slow.
 
-The bending of thin plates and strips is what smoothed aggregation cannot resolve: a hundred
-iterations a set and more. Their factors are cheap, since their separators are small. On a set
+Smoothed aggregation cannot resolve the bending of thin plates and strips: it takes a hundred
+iterations per set and more. Their factors are cheap, since their separators are small. On a set
 
     K + C_Aᵀ W C_A + faint springs on open rows
 
@@ -33,22 +33,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FactorOptions:
-    """When a factor is taken.
+    """Limits for the use of a factor.
 
     Attributes
     ----------
     small
-        Predicted seconds of a factor below which it is taken at once: all sets together then take
-        less than the levels of a multigrid.
+        Predicted seconds of a factor below which it is used at once: all sets together then take
+        less time than the levels of a multigrid.
     thin, thin_seconds
         Longest over shortest extent of a body from which on it counts as thin, and predicted
         seconds up to which a factor is taken for thin bodies at once.
     slow, slow_seconds
-        Iterations on one set after which the V-cycle is given up, and predicted seconds up to which
-        a factor takes its place.
+        Iterations on one set after which a factor replaces the V-cycle, and predicted seconds up to
+        which it does.
     penalty
-        W over the stiffness of K against a row. Each iteration leaves one over it of the error;
-        larger ones take digits from the factor.
+        W over the stiffness of K against a row. Each iteration reduces the error by this factor;
+        larger penalties lose digits in the factor.
     """
 
     small: float = 0.02
@@ -60,7 +60,7 @@ class FactorOptions:
 
 
 def predicted_seconds(system: MergedSystem) -> float:
-    """Of one factor of K (collective).
+    """Predicted seconds of one factor of K (collective).
 
     By the size of K and, on one rank, by its bandwidth after reverse Cuthill-McKee: a bound for
     slender bodies.
@@ -130,10 +130,13 @@ class Factor:
 
 
 FAINT = 1e-8
-"""Springs on open rows over the stiffness of K, which hold what nothing else holds."""
+"""Stiffness of faint springs on open rows, over that of K.
+
+They stop motions that nothing else stops.
+"""
 
 NEAR = 1e-12
-"""The same on every unknown, over the diagonal of K."""
+"""Stiffness of faint springs on every unknown, over the diagonal of K."""
 
 
 SPREAD = 1e-2
@@ -142,7 +145,7 @@ unknown."""
 
 
 def row_stiffness(system: MergedSystem) -> Array:
-    """What K holds against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective).
+    """Stiffness of K against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective).
 
     Rigid bodies count as held. Zero for rows that hold rigid motions in the mean: over many nodes
     they would fill a matrix.

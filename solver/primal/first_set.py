@@ -1,11 +1,11 @@
 """The first active set: contact on coarse levels, each row a one-sided spring, coarse to fine.
 
 On the coarse space of a level, Q = C P₁ … P_k, `solver.primal.spring_levels` states the problem.
-s_i is the stiffness that K has against row i alone, so that the springs yield by what the finest
-mesh cannot resolve. The faint springs (w) keep bodies in place which only contact holds, and pull
-open rows near; tangential rows have no others. The coarsest level is solved by a factor, the others
-by a few conjugate gradients with a cycle of the levels below. The rows that press are the first
-active set, and the displacement is where its solve begins.
+s_i is the stiffness that K has against row i alone, so that the springs are as compliant as the
+finest mesh at one node. The faint springs (w) hold bodies that only contact holds, and pull open
+rows near; tangential rows have faint springs only. The coarsest level is solved by a factor, the
+others by a few conjugate gradients with a cycle of the levels below. The rows with a pressing
+spring are the first active set, and its solve begins with this displacement.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FirstSet:
-    """Where the active-set loop begins.
+    """The initial active set of the loop and its displacement.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class FirstSet:
 def find_first_set(
     system: MergedSystem, hierarchy: Hierarchy, options: FirstSetOptions | None = None
 ) -> FirstSet:
-    """The rows that press on coarse levels (collective)."""
+    """The rows with contact on coarse levels (collective)."""
     options = options or FirstSetOptions()
     stiff = row_stiffness(system)
     springs = multiply_transposed(squared_rows(system), stiff)
@@ -64,7 +64,7 @@ def find_first_set(
     P = hierarchy.prolongations
     rows = Rows(system.comm, system.c, system.normal, system.equality, stiff)
     start = system.at_rest
-    if not P:  # the problem is coarse itself
+    if not P:  # the problem itself is coarse
         whole = SharedLevel(rows, A[0], system.C, system.load, options)
         x = whole.minimise(np.zeros(system.size), options.exact_steps)
         return FirstSet(whole.pressed(x) | system.equality, x)

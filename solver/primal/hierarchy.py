@@ -2,7 +2,7 @@
 
 PETSc's GAMG makes them once; every active set uses the same ones (`solver.primal.cycle`). The
 near-kernel is the rigid motions of each body, from the coordinates of its nodes. Rigid bodies are
-held where they are: what moves them is no part of the levels.
+held in place: the levels do not contain their motions.
 """
 
 from __future__ import annotations
@@ -106,7 +106,10 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
 
 
 def _products(comm: MPI.Intracomm) -> dict[str, object]:
-    """How Pᵀ K P is multiplied: on one rank as Pᵀ (K P), in half the time of PETSc's default."""
+    """Options for the product Pᵀ K P.
+
+    On one rank as Pᵀ (K P), in half the time of PETSc's default.
+    """
     return {"matptap_via": "rap"} if comm.size == 1 else {}
 
 
@@ -119,7 +122,7 @@ def galerkin(operator: PETSc.Mat, prolongation: PETSc.Mat) -> PETSc.Mat:
 
 
 class lent_options:
-    """Options in PETSc's database for as long as the block runs."""
+    """Context manager that sets options in PETSc's database."""
 
     def __init__(self, prefix: str, given: dict[str, object]) -> None:
         self._names = {prefix + name: value for name, value in given.items()}

@@ -1,4 +1,4 @@
-"""The smallest Ritz value that the step lengths of conjugate gradients tell."""
+"""The smallest Ritz value from the step lengths of conjugate gradients."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Lanczos:
         self.squares.append(square)
 
     def smallest_ritz_value(self) -> float:
-        """Its smallest eigenvalue."""
+        """The smallest Ritz value: the smallest eigenvalue of the tridiagonal matrix."""
         lengths, squares = np.array(self.lengths), np.array(self.squares[:-1])
         ratios = squares[1:] / squares[:-1]
         diagonal = 1.0 / lengths

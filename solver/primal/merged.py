@@ -40,7 +40,7 @@ class MergedSystem:
     Attributes
     ----------
     problem
-        What it was made of.
+        The decomposed problem.
     K
         Stiffness with the held unknowns taken out.
     C
@@ -98,7 +98,10 @@ class MergedSystem:
 
     @cached_property
     def deforming(self) -> PETSc.Mat:
-        """C without the columns of rigid bodies; C where none are (collective when first asked)."""
+        """C without the columns of rigid bodies.
+
+        C itself without rigid bodies (collective at first).
+        """
         if not self.has_rigid_bodies:
             return self.C
         first = self.C.getOwnershipRangeColumn()[0]
@@ -114,7 +117,7 @@ class MergedSystem:
 
     @cached_property
     def has_rigid_bodies(self) -> bool:
-        """Whether any rank has unknowns of rigid bodies (collective when first asked)."""
+        """Whether any rank has unknowns of rigid bodies (collective at the first call)."""
         return bool(self.comm.allreduce(int(self.stiffless.any())))
 
     @property
@@ -138,7 +141,7 @@ class MergedSystem:
         return self.problem.inequality[self.rows]
 
     def turned(self, turn: Turn) -> MergedSystem:
-        """The same in turned tangential frames."""
+        """The problem in turned tangential frames."""
         place = np.full(self.problem.size, -1, np.int64)
         place[self.rows] = np.arange(len(self.rows))
         first, second = place[turn.first], place[turn.second]
@@ -196,7 +199,7 @@ def multiply_transposed(matrix: PETSc.Mat, x: Array) -> Array:
 
 
 def vectors_of(matrix: PETSc.Mat) -> tuple[PETSc.Vec, PETSc.Vec]:
-    """Vectors of the size of a matrix's columns and rows, which only lend their shape.
+    """Vectors of the size of a matrix's columns and rows; only their shapes are used.
 
     They are made once: to make one is collective.
     """
@@ -246,7 +249,7 @@ def merge(problem: DualProblem) -> MergedSystem:
 
 
 def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:
-    """From owned unknowns to the unknowns of this rank's distinct nodes."""
+    """Scatter from owned unknowns to the unknowns of this rank's distinct nodes."""
     whole = PETSc.Vec().createMPI((size, PETSc.DETERMINE), comm=comm)
     here = PETSc.Vec().createSeq(len(numbers))
     places = PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
@@ -371,7 +374,7 @@ def _held(
     transfer: PETSc.Mat,
     size: int,
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Which of the owned unknowns are held, and where; (size,) both (collective)."""
+    """Mask of the owned held unknowns, and their displacements, (size,) each (collective)."""
     comm, d = problem.comm, problem.dimension
     times, sums = np.zeros((2, len(nodes.numbers) * d))
     for cls, lift, at in zip(problem.classes, problem.lifting, nodes.copies, strict=True):
@@ -419,7 +422,7 @@ def _set_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> None:
 
 
 def with_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> PETSc.Mat:
-    """The matrix with another value in diagonal entries; itself where none is (collective)."""
+    """The matrix with another value in some diagonal entries; itself without any (collective)."""
     if not K.comm.tompi4py().allreduce(int(where.any())):
         return K
     result = K.copy()
@@ -430,7 +433,7 @@ def with_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> PETSc
 def _impose(
     comm: MPI.Intracomm, K: PETSc.Mat, held: NDArray[np.bool_], values: Array, load: Array
 ) -> Array:
-    """Take held unknowns out of K; the right-hand side that goes with it (collective)."""
+    """Eliminate held unknowns from K, and return the right-hand side (collective)."""
     stiff = float(np.abs(K.getDiagonal().getArray()).max(initial=0.0))
     stiff = comm.allreduce(stiff, op=MPI.MAX)
     first = K.getOwnershipRange()[0]

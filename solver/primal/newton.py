@@ -18,9 +18,9 @@ equations*, SIAM J. Optim. 7, 1997). A step takes a sparse factor of
 
     K + ε D + E^T W E + C_A^T W C_A,   A the rows with λ + W (C u - c) > 0.
 
-No force between subdomains has to be found by conjugate gradients, so that slender bodies, whose
-dual operators have no digits left, cost no more than others. ε is zero where gluing and held rows
-stop every rigid motion.
+No force between subdomains has to be found by conjugate gradients, so slender bodies, whose dual
+operators are lost in rounding errors, cost no more than others. ε is zero where gluing and held
+rows stop every rigid motion.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ digits alone: a strip of 16,010 unknowns ends at a tenth of it."""
 
 @dataclass(frozen=True)
 class NewtonOptions:
-    """What the method may be tuned by.
+    """The tuned numbers of the method.
 
     Attributes
     ----------
     penalty
-        W over the diagonal of B diag(K) Bᵀ. A step of multipliers leaves at most a share of about
-        four over it of what was violated; larger ones take digits from the factor.
+        W over the diagonal of B diag(K) Bᵀ. An update of the multipliers reduces violations to
+        about four over this number; larger ones lose digits in the factor.
     proximity
         ε D over diag(K), where rigid motions are stopped by contact alone.
     outer, inner
@@ -74,7 +74,7 @@ class NewtonOptions:
 
 @dataclass(frozen=True, eq=False)
 class NewtonAnswer:
-    """Where the method ended; local parts.
+    """The last iterate of the method; local parts.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def solve_by_newton(
     Parameters
     ----------
     multiplier : (dual,)
-        Where λ begins on contact rows; at zero unless given.
+        Initial λ on contact rows; zero by default.
 
     Raises
     ------
@@ -145,7 +145,10 @@ def solve_by_newton(
 def _minimise(
     system: _System, start: _Iterate, outer: int, clock: _Clock
 ) -> tuple[Array, Reason | None]:
-    """Newton's method for one augmented Lagrangian; why it ended all of it, or None."""
+    """Newton's method for one augmented Lagrangian.
+
+    The reason why the whole solve ended, or None.
+    """
     u, settled = start.u.copy(), 0
     best = np.inf
     while True:
@@ -177,7 +180,7 @@ class _Clock:
         self._began = perf_counter()
 
     def tell(self, outer: int, norm: float, active: NDArray[np.bool_]) -> bool:
-        """Whether any rank is asked to stop (collective)."""
+        """Whether a monitor on any rank asks to stop (collective)."""
         if self.monitor is None:
             return False
         count = int(self.comm.allreduce(int(active.sum())))
@@ -254,7 +257,7 @@ class _System:
         return float(np.sqrt(self.problem.comm.allreduce(square)))
 
     def rounding(self, u: Array) -> float:
-        """The same of rounding u to its last digit."""
+        """The energy norm of the error from rounding u to its last digit."""
         unit = float(np.finfo(np.float64).eps) * _largest(self.problem.comm, u)
         return unit * float(np.sqrt(self.problem.comm.allreduce(float(self.diagonal.sum()))))
 
@@ -284,7 +287,7 @@ class _System:
         return 0.5 * (low + high)
 
     def is_factored_for(self, active: NDArray[np.bool_]) -> bool:
-        """Whether the last factor is of these rows (collective)."""
+        """Whether the last factor belongs to these rows (collective)."""
         same = self._active is not None and bool((self._active == active).all())
         return bool(self.problem.comm.allreduce(same, op=MPI.LAND))
 

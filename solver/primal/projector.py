@@ -1,4 +1,4 @@
-"""Active rows held exactly: the projector onto the displacements that leave them alone.
+"""The projector onto displacements that keep active rows unchanged.
 
 With D the diagonal of K and C_A the active rows,
 
@@ -25,8 +25,10 @@ from solver.tfeti.constraints.matrix import lent
 Array = NDArray[np.float64]
 
 REDUNDANT = 1e-12
-"""Added to the diagonal of S, relatively: rows that repeat others then share their force, and leave
-jumps of that size."""
+"""Relative addition to the diagonal of S.
+
+Dependent rows then share their force, and leave jumps of this size.
+"""
 
 
 class Projector:
@@ -35,9 +37,9 @@ class Projector:
     Parameters
     ----------
     active : (rows,)
-        Which contact and tied rows hold with equality.
+        Mask of the contact and tied rows that hold with equality.
     compliance : (rows,)
-        Of the active rows, added to S, as `solver.primal.springs` needs it; None for none.
+        Compliance of the active rows, added to S (see `solver.primal.springs`); None for none.
 
     Attributes
     ----------
@@ -115,7 +117,7 @@ class Projector:
         return motions + multiply(self.Ct, self._inverse_of_rows.apply(left))
 
     def giving(self, residual: Array) -> Array:
-        """D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r, what rows with a compliance give way."""
+        """D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r, the motion of rows with a compliance."""
         return self.lifting(self._compliance * self.multipliers(residual))
 
     def truncating(self, P: PETSc.Mat) -> PETSc.Mat:

@@ -127,7 +127,7 @@ def test_a_facet_of_three_cells_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_any_order_of_nodes_is_turned(cell: str, tmp_path: Path) -> None:
-    """What is repaired stays repaired: half of the cells listed the other way round."""
+    """A repaired mesh stays repaired: half of the cells are listed the other way round."""
     mesh = meshfiles.block(cell, 4)
     cells = mesh.cells[0].data
     half = np.random.default_rng(5).permutation(len(cells))[: len(cells) // 2]
@@ -150,7 +150,7 @@ def test_a_hexahedron_folded_inside(tmp_path: Path) -> None:
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_warped_hexahedra_are_looked_at_inside(seed: int) -> None:
-    """What is not looked at has a positive Jacobian everywhere."""
+    """Cells that are not sampled have a positive Jacobian everywhere."""
     random = np.random.default_rng(seed)
     cube = meshfiles.lattice("hexahedron", (1, 1, 1))
     points = cube[0][None] + random.uniform(0.0, 0.5) * random.uniform(-1, 1, (200, 8, 3))

@@ -31,7 +31,7 @@ def broken() -> dict[str, meshio.Mesh]:
 
 
 def message(mesh: meshio.Mesh, comm: MPI.Intracomm) -> str:
-    """What a broken mesh is refused with."""
+    """The message that refuses a broken mesh."""
     dimension = 3 if mesh.cells[0].type in ("tetra", "hexahedron") else 2
     with tempfile.TemporaryDirectory() as directory:
         path = meshfiles.write(mesh, Path(directory) / "a.vtu", None)

@@ -22,7 +22,7 @@ ARRAYS = {
 
 
 def block(values: np.ndarray, header: type, compressed: bool) -> tuple[bytes, bytes]:
-    """What stands before an array, and the array."""
+    """The header of an array, and the array."""
     data = np.ascontiguousarray(values).tobytes()
     if not compressed:
         return np.array([len(data)], header).tobytes(), data

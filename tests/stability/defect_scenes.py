@@ -24,7 +24,7 @@ Vector = list[float | None]
 
 @dataclass(frozen=True)
 class Draw:
-    """What a kind draws from, and what all of its bodies share.
+    """Choices of one kind of scene, and the properties shared by all its bodies.
 
     Attributes
     ----------

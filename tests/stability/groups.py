@@ -44,7 +44,7 @@ the program does not pass forces of fewer than six digits."""
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What is known of one body.
+    """Data of one body.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ def _pressing(programme: tuple[Any, ...], u: np.ndarray) -> np.ndarray:
 def _body(
     system: reference.System, dofs: np.ndarray, R: np.ndarray, moved: np.ndarray, v: np.ndarray
 ) -> Solved:
-    """What is known of one body, its scale yet to come."""
+    """Data of one body before its scale is known."""
     K, load = system.stiffness[dofs][:, dofs], system.load[dofs]
     reactions = float(np.abs(K @ v - load).sum())
     force = max(float(np.abs(load).sum()), reactions)

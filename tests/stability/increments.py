@@ -1,4 +1,4 @@
-"""What the size of increments changes: ``python -m tests.stability.increments 60``.
+"""Effect of the size of increments: ``python -m tests.stability.increments 60``.
 
 Each random scene of `friction_scenes` is loaded in one, two and twelve increments. Beside the share
 of the points with Coulomb friction that close or open under the load stand the changes of friction
@@ -51,7 +51,7 @@ def changes(one: SolvedScene, other: SolvedScene) -> tuple[float, float]:
 
 
 def row(seed: int) -> str:
-    """What is said of a random scene; empty where it has no certified answer to compare."""
+    """Report on a random scene; empty if it has no certified answer to compare."""
     made, _ = friction_scene(seed)
     try:
         one, two, twelve = (loaded_in(made, count) for count in (1, 2, 12))

@@ -14,7 +14,7 @@ REFINEMENTS = 60
 """Corrections of a system solved in double precision, residuals in extended."""
 
 PRIMAL, DUAL = 1e-11, 1e-11
-"""What makes the factored system regular; corrections take it out of the solution."""
+"""Regularisation of the factored system; corrections remove its effect on the solution."""
 
 MET = 1e-13
 """Penetration over the largest displacement, and pull over the largest force, that are none."""

@@ -191,7 +191,7 @@ class ErrorEstimator:
     def _of_shape(
         self, number: int, shape: NDArray[np.int64], table: Table
     ) -> tuple[Array, Array, Array, Array]:
-        """What distances in cells of a class depend on but displacements.
+        """Data for distances in the cells of a class, independent of displacements.
 
         Returns
         -------

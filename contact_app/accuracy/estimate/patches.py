@@ -1,4 +1,4 @@
-"""The cells of a reference, and sums over those around a vertex: what a recovery of stresses needs.
+"""The cells of a reference, and sums over the cells around a vertex, for stress recovery.
 
 Displacements are of degree 1 or 2. Stresses of the first are taken at the centre of each cell, of
 the second at the points of a rule of degree 2, where they converge faster than elsewhere; around
@@ -35,7 +35,7 @@ FACETS = {
     "triangle": "interval", "quadrilateral": "interval",
     "tetrahedron": "triangle", "hexahedron": "quadrilateral",
 }  # fmt: skip
-"""What the facets of a cell are."""
+"""Cell type of the facets of a cell."""
 
 
 def monomial_count(dimension: int, degree: int) -> int:
@@ -219,7 +219,7 @@ class Cells:
 
     @cached_property
     def _sample_moments(self) -> tuple[sparse.csr_matrix, list[Array]]:
-        """Who of the samples (cell by cell) is around a vertex, and monomials there by entry."""
+        """Incidence of samples (cell by cell) and vertices, and monomials at each entry."""
         q = len(self.samples.weights)
         pattern = sparse.csr_matrix(sparse.kron(self.around, np.ones((1, q))))
         pattern.sort_indices()

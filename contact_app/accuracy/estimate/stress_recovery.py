@@ -242,7 +242,7 @@ class StressRecovery:
         return self.meeting(self.patches.surface.changes(self.model, touching), displacements)
 
     def meeting(self, changes: Array, displacements: Sequence[Array]) -> list[Array]:
-        """The same where the changes that meet the tractions are known, as `Surface` gives them."""
+        """Recovered stresses, given the changes by `Surface` that satisfy the tractions."""
         patches = self.patches
         found, s = patches.fits.at_vertices(self.samples(displacements)), len(self.V)
         recovered = [

@@ -1,4 +1,4 @@
-"""What a scene says on the faces of a box, facet by facet of its grid.
+"""Conditions of a scene on the faces of a box, facet by facet of its grid.
 
 Stresses in equilibrium (`equilibrated`) live on the grid of a box and need to know of each facet
 what is held, what loads it and how far an obstacle is. A boundary of the scene is taken for the

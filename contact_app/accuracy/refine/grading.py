@@ -63,7 +63,7 @@ def evenness(squares: Sequence[Sequence[Array]]) -> float:
 
 
 def axis_evenness(squares: Array) -> float:
-    """The same of the layers of one axis."""
+    """Error of the layers of one axis."""
     total = float(squares.sum())
     return float(np.sqrt(_least(squares) / total)) if total > 0.0 else 1.0
 

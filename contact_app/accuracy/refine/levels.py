@@ -12,7 +12,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 
 @dataclass(frozen=True)
 class Level:
-    """What one mesh gave and what it cost.
+    """Result and cost of one mesh.
 
     Attributes
     ----------

@@ -58,7 +58,7 @@ class LastLevel:
 
     @classmethod
     def of(cls, solved: SolvedScene) -> LastLevel:
-        """Those of an answer."""
+        """The tractions of an answer."""
         model = solved.model
         parts = (
             solved.estimator.stresses(solved.solution),

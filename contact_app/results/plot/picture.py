@@ -58,7 +58,7 @@ def plot(
 ) -> tuple[list[Path], list[str]]:
     """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
 
-    With ``contact_status`` in the result, also sticking and slipping parts (``contact_status.png``);
+    With ``contact_status`` also the sticking and slipping parts (``contact_status.png``);
     for a load history, forces, probes and statuses over time (``history.png``).
 
     Parameters

@@ -25,7 +25,7 @@ def level(error: float, effectivity: float, degree: int = 2, shift: float = -3.0
 
 
 def verdict(*levels: Measured) -> Verdict:
-    """What a run of these levels says of the last."""
+    """The verdict of a run of these levels on the last."""
     run = Agreement()
     return [run.add(one) for one in levels][-1]
 

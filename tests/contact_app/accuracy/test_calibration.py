@@ -1,4 +1,4 @@
-"""What energies of a run's meshes take off its estimates: no more than is the error's."""
+"""Calibration of estimates by the energies of a run's meshes: never below the error."""
 
 from __future__ import annotations
 

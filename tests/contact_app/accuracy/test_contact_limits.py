@@ -1,4 +1,4 @@
-"""What contact on a few facets adds to the error, against finer meshes."""
+"""The error added by contact on a few facets, against finer meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a look at a on_set knows without a product, and when an automatic tolerance lets it end."""
+"""Estimates on a set without an operator application, and the end by an automatic tolerance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `ContactProblem` refuses, and what it says; what has no equilibrium, and what is held."""
+"""Errors of `ContactProblem` and their messages; missing equilibrium, and held motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run says of its BLAS, releases and memory."""
+"""The BLAS, releases and memory that a run reports."""
 
 import subprocess
 import sys

@@ -79,7 +79,7 @@ def test_a_pair_with_interference_is_a_pair_that_overlaps(cell: str) -> None:
 
 
 def test_interference_reaches_over_a_gap() -> None:
-    """What is left of an interference beyond a gap presses; a smaller one leaves it open."""
+    """An interference larger than a gap presses by the difference; a smaller one leaves it open."""
     made = squeezed("quadrilateral", -DEPTH, 1.5 * DEPTH)
     closed = solve(made)
     half = solve(squeezed("quadrilateral", 0.5 * DEPTH, 0.0))

@@ -131,7 +131,7 @@ def test_a_boundary_given_twice(cell: str, degree: int) -> None:
 
 
 def test_a_part_given_again_by_another_name() -> None:
-    """What is on both counts for the first, also at the end of the part."""
+    """A facet on both boundaries counts for the first, also at the end of the part."""
     for order in (1, -1):
         made = on_floors("quadrilateral", 1)
         made["contacts"][0]["on"] = "block.y-"

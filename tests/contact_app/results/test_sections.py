@@ -55,7 +55,7 @@ def sections(made: scenes.Config, **changes: Any) -> dict[str, Any]:
     ("subdomains", "degree", "cell"), covering([1, 3], [1, 2], CELLS, together=2)
 )
 def test_a_cantilever(cell: str, degree: int, subdomains: int) -> None:
-    """What is beyond the section pulls at it, and its weight."""
+    """The part beyond the section pulls at it, with its weight."""
     made = cantilever(cell, degree, {"root": 0.5, "middle": 2.0})
     d = scenes.dimension(cell)
     for name, found in sections(made, decomposition={"subdomains": subdomains}).items():

@@ -96,7 +96,7 @@ def test_plane_scenes() -> None:
 
 @pytest.mark.parametrize("change", ["none", "tied", "heat"])
 def test_a_body_without_a_load_of_its_own(change: str) -> None:
-    """What it is tied to may deform it, and so may heat."""
+    """A tied body or heat may deform an unloaded body."""
     made = scenes.wall("hexahedron", 2)
     made["bodies"].append(
         {

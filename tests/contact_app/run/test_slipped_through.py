@@ -69,7 +69,7 @@ def test_interference_with_a_flat_side_is_told() -> None:
 
 
 def test_a_round_surface_on_a_round_obstacle_is_no_obstacle_between_nodes() -> None:
-    """What overlaps before anything moves is the polygon, of which others warn."""
+    """The initial overlap is that of the polygon, which another warning covers."""
     config = Path(__file__).parents[3] / "configs" / "bushing.yaml"
     solved = solve_scene(build_scene(load(config)))
     depth = entered_between(solved.model, solved.solution, 0)

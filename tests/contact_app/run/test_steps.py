@@ -232,7 +232,7 @@ def test_increments_without_an_answer_are_halved() -> None:
 
 
 def test_an_interrupted_run_goes_on(history: StepAnswers, tmp_path: Path) -> None:
-    """What is finished stays, and the rest is solved as if nothing had happened."""
+    """Finished increments stay, and the rest is solved as in an uninterrupted run."""
     made = interrupted(tmp_path)
     saved = json.loads((tmp_path / "summary.json").read_text())["steps"]
     assert [r["time"] for r in saved] == pytest.approx([1, 4 / 3, 5 / 3]) == times(tmp_path)

@@ -1,4 +1,4 @@
-"""What ten load cases cost beside one."""
+"""Cost of ten load cases compared with one."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ NUMBERS = st.one_of(st.integers(0, 5).map(float), st.sampled_from([np.nan, np.in
 
 
 def points(directory: Path) -> list[dict[str, Any]]:
-    """Those that a chart has written."""
+    """The files that a chart has written."""
     return read(directory / "frontier.csv", ("method", "cell", "tolerance"))
 
 

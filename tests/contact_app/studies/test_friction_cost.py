@@ -1,4 +1,4 @@
-"""What friction costs: the study's limits, and scenes whose slip front moves far."""
+"""Cost of friction: the limits of the study, and scenes whose slip front moves far."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def test_the_command_measures_a_part_and_writes_table_and_figure(
 
 
 def measured(seconds: float) -> parts.Row:
-    """What a run returns."""
+    """The result of a run."""
     numbers = dict.fromkeys(("read", "assembly", "solve", "cpu", "memory", "energy"), 1.0)
     return {**numbers, "seconds": seconds, "unknowns": 3, "iterations": 1, "ranks": 1,
             "converged": True}  # fmt: skip

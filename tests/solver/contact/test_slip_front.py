@@ -66,7 +66,7 @@ def test_none_is_guessed_where_friction_alone_holds_what_nearly_slides(
 
 
 def test_contacts_keep_their_forces_apart() -> None:
-    """What one contact cannot carry does not go to another one in the same place."""
+    """The excess force of one contact does not go to another contact in the same place."""
     points = rod(5, contacts=2)
     early, after = front(points, True).sliding(
         pulled(points, 50.0), points.limits, np.ones(10, bool)
