@@ -278,6 +278,7 @@ class PrimalSet:
         it.begin()
         it.counts.hessian += 1  # of the right-hand side
         self._scale = it.reduction.norm(system.load) or it.b_norm or 1.0
+        self._first_norm = it.projected_gradient_norm
         # rows that may be redundant leave that share of their forces
         self._held = it.reduction.norm(self._left - rhs)
         self._lanczos = Lanczos(self._preconditioner.square)
@@ -357,7 +358,7 @@ class PrimalSet:
                 self._lanczos = Lanczos(self._preconditioner.square)
             if it.projected_gradient_norm <= wanted:
                 return Reason.CONVERGED
-            if it.counts.cg >= self._backend.factors.slow and self._backend.give_up_multigrid():
+            if self._is_slow() and self._backend.give_up_multigrid():
                 self._preconditioner = it.preconditioner = self._made()
                 it.evaluate()
                 self._lanczos = Lanczos(self._preconditioner.square)
@@ -370,6 +371,14 @@ class PrimalSet:
             return inner.minimise(self._iterate, stop, monitor)
         finally:
             self._iterate.watch = None
+
+    def _is_slow(self) -> bool:
+        """Whether the set has taken many steps, and many for each digit of the residual."""
+        it, options = self._iterate, self._backend.factors
+        if it.counts.cg < options.slow or not it.projected_gradient_norm > 0.0:
+            return False
+        digits = math.log10(max(self._first_norm / it.projected_gradient_norm, 1.0))
+        return it.counts.cg >= options.slow_digit * digits
 
     def state(self) -> PrimalState:
         """Where the solve stands (collective)."""

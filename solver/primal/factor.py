@@ -43,9 +43,11 @@ class FactorOptions:
     thin, thin_seconds
         Longest over shortest extent of a body from which on it counts as thin, and predicted
         seconds up to which a factor is taken for thin bodies at once.
-    slow, slow_seconds
-        Iterations on one set after which a factor replaces the V-cycle, and predicted seconds up to
-        which it does.
+    slow, slow_digit, slow_seconds
+        Iterations on one set after which a factor replaces the V-cycle if each digit of the
+        residual took so many, and predicted seconds up to which it does. A bracket of hexahedra
+        takes 52 in all, six a digit: a factor for the last twelve of them doubled its seconds. The
+        graded trial part of degree 2 takes 27 a digit: 66 with a factor, 106 without.
     penalty
         W over the stiffness of K against a row. Each iteration reduces the error by this factor;
         larger penalties lose digits in the factor.
@@ -55,6 +57,7 @@ class FactorOptions:
     thin: float = THIN
     thin_seconds: float = 3.0
     slow: int = 40
+    slow_digit: int = 12
     slow_seconds: float = 10.0
     penalty: float = 1e4
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,24 @@ def test_multigrid_where_a_factor_would_be_taken(name: str, cell: str) -> None:
     assert found.converged, found.certificate
     scale = max(abs(known.energy), 0.5 * abs(known.u.ravel() @ known.system.load))
     assert found.measures.energy == pytest.approx(known.energy, rel=0, abs=ENERGY * scale)
+
+
+@pytest.mark.ratchet
+def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
+    """A factor in its place would cost more than the steps that are left."""
+    made = {**scenes.wall("hexahedron", 8), "solver": {"method": "primal"}}
+    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
+
+    def applications(**slow: float) -> int:
+        options = replace(MULTIGRID_ALWAYS, **slow)
+        return solve_by_multigrid(task, None, None, options).counts.hessian
+
+    alone = applications()
+    sooner = applications(slow=2, slow_digit=1, slow_seconds=1e9)
+    later = applications(slow=8, slow_seconds=1e9)
+    assert sooner < 0.9 * alone
+    assert later == alone
 
 
 def strip(degree: int) -> scenes.Config:

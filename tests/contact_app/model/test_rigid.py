@@ -418,7 +418,7 @@ def test_ranks_agree(tmp_path: Path) -> None:
         assert found["reactions"][-1]["on"] == "roller"
 
 
-FACTORS = {"factors": FactorOptions(), "multigrid": FactorOptions(0.0, 12.0, 0.0, 40, 0.0)}
+FACTORS = {"factors": FactorOptions(), "multigrid": FactorOptions(0.0, 12.0, 0.0, slow_seconds=0.0)}
 
 
 @pytest.mark.parametrize("factors", FACTORS)
