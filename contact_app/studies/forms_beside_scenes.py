@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import dolfinx
-import meshio
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -31,25 +30,12 @@ from numpy.typing import NDArray
 from contact_app.forms import Contact, ContactProblem
 from contact_app.run.answer import solve
 from contact_app.scene.obstacles import Plane
+from contact_app.studies.perturbed import perturbed_cube, write_cube
 from meshes import dolfinx_compat
 
 TURNS = 3
 
 YOUNG, POISSON, PRESSURE = 2e5, 0.33, 465.0
-
-MOVED = 0.15
-"""Largest move of a node along each axis over the edge of a brick."""
-
-
-def perturbed_cube(cells: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Nodes (n, 3) and tetrahedra (m, 4) of the unit cube."""
-    kind = dolfinx.mesh.CellType.tetrahedron
-    box = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, cells, cells, cells, kind)
-    points = np.array(box.geometry.x)
-    inside = ((points > 1e-9) & (points < 1.0 - 1e-9)).all(axis=1)
-    rng = np.random.default_rng(0)
-    points[inside] += MOVED / cells * rng.uniform(-1.0, 1.0, (int(inside.sum()), 3))
-    return points, dolfinx_compat.cell_nodes(box).astype(np.int64)
 
 
 def bricks(cells: int) -> Any:
@@ -109,11 +95,11 @@ def measure(cells: int, turns: int = TURNS, degree: int = 1) -> dict[str, dict[s
 
     On one rank.
     """
-    points, tetrahedra = perturbed_cube(cells)
-    mesh = dolfinx_compat.create_mesh(tetrahedra, points, "tetrahedron")
+    cube = perturbed_cube(cells)
+    mesh = dolfinx_compat.create_mesh(cube.cells, cube.points, cube.cell)
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / "cube.vtu"
-        meshio.write(file, meshio.Mesh(points, [("tetra", tetrahedra)]))
+        write_cube(file, cells)
         return _by_turns(form_problem(mesh, degree), {"file": file}, turns, degree)
 
 

@@ -16,8 +16,9 @@ from scipy import sparse
 from contact_app.studies.undecomposed import WholeSystem
 from solver.contact.row_kinds import RowKind
 from solver.primal.factor import row_stiffness, with_springs
+from solver.primal.hierarchy import near_kernel
 from solver.primal.merged import MergedSystem
-from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
+from solver.tfeti.constraints.matrix import local_rows, petsc_rows
 from solver.tfeti.subdomain.kernels import rigid_motions
 
 
@@ -68,8 +69,4 @@ def _rigid_motions(system: MergedSystem) -> PETSc.NullSpace:
     motions = rigid_motions(points, d, 0.5 * (low + high), float((high - low).max()))
     motions = motions.reshape(system.size, -1)
     motions[system.held] = 0.0
-    gram = comm.allreduce(motions.T @ motions)
-    basis = np.linalg.solve(np.linalg.cholesky(gram), motions.T)
-    columns = [np.ascontiguousarray(column) for column in basis]
-    with lent(comm, *columns) as vectors:
-        return PETSc.NullSpace().create(vectors=[v.copy() for v in vectors], comm=comm)
+    return near_kernel(comm, motions)

@@ -5,12 +5,13 @@ Written as a file it stands for what a mesher gives: no two subdomains are alike
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
 import numpy as np
 
-from meshes import BoxShape
+from meshes import BoxShape, CellMesh
 
 MOVE = 0.15
 """Largest move along each axis in edges of a brick.
@@ -20,11 +21,17 @@ that their matrix keeps 0.7 on its diagonal against 0.6 beside it: no cell turns
 """
 
 
-def write_cube(path: Path, bricks: int) -> None:
-    """Write the unit cube of bricks³ times six tetrahedra; nodes of the surface stay."""
+def perturbed_cube(bricks: int) -> CellMesh:
+    """The unit cube of bricks³ times six tetrahedra; nodes of the surface stay."""
     box = BoxShape((0.0,) * 3, (1.0,) * 3, (bricks,) * 3, "tetrahedron").cell_mesh()
     points, half = box.points.copy(), 0.5 / bricks
     inside = ((points > half) & (points < 1.0 - half)).all(axis=1)
     random = np.random.default_rng(1)
     points[inside] += MOVE / bricks * random.uniform(-1.0, 1.0, (int(inside.sum()), 3))
-    meshio.write(path, meshio.Mesh(points, [("tetra", box.cells)]))
+    return replace(box, points=points)
+
+
+def write_cube(path: Path, bricks: int) -> None:
+    """Write it to a mesh file."""
+    cube = perturbed_cube(bricks)
+    meshio.write(path, meshio.Mesh(cube.points, [("tetra", cube.cells)]))

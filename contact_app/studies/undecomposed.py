@@ -164,14 +164,6 @@ def assemble(
     return WholeSystem(matrix, load, lower, upper, turn, constant, d, points, contact, area, mesh)
 
 
-_CELLS = {
-    "hexahedron": dmesh.CellType.hexahedron,
-    "tetrahedron": dmesh.CellType.tetrahedron,
-    "quadrilateral": dmesh.CellType.quadrilateral,
-    "triangle": dmesh.CellType.triangle,
-}
-
-
 def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
     box = body.mesh
     if isinstance(box, CellMesh) and box.middles is None:
@@ -185,7 +177,7 @@ def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
         raise UnsuitableError("its mesh is no box and has no straight cells")
     corners = [np.array(box.lower), np.array(box.upper)]
     make = dmesh.create_box if len(box.cells) == 3 else dmesh.create_rectangle
-    return make(comm, corners, list(box.cells), _CELLS[box.cell])
+    return make(comm, corners, list(box.cells), getattr(dmesh.CellType, box.cell))
 
 
 def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:

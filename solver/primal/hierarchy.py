@@ -76,7 +76,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         top, rigid = K, np.where((system.held | system.stiffless)[:, None], 0.0, system.rigid)
     else:
         top, rigid = _on_vertices(system, vertices.P), vertices.rigid
-    top.setNearNullSpace(_near_kernel(system.comm, rigid))
+    top.setNearNullSpace(near_kernel(system.comm, rigid))
     pc = PETSc.PC().create(system.comm)
     pc.setOperators(top)
     prefix = "contact_gamg_"
@@ -149,7 +149,7 @@ def _on_vertices(system: MergedSystem, P: PETSc.Mat) -> PETSc.Mat:
     return matrix
 
 
-def _near_kernel(comm: MPI.Intracomm, rigid: NDArray[np.float64]) -> PETSc.NullSpace:
+def near_kernel(comm: MPI.Intracomm, rigid: NDArray[np.float64]) -> PETSc.NullSpace:
     """Rigid motions (unknowns, motions), orthonormal over all bodies together."""
     gram = comm.allreduce(rigid.T @ rigid, op=MPI.SUM)
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
