@@ -67,6 +67,12 @@ PATIENCE_OF_MULTIGRID = 600
 """Iterations of multigrid without friction after which Total FETI is tried. The slowest trial part
 takes 254; a thin one on which a factor costs too much takes 364."""
 
+PATIENCE_WITH_FRICTION = 1000
+"""Iterations of Total FETI with friction after which multigrid is tried. Parts with Tresca's or
+Coulomb's law take 18 to 540. Where bodies stand in several frictional contacts at once, conjugate
+gradients may take thousands on a set: `three_bodies.yaml` with Tresca friction of 3 takes 7,520,
+multigrid 57."""
+
 
 def chosen(scene: Scene) -> Scene:
     """The scene with `method: primal` if `auto` chooses multigrid.
@@ -104,6 +110,15 @@ def may_peel(scene: Scene) -> bool:
     unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
     small = unknowns <= _largest_thin(scene)
     return bool(scene.touching and small and _has_thin_body(scene.bodies))
+
+
+def may_stall(scene: Scene) -> bool:
+    """Whether conjugate gradients of `auto` may stall with friction, and multigrid can follow."""
+    free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
+    if not free or not scene.has_friction:
+        return False
+    unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
+    return not _has_thin_body(scene.bodies) or unknowns <= _largest_thin(scene)
 
 
 def patience(scene: Scene) -> int:

@@ -11,7 +11,14 @@ from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.equilibrium import group_numbers
 from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
-from contact_app.model.method import is_undecomposed, may_peel, patience, why_total_feti
+from contact_app.model.method import (
+    PATIENCE_WITH_FRICTION,
+    is_undecomposed,
+    may_peel,
+    may_stall,
+    patience,
+    why_total_feti,
+)
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
 from contact_app.run.repeated_sentences import said_once
@@ -230,7 +237,9 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
             "contact of thin bodies may peel off row by row"
         )
     elif scene.solver.method == "auto" and scene.touching:
-        lines.append(f"method: Total FETI; {why_total_feti(scene)}")
+        later = f"; after {PATIENCE_WITH_FRICTION} iterations `primal`"
+        stalls = may_stall(scene) and not scene.steps
+        lines.append(f"method: Total FETI; {why_total_feti(scene)}{later * stalls}")
     return lines
 
 

@@ -8,6 +8,9 @@ multigrid       whose method is `primal`, or `auto`      Total FETI as for `auto
 few iterations  thin, whose contact may peel off row by  multigrid, without a warning: contact
                 row (`model.method.may_peel`)            that peels off is no failure
 multigrid       the same                                 Total FETI
+many            with friction (`model.method.may_stall`) multigrid, without a warning
+iterations
+multigrid       the same                                 Total FETI
 Total FETI      all                                      the fewest subdomains there can be
 fewest          all that have fewer, and the memory      nothing: its answer counts, whatever
 subdomains                                               it is
@@ -29,8 +32,10 @@ from mpi4py import MPI
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.method import (
     PATIENCE_OF_MULTIGRID,
+    PATIENCE_WITH_FRICTION,
     is_undecomposed,
     may_peel,
+    may_stall,
     patience,
 )
 from contact_app.results.report import log
@@ -84,8 +89,8 @@ class Way:
     warns: bool = True
 
 
-def ways_to(scene: Scene) -> Iterator[Way]:
-    """All methods to solve a scene, in order."""
+def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
+    """All methods to solve a scene, in order; parameters as of `first_certified`."""
     instead = ""
     if is_undecomposed(scene):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
@@ -96,6 +101,10 @@ def ways_to(scene: Scene) -> Iterator[Way]:
         peels = "contact peels off row by row: solving for the displacements instead"
         yield Way(_by(scene, "primal"), instead=peels, warns=False)
         instead = ""
+    elif may_stall(scene) and not (keeps_subdomains or instead):
+        yield Way(_by(scene, "active-set"), PATIENCE_WITH_FRICTION)
+        stalls = "friction converges slowly in subdomains: solving for the displacements instead"
+        yield Way(_by(scene, "primal"), instead=stalls, warns=False)
     yield Way(scene, instead=instead)
     fewest = "{where} the answer could not be certified ({why}){cause}: solved in {fewest} instead"
     yield Way(None, instead=fewest)
@@ -126,7 +135,7 @@ def first_certified(
     """
     answer: SolvedScene | None = None
     failed, warnings = _Failure(), list[str]()
-    for number, way in enumerate(ways_to(scene)):
+    for number, way in enumerate(ways_to(scene, keeps_subdomains)):
         own = way.scene
         if own is None and not keeps_subdomains:
             own = fewest_subdomains(scene, failed.subdomains, comm)

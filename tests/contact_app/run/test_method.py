@@ -15,6 +15,7 @@ from contact_app.model.method import (
     PATIENCE,
     PATIENCE_OF_MULTIGRID,
     PATIENCE_UNKNOWNS,
+    PATIENCE_WITH_FRICTION,
     chosen,
     may_peel,
     why_total_feti,
@@ -193,3 +194,18 @@ def test_one_thin_body_of_a_mesh_file_begins_with_total_feti() -> None:
     larger = pillow_block(2, thickness=8.0)
     assert larger.dimension * larger.bodies[0].nodes > LARGEST_THIN_ALONE
     assert ways(larger)[0] == ("primal", PATIENCE_OF_MULTIGRID)
+
+
+def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
+    """Sticking nodes in several contacts can hold conjugate gradients up for thousands of steps."""
+
+    def methods(scene: Scene, keeps_subdomains: bool = False) -> list[str | None]:
+        ways = ways_to(scene, keeps_subdomains)
+        return [way.scene.solver.method if way.scene else None for way in ways]
+
+    made = scenes.ALL["wall"]("hexahedron", 2)
+    made["contacts"][0]["friction"] = {"tresca": 3.0}
+    assert methods(scenes.build(made)) == ["active-set", "primal", "auto", None]
+    assert methods(scenes.build(made), keeps_subdomains=True) == ["auto", None]
+    assert methods(scenes.build(made, 2)) == ["auto", None]
+    assert list(ways_to(scenes.build(made)))[0].patience == PATIENCE_WITH_FRICTION
