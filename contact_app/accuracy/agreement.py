@@ -1,29 +1,29 @@
-"""When an estimate may be believed: two successive meshes of a run have to agree on it.
+"""Acceptance of an estimate: two successive meshes of a run have to agree on it.
 
-Where answers on all meshes are admissible in the continuum, the energies J(u_h) come down to that
-of the true answer u, and ‖u - u_h‖² = 2 (J(u_h) - J(u)) (an upper bound where the active set still
-changes). J(u) is not known, but two meshes l (coarse) and m (fine) need none:
+If answers on all meshes are admissible in the continuum, the energies J(u_h) decrease to that of
+the true answer u, and ‖u - u_h‖² = 2 (J(u_h) - J(u)) (an upper bound where the active set still
+changes). J(u) is unknown, but for two meshes l (coarse) and m (fine) it cancels:
 
     ‖u - u_l‖² - ‖u - u_m‖² = 2 (J(u_l) - J(u_m)).
 
 In particular twice the fall of the energy is a lower bound of the squared error of the coarse
-mesh. Beside it stands what the estimates say of the same, η_l² - η_m². Where the quotient
+mesh. It is compared with the difference of the estimates, η_l² - η_m². If the quotient
 
     q = 2 (J(u_l) - J(u_m)) / (η_l² - η_m²)
 
-is at most about one, the estimates account for what the refinement took off, and the finer one is
-believed. Where it is larger, the coarse estimate was too small by that factor, and the finer one is
-raised by as much: an estimate that is a fixed part of the error, as with nearly incompressible
-cells, in bending and on graded cells, is so corrected. Above `Limits.disagree` it is not believed
-at all: on such meshes estimates do not yet follow the error (locking, a few cells across, contact
-at a single node), and one more mesh has to tell.
+is at most about one, the estimates explain the decrease of the error, and the finer one is
+accepted. If it is larger, the coarse estimate was too small by this factor, and the finer one is
+raised by the same factor. This corrects estimates that are a fixed part of the error, as for nearly
+incompressible cells, in bending and on graded cells. Above `Limits.disagree` the estimate is
+rejected: on such meshes estimates do not yet follow the error (locking, few cells across, contact
+at a single node), and another mesh is needed.
 
-Levels are compared whose squared errors are `Limits.apart`: the difference of two that are nearly
-equal tells next to nothing. First-order and second-order cells lock differently, so that a quotient
-of the two kinds raises nothing: there the coarse estimate has to be right as it is. On round
-obstacles, with mean dilatation and between bodies energies may lie below the true one and rise; the
-change is compared all the same, for it is of the order of the squared error, with narrower limits,
-and a rise counts for more than a fall (`quotient`).
+The squared errors of compared levels differ by the factor `Limits.apart`, since differences of
+nearly equal errors are meaningless. First-order and second-order cells lock differently, so a
+quotient of the two raises nothing: there the coarse estimate has to be right. On round obstacles,
+with mean dilatation and between bodies, energies may lie below the true one and rise. Their change
+is still of the order of the squared error and is compared with narrower limits; a rise counts for
+more than a fall (`quotient`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Limits:
     Attributes
     ----------
     apart
-        Squared error of the coarser over that of the finer from which on they are compared.
+        Squared error of the coarser level over that of the finer, from which on they are compared.
     disagree
         Quotient from which on estimates do not follow the error.
     """
@@ -49,27 +49,33 @@ class Limits:
 
 
 FALLING = Limits(apart=1.7, disagree=4.0)
-"""Where energies come down to the true one. Raised fourfold an estimate was half of the error; of
-about 300 claims of random plane scenes whose levels differed by 2.25 none was above 1.1."""
+"""Limits if energies decrease to the true one.
+
+An estimate that was raised fourfold was half of the error; of about 300 claims of random plane
+scenes with levels that differed by 2.25 none was above 1.1.
+"""
 
 EITHER_WAY = Limits(apart=2.25, disagree=2.0)
-"""Where energies may rise: a disc on 5 by 5 cells, whose estimate was a quarter of its error, had a
-quotient of 2.6 beside 2 by 2 cells."""
+"""Limits if energies may rise.
+
+A disc on 5 by 5 cells, whose estimate was a quarter of its error, had a quotient of 2.6 beside 2 by
+2 cells.
+"""
 
 OTHER_KIND = 1.3
 """Largest quotient of levels of different degree that agree."""
 
 DOUBLE = 2.0
-"""Factor on the quotient of two levels that disagree: what is possible at most."""
+"""Factor on the quotient of two levels that disagree, for the largest possible error."""
 
 CLEAR = 0.125
-"""Share of the target below which a first mesh is believed alone, if it has cells enough."""
+"""Share of the target below which a first mesh with enough cells is accepted alone."""
 
 CELLS = 4
-"""Cells along every edge that are enough for that."""
+"""Number of cells along every edge that is enough for this."""
 
 EXACT = 1e-5
-"""Relative error that is round-off: such a mesh needs no other."""
+"""Relative error that counts as round-off: such a mesh needs no confirmation."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +99,17 @@ class Measured:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an estimate is believed.
+    """Verdict on an estimate.
 
     Attributes
     ----------
     raised
         Factor on η², 1 or more.
     doubt
-        Why the estimate is not believed yet; empty where it is.
+        The reason why the estimate is not accepted yet; empty if it is accepted.
     suspected
-        Factor on η² that a doubt leaves possible; a target that even such an estimate meets is met.
+        Largest possible factor on η² in case of doubt; a target that even this estimate meets is
+        met.
     """
 
     raised: float
@@ -111,11 +118,11 @@ class Verdict:
 
     @property
     def agreed(self) -> bool:
-        """Whether a target that the raised estimate meets counts as met."""
+        """Whether the raised estimate is accepted."""
         return not self.doubt
 
     def confirms(self, error: float, target: float) -> bool:
-        """Whether a target counts as met by an error, raised as it is."""
+        """Whether a target counts as met by an error that includes the raise."""
         if self.doubt:
             return error * math.sqrt(self.suspected) <= target
         return error <= target
@@ -123,7 +130,7 @@ class Verdict:
 
 @dataclass
 class Agreement:
-    """Collects the levels of a run and says what the estimate of the last is worth.
+    """The levels of a run, with a verdict on the estimate of the last one.
 
     Attributes
     ----------
@@ -135,7 +142,7 @@ class Agreement:
     _levels: list[Measured] = field(default_factory=list)
 
     def __len__(self) -> int:
-        """Levels so far."""
+        """Number of levels so far."""
         return len(self._levels)
 
     def add(self, level: Measured) -> Verdict:
@@ -154,11 +161,11 @@ class Agreement:
         return compared(level, before, self.limits)
 
     def forget(self) -> None:
-        """Leave out the last level: what it says compares with no other's."""
+        """Leave out the last level, which is not comparable with others."""
         self._levels.pop()
 
     def add_coarser(self, coarse: Measured) -> Verdict:
-        """Put a coarser mesh before the last level; what it says of that level's estimate."""
+        """Insert a coarser mesh before the last level, and return the verdict on that level."""
         self._levels.insert(-1, coarse)
         return compared(self._levels[-1], [coarse], self.limits)
 
@@ -206,17 +213,17 @@ def quotient(coarse: Measured, fine: Measured) -> float:
 
 
 def raised(coarse: Measured, fine: Measured) -> float:
-    """By what the squared estimate of the finer level is raised, 1 or more.
+    """Factor by which the squared estimate of the finer level is raised, 1 or more.
 
-    Where the energy rises, an obstacle was crossed between nodes: the rise is what is less crossed,
-    beyond the fall of the energy that the estimates account for, and counts on top of that.
+    If the energy rises, the coarser mesh penetrated an obstacle between nodes. The rise is then
+    added to the decrease of the energy that the estimates predict.
     """
     rises = coarse.energy < fine.energy
     return max(quotient(coarse, fine) + (1.0 if rises else 0.0), 1.0)
 
 
 def _disagreement(coarse: Measured, fine: Measured) -> str:
-    """Why two levels do not agree."""
+    """The reason why two levels do not agree."""
     change = (2.0 * abs(coarse.energy - fine.energy)) ** 0.5
     estimated = max(coarse.square - fine.square, 0.0) ** 0.5
     more = f"{change / estimated:.2g} times what" if estimated > 0.0 else "while"
@@ -228,7 +235,7 @@ def _disagreement(coarse: Measured, fine: Measured) -> str:
 
 
 def alone(estimate: float, target: float, fewest: int) -> bool:
-    """Whether a first mesh needs no other: exact to round-off, or far better than asked for.
+    """Whether a first mesh needs no confirmation: exact to round-off, or far below the target.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Where the contacts of a scene are too few or too coarse for the answer.
+"""Tests whether contact boundaries are too small, or their facets too coarse, for the answer.
 
-Contact leaves its boundary where surface nodes beside it enter an obstacle: nothing stops them.
-And a pressure that changes by as much as itself within single facets is that of the mesh. Over
-facets T of size h, with p at their nodes,
+Surface nodes beside a contact boundary may enter an obstacle, because nothing stops them: the
+boundary is too small. And if the pressure varies by its own size within single facets, it depends
+on the mesh. Over facets T of size h, with p at their nodes,
 
     Σ |T| (max p - min p) / Σ |T| mean p
 
@@ -35,7 +35,7 @@ BETWEEN = 0.1
 Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the radius of contact."""
 
 FLAT = 1e-9
-"""Extent of a flat boundary across itself, over its size."""
+"""Thickness of a boundary, over its size, up to which it counts as flat."""
 
 UNFELT = 1e-2
 """Limit for that depth in runs to an accuracy if the obstacle presses no node.
@@ -44,7 +44,7 @@ No force tells what the depth is worth.
 """
 
 CONCENTRATED = {2: 1, 3: 3}
-"""Nodes in contact, by dimension, up to which their force is a concentrated one."""
+"""Number of nodes in contact, by dimension, up to which their force counts as concentrated."""
 
 FACETS_ACROSS = {2: 8.0 / np.pi, 3: 6.0}
 """Facets across a contact times the variation of its pressure within them."""
@@ -58,7 +58,7 @@ FEWEST_FACETS = 3.0
 
 
 def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, float]:
-    """How many surface nodes beside a contact's boundary enter its obstacle, and how deep.
+    """Number of surface nodes beside a contact's boundary that enter its obstacle, and their depth.
 
     They were outside before; nodes that subdomains share are counted once for each. A plane on a
     boundary that an expression picks ends with it: a punch (collective).
@@ -91,11 +91,11 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
 
 
 def entered_between(model: Model, solution: Solution, number: int) -> float:
-    """How deep a round obstacle enters its contact boundary between nodes.
+    """Depth to which a round obstacle enters its contact boundary between nodes.
 
-    Contact is watched at nodes. An obstacle whose contact is narrower than a facet slips through
-    between them, and no node tells. Where the boundary is not flat, depth that was there before
-    does not count: straight facets stand for a round surface. In units of length (collective).
+    Contact is tested at nodes. If the contact is narrower than a facet, the obstacle can pass
+    between nodes. On boundaries that are not flat the initial depth does not count, because
+    straight facets approximate a round surface. The depth is a length (collective).
     """
     scene, comm, d = model.scene, model.comm, model.scene.dimension
     contact, depth = scene.contacts[number], 0.0
@@ -131,12 +131,12 @@ def _flat(points: NDArray[np.float64]) -> bool:
 def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float:
     """Squared error in energy norm that coarse contact with obstacles adds (collective).
 
-    An obstacle that enters by δ between the nodes of a contact of force F is as good as moved by δ.
-    That changes the force by about F/n² for n facets across the contact, since the obstacle's
-    surface falls by n² δ over it: the error is F δ/n². Where F is smaller than the force k δ that
-    pushes the obstacle out of a facet of size h, it tells little, and k δ² is the error; k = π E/8
-    in the plane and E h in space. A contact of a node or two is a concentrated force, whose own
-    displacement is that of the mesh, F²/(2 k) (of the order of Flamant's and Boussinesq's
+    An obstacle that enters by δ between the nodes of a contact with force F acts like an obstacle
+    moved by δ. This changes the force by about F/n² for n facets across the contact, since the
+    obstacle's surface falls by n² δ over it: the error is F δ/n². Where F is smaller than the force
+    k δ that pushes the obstacle out of a facet of size h, it tells little, and k δ² is the error; k
+    = π E/8 in the plane and E h in space. A contact of one or two nodes is a concentrated force,
+    whose displacement depends on the mesh, F²/(2 k) (of the order of Flamant's and Boussinesq's
     solutions).
     """
     scene, problem, count = model.scene, model.problem, len(model.scene.contacts)
@@ -217,14 +217,17 @@ class PressedFacets:
     pressure: NDArray[np.float64]
 
     def across(self, comm: MPI.Intracomm, dimension: int) -> float:
-        """About how many carry the contact; ∞ without a pressure (collective)."""
+        """Approximate number of facets that carry the contact.
+
+        ∞ without a pressure (collective).
+        """
         p = self.pressure
         sums = self.areas @ np.stack([np.ptp(p, axis=1), p.mean(axis=1)], axis=1)
         varying, whole = comm.allreduce(sums)
         return FACETS_ACROSS[dimension] * whole / varying if varying > 0.0 else np.inf
 
     def along_axes(self, comm: MPI.Intracomm) -> tuple[float, ...]:
-        """About how many lie along each axis of a contact in space; ∞ without a pressure.
+        """Approximate number of facets along each axis of a contact in space; ∞ without a pressure.
 
         Axes are the principal ones of the pressure's second moments; half the length of the
         contact along one is √5 times the root of its moment, as of Hertz's ellipsoid. It is told

@@ -1,13 +1,13 @@
-"""Bodies of a mesh, the motions that a form does not resist, and whether something else does.
+"""Bodies of a mesh, the rigid motions that a form does not resist, and their supports.
 
-Of a form whose energy is that of strains, rigid motions have none. Springs, or a term like
-∫ c u·v, resist some of them or all. Which ones is read from the matrix: with R the rigid motions of
-a body and G = RᵀR, the motions R z of no energy are the null vectors of
+If the energy of a form is that of strains, rigid motions have none. Springs, or a term like ∫ c
+u·v, resist some of them or all. The matrix shows which ones: with R the rigid motions of a body and
+G = RᵀR, the motions R z without energy are the null vectors of
 
     RᵀKR z = λ G z.
 
-The form is not asked for motions that are not rigid: a body whose cells hang together at a point or
-a line can turn about it, and the coarse problem is found to be singular.
+Other motions without energy are not searched: a body connected at a point or a line alone can
+rotate about it, and then the coarse problem is singular.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Bodies:
 
 
 def bodies_of(subdomains: Subdomains, exchange: NodeExchange) -> Bodies:
-    """Find them (collective)."""
+    """Find the bodies of the subdomains (collective)."""
     comm = subdomains.comm
     before = comm.exscan(subdomains.count) or 0
     total = comm.allreduce(subdomains.count)
@@ -110,7 +110,7 @@ def groups_of(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDAr
 
 
 def _connected(comm: MPI.Intracomm, links: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Component of each of some things that all ranks' links (n, 2) connect (collective)."""
+    """Connected component of each vertex of the graph of all ranks' links (n, 2) (collective)."""
     links = np.concatenate(comm.allgather(np.unique(links, axis=0).reshape(-1, 2)))
     return connected(links.T, count)
 
@@ -143,8 +143,8 @@ def resisted(
 ) -> list[NDArray[np.float64]]:
     """Motions that the form resists in each body, (resisted, motions) (collective).
 
-    As rows that hold them: orthonormal and perpendicular to those it does not resist. Subdomains
-    that share a matrix share what is found of it.
+    The motions are rows: orthonormal, and perpendicular to motions that the form does not resist.
+    Subdomains with the same matrix share the result.
     """
     d, m = subdomains.dimension, MOTIONS[subdomains.dimension]
     grams, scale = np.zeros((2, bodies.count, m, m)), np.zeros(bodies.count)
@@ -182,9 +182,9 @@ class Holding:
     held : (bodies,)
         Whether conditions and springs stop every rigid motion of a body by itself.
     without_contact
-        Whether they do so of all bodies.
+        Whether they do so for all bodies.
     loose
-        Motions that nothing resists, or that contact hardly does.
+        Motions that nothing resists, or that contact hardly resists.
     """
 
     free_motions: list[Array]

@@ -25,15 +25,15 @@ CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 DEGREES = (1, 2)
 
 UNSYMMETRIC = 1e-10
-"""Difference of K and its transpose over the largest entry that is more than round-off."""
+"""Largest difference of K and its transpose, over the largest entry, that counts as round-off."""
 
 LANCZOS = 20
-"""Products with K that the search for a negative energy takes."""
+"""Number of products with K in the search for a negative energy."""
 
 
 @contextmanager
 def together(comm: MPI.Intracomm) -> Iterator[None]:
-    """Raise the error of any rank on all ranks, a user's function's too (collective)."""
+    """Context manager that raises the error of any rank on all ranks (collective)."""
     fault: Exception | None = None
     try:
         yield
@@ -120,7 +120,7 @@ def check_lists(bcs: Any, contacts: Any) -> None:
 
 
 def check_options(method: Any, tolerance: Any, max_iterations: Any) -> None:
-    """Check what the solver is told.
+    """Check the options of the solver.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def check_options(method: Any, tolerance: Any, max_iterations: Any) -> None:
 
 
 def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
-    """Check what the contacts are made of; which facets there are is another matter.
+    """Check the arguments of the contacts, except for the existence of their facets.
 
     Raises
     ------
@@ -262,9 +262,9 @@ def check_matrices(stiffness: Sequence[sparse.csr_matrix]) -> None:
 def lowest_ritz_value(K: sparse.csr_matrix) -> float:
     """An upper bound of the smallest eigenvalue of a symmetric matrix, by Lanczos's method.
 
-    A negative one proves that the matrix is indefinite, which a factor of it need not notice. It
-    finds the negative energies of moduli that are wrong, which displacements of all wavelengths
-    have; a single one may escape it.
+    A negative value proves that the matrix is indefinite, which a factor need not show. Wrong
+    moduli give negative energies for displacements of all wavelengths, which this finds; it may
+    miss a single negative eigenvalue.
     """
     n = K.shape[0]
     q, before, beta = np.cos(np.arange(1.0, n + 1.0)), np.zeros(n), 0.0

@@ -1,8 +1,8 @@
 """Subdomains of forms that share a stiffness matrix, on one rank and among ranks.
 
-Sub-boxes of a regular mesh have matrices that are equal but for rounding. A class takes the matrix
-and the points of its first member on the first rank that has it, so that they are equal to the last
-bit on all ranks, which then make one factor together.
+Sub-boxes of a regular mesh have matrices that are equal but for rounding. A class uses the matrix
+and the points of its first member on the first rank that has it. So they are equal to the last bit
+on all ranks, which then compute one factor together.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from contact_app.forms.subdomains import Subdomains
 Array = NDArray[np.float64]
 
 EQUAL = 1e-12
-"""Difference of entries of two matrices, over the largest, that is round-off."""
+"""Difference of entries of two matrices, over the largest, that counts as round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Congruent:
         Numbers of the subdomains.
     stiffness : (n, n)
     points : (nodes, 3)
-        Those of one member, of this rank or another.
+        Points of one member, of this rank or another.
     number
-        Of the class among those of all ranks.
+        Number of the class among the classes of all ranks.
     """
 
     members: NDArray[np.int64]
@@ -45,7 +45,7 @@ class Congruent:
 def congruent(
     subdomains: Subdomains, stiffness: list[sparse.csr_matrix], grid: bool
 ) -> list[Congruent]:
-    """The classes of this rank (collective); each subdomain by itself where there is no grid."""
+    """The classes of this rank (collective); one per subdomain if there is no grid."""
     classes: list[list[int]] = []
     for number, K in enumerate(stiffness):
         for members in classes if grid else ():

@@ -24,7 +24,7 @@ from contact_app.scene.obstacles import SHAPES, Cylinder, Obstacle, Plane, Spher
 Array = NDArray[np.float64]
 
 STEP = 1e-5
-"""Step of difference quotients over the size of the mesh: half the digits of a smooth function."""
+"""Step of difference quotients over the size of the mesh, accurate to half the digits."""
 
 FLAT = 1e-12
 """Slope of a distance, over its difference quotients' scale, below which it has no direction."""
@@ -92,7 +92,7 @@ class SignedDistance:
         return value / length, normal
 
     def describe(self, dimension: int = 3) -> str:
-        """One sentence part."""
+        """A phrase for messages."""
         return f"signed distance {getattr(self.distance, '__name__', 'function')}"
 
 
@@ -124,13 +124,13 @@ class Contact:
         (n, dimension) and returns signed distances (n,).
     against
         Instead of an obstacle the value (or values) of the facets on the other side. The pressure
-        lives on `tag`: let that be the side with the finer mesh or the softer body.
+        is a field on `tag`, which should be the side with the finer mesh or the softer body.
     interference
-        Length along the normal by which the gap is smaller than the geometry has it.
+        Length along the normal that is subtracted from the gap of the geometry.
     round
-        Whether flat facets of both sides stand for smooth surfaces through their nodes; for pairs.
+        Whether the gap is that of smooth surfaces through the nodes of both sides; for pairs.
     name
-        For messages and the summary; ``facets 3`` unless given.
+        Name in messages and the summary; by default for example ``facets 3``.
     friction
         ``{"coulomb": μ}``, or ``{"tresca": s}`` with the slip limit s, a force per area; or a
         `Friction`. Slip counts from the displacement zero. No friction unless given.

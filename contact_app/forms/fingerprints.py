@@ -1,7 +1,7 @@
 """Fingerprints of forms and rows: a solve reuses stiffness, factors and rows where they are equal.
 
-A form's matrix is taken as it was where its coefficients, constants and facet tags and the mesh
-have the same values, byte by byte; the rows where all but displacements and gaps are the same.
+The matrix of a form is reused if its coefficients, constants, facet tags and mesh have the same
+values, byte by byte. Rows are reused if all but displacements and gaps are the same.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 
 
 def fingerprint_of_form(form: Any, mesh: Any) -> bytes:
-    """Of all values that a bilinear form depends on, on this rank."""
+    """Fingerprint of all values on this rank that a bilinear form depends on."""
     return _digest(_values_of_form(form, mesh))
 
 
 def fingerprint_of_rows(held: HeldRows, contact: ContactRows) -> bytes:
-    """Of what is held and of the contact rows, but for their right-hand sides."""
+    """Fingerprint of held nodes and contact rows, without their right-hand sides."""
     return _digest(_values_of_rows(held, contact))
 
 

@@ -1,10 +1,10 @@
 """A mesh that is a regular grid, cut into sub-boxes that may be congruent.
 
-Where the cells of a mesh are the equal boxes of a lattice, sub-boxes of it have equal stiffness
-matrices unless the form varies. One factor then serves many, and Total FETI costs a fraction of
-multigrid (`contact_app.model.decomposition` chooses the split as for scenes). Nodes of a sub-box
-are in the order of the lattice, so that equal ones have equal matrices but for rounding. The cells
-of a sub-box may belong to several ranks (`subdomains`).
+If the cells of a mesh are the equal boxes of a lattice, sub-boxes have equal stiffness matrices
+unless the form varies. One factor then serves many, and Total FETI costs a fraction of multigrid
+(`contact_app.model.decomposition` chooses the split as for scenes). Nodes of a sub-box are in the
+order of the lattice, so that equal ones have equal matrices but for rounding. The cells of a
+sub-box may belong to several ranks (`subdomains`).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Grid:
 
 
 def grid_of(space: Any) -> Grid | None:
-    """The cut of the mesh of a space; None where it is no regular grid of several (collective)."""
+    """The cut of the mesh of a space; None if it is not a regular grid to be cut (collective)."""
     mesh, d = space.mesh, space.mesh.topology.dim
     kind = str(mesh.topology.cell_name())
     if kind not in ("quadrilateral", "hexahedron"):

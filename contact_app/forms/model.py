@@ -1,4 +1,4 @@
-"""From forms, conditions and contacts to the dual problem of the subdomains."""
+"""Construction of the dual problem of subdomains from forms, conditions and contacts."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 
 class NotCongruentError(ArithmeticError):
-    """The parts of a grid differ, as where the form varies from cell to cell."""
+    """The parts of a grid differ, for example because the form varies from cell to cell."""
 
 
 Measure = Callable[[str], AbstractContextManager[None]]
@@ -52,7 +52,7 @@ Measure = Callable[[str], AbstractContextManager[None]]
 
 @dataclass(frozen=True, eq=False)
 class FormModel:
-    """A problem of forms made ready to solve.
+    """The discrete model of a problem of forms.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class FormModel:
 
     @property
     def parts(self) -> Parts:
-        """The mesh, in what each rank has cells of."""
+        """The parts of the mesh on each rank."""
         return self.subdomains.parts
 
     def at_copies(self, values: Sequence[Array]) -> Array:
@@ -122,7 +122,7 @@ def build_model(
     Raises
     ------
     ValueError, ConfigurationError
-        A form or a contact is of no use; the message says why.
+        A form or a contact is not admissible; the message says why.
     NoEquilibriumError
         A body leaves, or conditions exclude each other.
     """
@@ -186,9 +186,9 @@ def with_new_loads(
     contacts: Sequence[Contact],
     measure: Measure,
 ) -> FormModel | None:
-    """The model under loads, held displacements and gaps as they are now (collective).
+    """The model with the present loads, held displacements and gaps (collective).
 
-    It has the matrices and factors of the earlier one. None where a or the rows have changed.
+    It shares the matrices and factors of the earlier one. None if a or the rows have changed.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def with_new_loads(
 
 
 def _lifted(exchange: NodeExchange, held: HeldRows) -> tuple[NDArray[np.bool_], Array]:
-    """Which components of the copies are held, and to which value, (copies, d) (collective)."""
+    """Mask of the held components of the copies, and their values, (copies, d) (collective)."""
     count, d = exchange.last - exchange.first, held.held.shape[1]
     mask, value = np.zeros((count, d), bool), np.zeros((count, d))
     mask[held.nodes - exchange.first] = held.held

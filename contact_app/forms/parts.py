@@ -1,11 +1,10 @@
 """A dolfinx space cut into the parts of a decomposition, and forms assembled on each part.
 
-A part is a set of cells of one rank that hang together through facets, so that a kernel of the
-elasticity form on it consists of rigid motions; or the cells of one rank in a sub-box of a regular
-mesh (`subdomains`). Each part has copies of its nodes of its own. A
-form is assembled once over a space whose nodes are these copies (`dolfinx_compat.torn_space`): the
-matrix falls apart into the stiffness matrices of the parts, which no condition has changed, and
-loads are the shares of the parts.
+A part is a facet-connected set of cells of one rank, so that the kernel of the elasticity form on
+it consists of rigid motions; or the cells of one rank in a sub-box of a regular mesh
+(`subdomains`). Each part has its own copies of its nodes. A form is assembled once over a space
+whose nodes are these copies (`dolfinx_compat.torn_space`): the matrix is block diagonal with the
+stiffness matrices of the parts before any condition, and loads are those of the parts.
 """
 
 from __future__ import annotations
@@ -137,7 +136,7 @@ def assembled(torn: Any, form: Any) -> sparse.csr_matrix:
 
 
 def parts_of(space: Any, grid: Grid | None = None) -> Parts:
-    """Cut the cells of each rank into parts that hang together through facets (collective).
+    """Cut the cells of each rank into facet-connected parts (collective).
 
     Parameters
     ----------
@@ -169,7 +168,7 @@ def parts_of(space: Any, grid: Grid | None = None) -> Parts:
 
 
 def pieces(mesh: Any) -> NDArray[np.int64]:
-    """Number of the piece that hangs together through facets, of each cell this rank owns."""
+    """Number of the facet-connected piece of each cell that this rank owns."""
     d = mesh.topology.dim
     mesh.topology.create_connectivity(d, d - 1)
     owned = mesh.topology.index_map(d).size_local

@@ -73,9 +73,9 @@ class _Answer:
 
 
 class ContactProblem:
-    """Find u with a(u, v - u) ≥ L(v - u) for all v that no contact forbids.
+    """Find u with a(u, v - u) ≥ L(v - u) for all admissible v (no penetration).
 
-    That is, the minimum of ½ a(u, u) - L(u) among the displacements that meet the Dirichlet
+    The solution minimises ½ a(u, u) - L(u) among the displacements that satisfy the Dirichlet
     conditions and do not penetrate.
 
     Parameters
@@ -99,7 +99,7 @@ class ContactProblem:
     max_iterations
         Of the solver.
     u
-        The Function for the displacement; made if not given.
+        The Function for the displacement; a new one by default.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class ContactProblem:
     Raises
     ------
     TypeError, ValueError
-        A form, a condition or a contact is of no use; the message says why.
+        A form, a condition or a contact is not admissible; the message says why.
     """
 
     def __init__(
@@ -138,9 +138,9 @@ class ContactProblem:
         self._model: tuple[bool, bool, FormModel] | None = None
 
     def solve(self, monitor: Monitor | None = None) -> Any:
-        """Solve and certify (collective); coefficients and conditions are taken as they are now.
+        """Solve and certify (collective), with the present coefficients and conditions.
 
-        What they leave equal, matrices, factors and constraints, is kept from the last solve.
+        Matrices, factors and constraints that have not changed are reused from the last solve.
 
         Parameters
         ----------
@@ -149,13 +149,13 @@ class ContactProblem:
 
         Returns
         -------
-        The displacement `u`. Where the tolerance is not reached a `RuntimeWarning` says why, and
+        The displacement `u`. If the tolerance is not reached, a `RuntimeWarning` says why, and
         `converged` is False.
 
         Raises
         ------
         ValueError, ConfigurationError
-            A form or a contact is of no use; the message says why.
+            A form or a contact is not admissible; the message says why.
         NoEquilibriumError
             A body would move away under its loads.
         CouldNotRunError
@@ -339,7 +339,7 @@ class ContactProblem:
 
     @property
     def contact_pressure(self) -> Any:
-        """Function of the pressure on the side of `tag`, 0 away from contact."""
+        """Function of the pressure (force per area) on the side of `tag`, 0 away from contact."""
         return self._solved.pressure
 
     @property
@@ -349,7 +349,7 @@ class ContactProblem:
 
     @property
     def gap(self) -> Any:
-        """Function of the distance left at contact nodes, NaN at others."""
+        """Function of the remaining distance (length) at contact nodes, NaN at others."""
         return self._solved.gap
 
     @property

@@ -1,4 +1,4 @@
-"""From an answer at the parts to fields at the nodes of the mesh, resultants and a summary."""
+"""Fields at the nodes of the mesh, resultants and summary of an answer."""
 
 from __future__ import annotations
 
@@ -84,13 +84,13 @@ class OnSpace:
         self._space = exchange.among(numbers.astype(np.int64))
 
     def values(self, owned: Array) -> Array:
-        """Values (owned, …) at the nodes of the space that this rank knows, ghosts among them."""
+        """Values (owned, …) at the nodes of the space on this rank, including ghosts."""
         return self._space.from_owners(owned[self._space.nodes - self._space.first])
 
 
 @dataclass(frozen=True, eq=False)
 class ContactAtNodes:
-    """One contact at the nodes this rank owns; zero away from it.
+    """One contact at the nodes that this rank owns; zero away from it.
 
     Attributes
     ----------
@@ -99,9 +99,9 @@ class ContactAtNodes:
     shares : (owned,)
         ∫ φ_k over the boundary.
     carriers, closed : (owned,)
-        Nodes where the contact law is kept, and those of them with a contact force.
+        Masks of nodes at which the contact law is enforced, and of those with a contact force.
     areas : (owned,)
-        On which the force of a closed node acts.
+        Area on which the force of a closed node acts.
     forces, moments : (owned, 3)
         Force on the side of `tag`, and its moment about the node.
     traction, slips : (owned, 3)
@@ -199,7 +199,7 @@ def _smoothed(
 
 
 def _to_middles(facets: Facets, owners: Owners, values: Array, count: int) -> Array:
-    """Values (owned,) at vertices, continued to the middles of facets (collective)."""
+    """Values (owned,) at vertices, interpolated to the middles of facets (collective)."""
     copies = owners.copies(values)
     on = np.zeros(count, bool)
     on[facets.copies.ravel()] = True
@@ -213,7 +213,7 @@ def _to_middles(facets: Facets, owners: Owners, values: Array, count: int) -> Ar
 def _without_alternation(
     model: FormModel, facets: Facets, owners: Owners, pressure: Array, shares: Array
 ) -> Array:
-    """A pressure at all nodes of degree 2 without what alternates in it (collective)."""
+    """A pressure at all nodes of degree 2 without its alternating part (collective)."""
     own = [facets.copies] if facets.copies.shape[1] in LINES and len(facets.copies) else []
     lines = Lines.of(own, model.parts.points)
     q = owners.copies(pressure)
@@ -270,8 +270,7 @@ def reaction_records(
 def _force_of_conditions(model: FormModel, solution: Solution) -> Array:
     """Force of conditions and contacts on each node, (owned, d) (collective).
 
-    It is the residual K u - f. In held components, where contact rows have no part of it, what
-    these push there is taken off.
+    It is the residual K u - f. In held components the forces of contact rows are subtracted.
     """
     problem, friction = model.problem, model.problem.system.friction
     residual = [

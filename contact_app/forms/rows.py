@@ -124,7 +124,7 @@ def _mean_rows(
 
 
 def in_the_mean(parts: Parts) -> bool:
-    """Whether contact with obstacles is kept in the mean about vertices, not at nodes."""
+    """Whether contact with obstacles is enforced on averages about vertices, not at nodes."""
     tetrahedra = parts.space.mesh.topology.cell_name() == "tetrahedron"
     return tetrahedra and dolfinx_compat.lagrange_degree(parts.space) == 2
 
@@ -146,7 +146,7 @@ def _mortar_rows(
 
 
 def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Array, NDArray]:
-    """Held nodes as `NodeConditions` takes them; the last of several values, as in dolfinx."""
+    """Held nodes in the form of `NodeConditions`; the last of several values, as in dolfinx."""
     d, dofmap = parts.dimension, parts.space.dofmap
     value = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts))
     dolfinx_compat.set_values(bcs, value)
@@ -159,7 +159,7 @@ def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Ar
 
 
 def held_components(parts: Parts, bcs: Sequence[Any]) -> NDArray[np.bool_]:
-    """Which components of the copies Dirichlet conditions hold, (copies, d)."""
+    """Mask (copies, d) of the components held by Dirichlet conditions."""
     d, dofmap = parts.dimension, parts.space.dofmap
     mask = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts), bool)
     for condition in bcs:
@@ -168,7 +168,7 @@ def held_components(parts: Parts, bcs: Sequence[Any]) -> NDArray[np.bool_]:
 
 
 def _contradiction(contacts: Sequence[Contact], error: ContradictionError) -> Exception:
-    """Which conditions exclude each other."""
+    """The error that names the conditions that exclude each other."""
     if error.kind == "held twice":
         return ValueError(
             f"ranks hold one node at displacements {abs(error.amount):.6g} apart; the value of a "

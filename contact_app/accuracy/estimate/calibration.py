@@ -7,14 +7,14 @@ need it,
 
     ‖u - u_l‖² - ‖u - u_m‖² = 2 (J(u_l) - J(u_m)),
 
-beside which stands η_l² - η_m² of their estimates. Where the estimate is a multiple of the error,
-the same on both, so is its square of the difference, and the quotient of the two sides calibrates
-it. Meshes differ by little in the kinds of cells and of grid lines (`kind`), and by so much in
-error that what is left of a change of that multiple does not decide.
+which is compared with η_l² - η_m² of their estimates. If the estimate is the same multiple of the
+error on both meshes, the quotient of the two differences calibrates it. Compared meshes have the
+same kinds of cells and of grid lines (`kind`), and errors that differ so much that changes of this
+multiple matter little.
 
-Energies only ever lower an estimate here: no further than any of the quotients says, and less by
-what these are uncertain, since estimates come closer to errors on the finer of two meshes. Nothing
-is lowered where energies do not fall, or by more than any estimate is known to exceed its error.
+Energies only lower an estimate here: at most to the largest of the quotients, times a factor for
+their uncertainty, since estimates improve on finer meshes. Nothing is lowered if energies do not
+decrease, or by more than any estimate is known to exceed its error.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ APART = 2.25
 """η² of one mesh over that of the other from which on their energies are compared."""
 
 UNCERTAIN = 1.2
-"""Factor on the quotients: what the multiple changes between two such meshes."""
+"""Factor on the quotients, for the change of the multiple between two such meshes."""
 
 LEAST = 0.5
-"""Quotients that are believed: estimates are at most 1.4 times the error once meshes see it."""
+"""Least plausible quotient: estimates are at most 1.4 times the error on resolved meshes."""
 
 
 def conforms(scene: Scene) -> bool:
-    """Whether meshes of a scene have energies above the true one: nothing between nodes can cross.
+    """Whether meshes of a scene have energies above the true one: no penetration between nodes.
 
     Boxes have the same shape on all meshes, flat obstacles touch no deeper between nodes than at
     them; mean dilatation has another energy, and bodies that touch each other do so on the average.
@@ -50,13 +50,13 @@ def conforms(scene: Scene) -> bool:
 
 @dataclass
 class Calibration:
-    """Collects the levels of a run; says what to take of the squares of their estimates."""
+    """The levels of a run, and factors on the squares of their estimates."""
 
     _levels: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
     _quotients: dict[str, list[float]] = field(default_factory=dict)
 
     def share(self, kind: str, energy: float, square: float) -> float:
-        """Of η² of the next level what is the squared error's: 1 where energies do not say.
+        """Share of η² of the next level that is squared error; 1 if energies do not tell.
 
         Parameters
         ----------

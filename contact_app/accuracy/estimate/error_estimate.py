@@ -7,19 +7,19 @@ the error in energy norm,
 
 (Zienkiewicz & Zhu, *A simple error estimator and adaptive procedure for practical engineering
 analysis*, IJNME 24, 1987). In quadrilaterals and hexahedra σ_h is most accurate at the samples that
-σ* is fitted to, and what misses them there tells how far σ* itself is off: beside singularities,
-where neither is right, both by as much. The distance then counts the error of σ_h and that of σ*,
-and half the square of its part that samples see, Π(σ* - σ_h), is left out:
+σ* is fitted to, and the misfit of σ* at the samples measures the error of σ* itself: near
+singularities both have errors of the same size. The distance then contains the errors of σ_h and of
+σ*, and half the square of its part at the samples, Π(σ* - σ_h), is left out:
 
     η² = Σ_K ∫_K |σ* - σ_h|² - ½ |Π(σ* - σ_h)|² dx   in the norm of C⁻¹.
 
-Where stresses are smooth the misfit is of higher order. It is an estimate, no bound;
-docs/guide/accuracy.md has what it is worth on scenes whose error is known.
+Where stresses are smooth the misfit is of higher order. It is an estimate, not a bound;
+docs/guide/accuracy.md compares it with known errors.
 
 The solver. The duality gap bounds the distance from the exact solution u_h on the mesh to the
-admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap. It takes K u = f - Bᵀ λ
-for granted. What is left of that, and what rounding u does, is added to it: an estimate, no bound,
-told beside it as `round_off`.
+admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap. It assumes K u = f - Bᵀ
+λ. The residual of this equation and the rounding errors of u are added: an estimate, not a bound,
+reported as `round_off`.
 
 Both. Energies add up, J(û) - J(u) = (J(û) - J(u_h)) + (J(u_h) - J(u)), and with them the squares.
 """
@@ -63,7 +63,7 @@ class _Recovered:
     stresses: list[Array]
 
     def is_of(self, other: Solution) -> bool:
-        """Whether it belongs to the same multipliers and displacements."""
+        """Whether the recovery belongs to the same multipliers and displacements."""
         mine = self.solution
         return mine.multiplier is other.multiplier and mine.displacements is other.displacements
 
@@ -74,7 +74,7 @@ class ErrorEstimator:
     Parameters
     ----------
     patches
-        Of the model's meshes, where they are known from another load case.
+        Patches of the model's meshes, if known from another load case.
     """
 
     def __init__(self, model: Model, patches: Patches | None = None) -> None:
@@ -90,7 +90,7 @@ class ErrorEstimator:
     def stresses(self, solution: Solution, patches: Patches | None = None) -> list[Array]:
         """σ* of an answer at nodes, (nodes, members, components) of each class (collective).
 
-        What the last answer asked for needed is kept.
+        The data of the last answer are stored.
 
         Parameters
         ----------

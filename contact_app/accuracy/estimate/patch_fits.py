@@ -1,9 +1,9 @@
 """Polynomials fitted around the vertices of a mesh, across subdomains and ranks.
 
-Sums over the cells around a vertex are made subdomain by subdomain and meet at its owner, which
-fits the polynomial. A vertex with too few cells for a fit is helped by its neighbours. Where
-polynomials are linear their value at the vertex is all that is asked of most: the first row of
-each fit is enough, and all of it is kept where a neighbour is helped.
+Sums over the cells around a vertex are computed by subdomain and added at the owner of the vertex,
+which fits the polynomial. A vertex with too few cells for a fit uses its neighbours. For most
+linear polynomials only the value at the vertex is needed, which is the first row of the fit; the
+whole fit is stored where a neighbour needs it.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ OWN = 32.0
 these tell only what the few cannot."""
 
 WEAK = 1e-2
-"""Directions of a fit below this share of the strongest are left out."""
+"""Directions of a fit with eigenvalues below this share of the largest are left out."""
 
 AT_ONCE = 20_000_000
-"""Numbers of polynomials kept at once; components of the stress are taken a few at a time."""
+"""Number of polynomial coefficients stored at once; stress components are processed in groups."""
 
 
 class Helped:
     """Owned vertices with too few cells, and the neighbours that help them out.
 
-    A neighbour counts as often as it shares cells with the vertex. Linear polynomials are continued
-    from neighbours that have one; quadratic ones are fitted to the moments about the vertex itself
-    and all its neighbours.
+    The weight of a neighbour is the number of cells that it shares with the vertex. Linear
+    polynomials are continued from neighbours that have one; quadratic ones are fitted to the
+    moments about the vertex itself and all its neighbours.
 
     Attributes
     ----------
     targets : (targets,)
-        Owned vertices that are helped, by their place among all owned.
+        Owned vertices with too few cells, by their place among all owned.
     sources : (sources,)
-        Those that help.
+        Neighbours that are used.
     weight : (targets, 1)
         How often their neighbours count in all.
     """
@@ -141,7 +141,7 @@ class Helped:
 
 
 class Meeting:
-    """Copies of nodes and their owners.
+    """Exchange between copies of nodes and their owners.
 
     Parameters
     ----------
