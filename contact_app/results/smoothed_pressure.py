@@ -30,7 +30,7 @@ from scipy.spatial import cKDTree
 from contact_app.model.boundaries import facets_of
 from contact_app.model.model import Model
 from contact_app.model.pairs import gather_surface
-from contact_app.scene.conditions import BodyContact
+from contact_app.scene.conditions import BodyContact, Tie
 from meshes.contact_surface import Surface
 
 Array = NDArray[np.float64]
@@ -86,25 +86,47 @@ def smoothed_on(
     at, values = (np.concatenate(part) for part in zip(*parts, strict=True))
     if sides[0] is None or len(at) == 0:
         return np.zeros(len(nodes))
-    numbers, points, areas, lengths = _at_nodes(sides[0])
-    for other in filter(None, sides[1:]):
-        nearest = cKDTree(other.centres).query(points)[1]
-        lengths = np.maximum(lengths, _longest_edges(other)[nearest])
-    original = numbers % total
-    order = np.argsort(at)
-    place = np.minimum(np.searchsorted(at[order], original), len(at) - 1)
-    p = np.where(at[order][place] == original, values[order][place], 0.0)
-    radii = REACH * lengths
+    numbers, points, areas, radii = _at_nodes(sides[0], sides[1:])
+    place = _places(at, numbers % total)
+    p = np.where(place >= 0, values[place], 0.0)
     near = np.flatnonzero(cKDTree(points[p > 0.0]).query(points)[0] <= 2.0 * radii)
     found = np.zeros(len(numbers))
-    found[near] = _twiced(points[near], radii[near], areas[near], p[near])
+    found[near] = np.maximum(_twiced(points[near], radii[near], areas[near], p[near]), 0.0)
     result = np.zeros(len(nodes))
-    mine = np.searchsorted(numbers, nodes)
-    mine = np.minimum(mine, len(numbers) - 1)
-    of_side = numbers[mine] == nodes
-    result[of_side] = found[mine[of_side]]
+    mine = _places(numbers, nodes)
+    result[mine >= 0] = found[mine[mine >= 0]]
     before, after = comm.allreduce(np.array([shares @ pressure, shares @ result]))
     return result * (before / after) if after > 0.0 else pressure
+
+
+def smoothed_tractions(model: Model, tie: Tie, nodes: NDArray[np.int64], tractions: Array) -> Array:
+    """The same means of the tractions of a tied boundary, (n, 3) (collective).
+
+    A scene with tied boundaries is not cut at planes of symmetry, so there are no images.
+
+    Parameters
+    ----------
+    nodes, tractions : (n,), (n, 3)
+        Nodes with a traction that this rank owns.
+    """
+    side = _side(model, tie.body, tie.boundary)
+    parts = model.comm.allgather((nodes, tractions))
+    at, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if side is None or len(at) == 0:
+        return tractions
+    numbers, points, areas, radii = _at_nodes(side, [_side(model, tie.other, tie.other_boundary)])
+    place = _places(at, numbers)
+    some = place >= 0
+    found = np.zeros((len(numbers), 3))
+    found[some] = _twiced(points[some], radii[some], areas[some], values[place[some]])
+    return np.asarray(found[_places(numbers, nodes)])
+
+
+def _places(numbers: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where numbers that are wanted stand among others; -1 for those that do not."""
+    order = np.argsort(numbers)
+    place = np.minimum(np.searchsorted(numbers[order], wanted), len(numbers) - 1)
+    return np.where(numbers[order][place] == wanted, order[place], -1)
 
 
 def _side(model: Model, body: int, boundary: str) -> Surface | None:
@@ -120,8 +142,10 @@ def _longest_edges(surface: Surface) -> Array:
     return np.asarray(np.linalg.norm(edges, axis=2).max(axis=1) / pieces)
 
 
-def _at_nodes(surface: Surface) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Numbers, points, areas and longest edges of the facets about each node, by number."""
+def _at_nodes(
+    surface: Surface, others: Sequence[Surface | None]
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Numbers, points and areas of the nodes of a side, by number, and the radii of their means."""
     numbers, place = np.unique(surface.nodes, return_inverse=True)
     place = place.reshape(surface.nodes.shape)
     points, areas = np.zeros((len(numbers), 3)), np.zeros(len(numbers))
@@ -130,11 +154,14 @@ def _at_nodes(surface: Surface) -> tuple[NDArray[np.int64], Array, Array, Array]
     size = longest ** (surface.dimension - 1)
     np.add.at(areas, place, size[:, None])
     np.maximum.at(lengths, place, longest[:, None])
-    return numbers, points, areas, lengths
+    for other in filter(None, others):
+        nearest = cKDTree(other.centres).query(points)[1]
+        lengths = np.maximum(lengths, _longest_edges(other)[nearest])
+    return numbers, points, areas, REACH * lengths
 
 
 def _twiced(points: Array, radii: Array, areas: Array, p: Array) -> Array:
-    """M p + M(p - M p), nowhere below zero."""
+    """M p + M(p - M p)."""
     tree = cKDTree(points)
     found = tree.query_ball_point(points, radii)
     count = np.fromiter(map(len, found), np.int64, len(found))
@@ -144,4 +171,4 @@ def _twiced(points: Array, radii: Array, areas: Array, p: Array) -> Array:
     weight /= np.bincount(row, weight, len(points))[row]
     means = sparse.csr_matrix((weight, (row, column)), shape=(len(points),) * 2)
     once = means @ p
-    return np.asarray(np.maximum(once + means @ (p - once), 0.0))
+    return np.asarray(once + means @ (p - once))

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from contact_app.model.model import Model
 from contact_app.results.resultants import Resultant, joined
+from contact_app.results.smoothed_pressure import smoothed_tractions
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
 
@@ -17,7 +18,8 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     """One record a tied pair, in the order of the file (collective).
 
     The force is that on the body of `on`, its moment about the mean of the nodes, by area;
-    `max_pressure` is the largest traction, of any direction.
+    `max_pressure` is the largest traction, of any direction; `max_smoothed_pressure` that of its
+    means (`smoothed_pressure`).
     """
     problem, scene, comm = model.problem, model.scene, model.comm
     rows = problem.system.tied
@@ -26,7 +28,7 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     force[:, : scene.dimension] = multiplier[:, None] * rows.normals
     turn = multiplier[:, None] * rows.moments
     records = []
-    for number, name in enumerate(scene.tie_names):
+    for number, (tie, name) in enumerate(zip(scene.ties, scene.tie_names, strict=True)):
         mine = np.flatnonzero(rows.sources == number)
         x, f, area = rows.points[mine], force[mine], rows.areas[mine]
         # each node has a row for each component, of one area unless its function was given away
@@ -35,7 +37,8 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
         np.maximum.at(size, at.reshape(-1), area)
         whole = np.zeros((len(nodes), 3))
         np.add.at(whole, at.reshape(-1), f / area[:, None])
-        peak = float(np.linalg.norm(whole, axis=1).max(initial=0.0))
+        smoothed = smoothed_tractions(model, tie, nodes, whole)
+        peaks = [float(np.linalg.norm(t, axis=1).max(initial=0.0)) for t in (whole, smoothed)]
         sums = np.concatenate([
             [area.sum(), size.sum(), len(nodes)], area @ x, f.sum(axis=0),
             (np.cross(x, f) + turn[mine]).sum(axis=0),
@@ -46,7 +49,8 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
         whole_force = Resultant(resultant, moment - np.cross(point, resultant), point, total)
         records.append({
             "on": name.on, "with": name.against, **joined([whole_force], scene.dimension),
-            "area": float(total), "max_pressure": comm.allreduce(peak, op=MPI.MAX),
+            "area": float(total), "max_pressure": comm.allreduce(peaks[0], op=MPI.MAX),
+            "max_smoothed_pressure": comm.allreduce(peaks[1], op=MPI.MAX),
             "nodes": {"open": 0, "stick": int(count), "slip": 0},
         })  # fmt: skip
     return records

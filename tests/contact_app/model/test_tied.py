@@ -105,6 +105,8 @@ def test_patch(
     # the traction of the lower block on the upper one is -σ n, on an area of one
     np.testing.assert_allclose(tie["force"][:d], -stress[0][component], rtol=1e-6)
     assert tie["area"] == pytest.approx(1.0)
+    size = np.linalg.norm(stress[0][component])
+    assert [tie["max_pressure"], tie["max_smoothed_pressure"]] == pytest.approx([size] * 2)
     assert tie["nodes"]["open"] == tie["nodes"]["slip"] == 0
     assert tie["nodes"]["stick"] > 0
 
@@ -413,4 +415,6 @@ def test_two_ranks(tmp_path: Path) -> None:
     for key in ("energy", "max_displacement", "mean_displacement"):
         assert two["solution"][key] == pytest.approx(one["solution"][key], rel=1e-8), key
     assert two["contacts"][0]["force"] == pytest.approx(one["contacts"][0]["force"], rel=1e-6)
+    smoothed = (found["contacts"][0]["max_smoothed_pressure"] for found in (two, one))
+    assert next(smoothed) == pytest.approx(next(smoothed), rel=1e-6)
     assert two["contacts"][0]["moment"] == pytest.approx(one["contacts"][0]["moment"], rel=1e-6)
