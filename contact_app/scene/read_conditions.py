@@ -49,11 +49,14 @@ class ConditionReader:
                 f"names {text}, which is rigid and has no boundaries; `in: {text}` holds, moves or "
                 f"loads it, and `against: {text}` lets the boundary of an elastic body touch it",
             )
-        if text not in self.names:
-            near = difflib.get_close_matches(text, self.names, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            self.keys.fail(path, f"names the body {text!r}{hint} (known: {', '.join(self.names)})")
+        self._refuse_unknown(text, self.names, path)
         return self.names.index(text)
+
+    def _refuse_unknown(self, text: str, known: list[str], path: Place) -> None:
+        if text not in known:
+            near = difflib.get_close_matches(text, known, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            self.keys.fail(path, f"names the body {text!r}{hint} (known: {', '.join(known)})")
 
     def _boundary(self, text: str, path: Place) -> tuple[int, str]:
         name, dot, boundary = text.partition(".")
@@ -77,6 +80,9 @@ class ConditionReader:
         """A support or load."""
         path: Place = ("conditions", i)
         source = f"conditions[{i}]"
+        if condition.inside is not None:
+            known = [*self.names, *self.rigid.names]
+            self._refuse_unknown(condition.inside, known, (*path, "in"))
         if condition.inside in self.rigid.names:
             return self.rigid.condition(i, condition)
         if condition.rotation is not None:

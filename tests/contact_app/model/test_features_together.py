@@ -90,9 +90,12 @@ def test_units_decompositions_and_methods(cell: str, degree: int) -> None:
 
 
 @pytest.mark.mpi
-def test_three_ranks(tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_three_ranks(method: str, tmp_path: Path) -> None:
     made = together("hexahedron", 1)
-    made["decomposition"] = {"subdomains": 6}
+    made["solver"]["method"] = method
+    if method == "auto":
+        made["decomposition"] = {"subdomains": 6}
     one = told(solve_scene(scenes.build(made)).summary)
     found = told(summary_of(made, tmp_path, 3))
     np.testing.assert_allclose(found, one, rtol=1e-6, atol=1e-6 * np.abs(one[2:]).max())

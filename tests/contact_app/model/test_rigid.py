@@ -517,6 +517,8 @@ def _wrong(change: dict[str, Any]) -> scenes.Config:
         ({"conditions.2": {"in": "block", "rotation": [0, 0, 1]}},
          "conditions[2].rotation is of a rigid body"),
         ({"conditions.2": {"on": "ball.z+", "pressure": 1.0}}, "conditions[2].on names ball"),
+        ({"conditions.2": {"in": "bal", "total_force": [0, 0, 1]}},
+         "conditions[2].in names the body 'bal'; did you mean ball? (known: block, ball)"),
         ({"contacts.0.on": "ball.skin"}, "contacts[0].on is 'ball.skin', which is rigid as ball"),
         ({"contacts.0": {"on": "ball", "against": "block.z+"}},
          "contacts[0].on names ball, which is rigid"),
