@@ -27,8 +27,7 @@ from contact_app.scene.conditions import Contact
 from solver.contact.solution import Solution
 
 ENTERED = 1e-2
-"""Depth of nodes beside a contact boundary in an obstacle, over the largest displacement, from
-which they are told of."""
+"""Depth of nodes beside a contact in an obstacle, over the displacement, that is warned of."""
 
 BETWEEN = 0.1
 """Depth of a round obstacle between nodes, over the largest displacement, from which on it is told.

@@ -1,9 +1,9 @@
-"""How far the straight edges of a round body are from the curve its corners lie on.
+"""Distance of the straight edges of a round body from the curve of its corners.
 
-Nodes amid such edges, of degree 2 or where they were halved, keep a distance from a round obstacle
-that corners do not, the sagitta h θ/8 where edges of length h meet at an angle θ. Beside
-displacements much larger that is nothing; beside smaller ones corners alone touch, or what was
-halved does inside a hole, and what is solved for is the polygon.
+Nodes in the middle of such edges (degree 2, or after refinement) have a distance from the curve,
+the sagitta h θ/8 for edges of length h at an angle θ. It is negligible beside much larger
+displacements. Beside smaller ones only the corners touch (or, inside a hole, only the middles), and
+the answer is that of the polygon.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from meshes import CellMesh
 from solver.contact.solution import Solution
 
 SMOOTH = np.deg2rad(30.0)
-"""Angle between facets above which the body has a corner there and is not meant to be round."""
+"""Angle between facets above which their edge is not part of a round surface."""
 
 LARGE_SAGITTA = 0.05
 """Sagitta over the largest displacement from which on an answer is that of the polygon."""

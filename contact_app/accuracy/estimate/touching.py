@@ -1,9 +1,8 @@
-"""Where bodies touch, and what is known of the friction traction there.
+"""Nodes in contact, and the known friction tractions.
 
 Where a point slides, the traction along the surface has the size of its slip limit and the
 direction of the friction force: μ times the pressure, which is a linear condition on the stress, or
-a given force per area. Where a point sticks, friction is a reaction, of which nothing is known
-beforehand.
+a given force per area. At a sticking point friction is an unknown reaction.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The tractions that are known on the surface of bodies, and stresses at its nodes that meet them.
+"""Known tractions on the surface of bodies, and corrections of stresses that satisfy them.
 
 On the surface σ n is the traction where one is given, zero where nothing is, and has no part along
 the surface where the body touches without friction. Where it slides with friction of direction d,

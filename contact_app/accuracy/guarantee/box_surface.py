@@ -1,9 +1,9 @@
 """Conditions of a scene on the faces of a box, facet by facet of its grid.
 
-Stresses in equilibrium (`equilibrated`) live on the grid of a box and need to know of each facet
-what is held, what loads it and how far an obstacle is. A boundary of the scene is taken for the
-facets it has all nodes of. Whether the scene itself can be guaranteed is told here, too: anything
-whose gaps or data are not the same at every point of a facet as at its nodes is refused.
+Stresses in equilibrium (`equilibrated`) are on the grid of a box and need, for each facet, the held
+components, the load and the gap to an obstacle. A boundary of the scene consists of the facets with
+all nodes on it. Scenes without a guarantee are refused here, too: scenes whose gaps or data at
+points of a facet do not follow from those at its nodes.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ class GridStresses:
         self.size = int(starts[-1])
 
     def rows_on_face(self, component: int, face: int) -> NDArray[np.int64]:
-        """Which values of a component lie on a face of the grid (x-, x+, y-, …).
+        """Numbers of the values of a component on a face of the grid (x-, x+, y-, …).
 
         Those of σ_ii by facet; those of σ_ij with one more along the other of its axes.
         """

@@ -71,7 +71,7 @@ class Guarantee:
     bound
         ‖û - u‖ is at most this, relative to ‖û‖ (energy norms); None where there is none.
     missing
-        Why there is none.
+        The reason why there is no bound.
     norm
         ‖û‖ itself.
     residual
