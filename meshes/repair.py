@@ -213,7 +213,7 @@ def _middles(
         return None
     if degree == 1:
         notes.append(
-            "cells have nodes amid their edges: degree 1 uses their corners only, edges are "
+            "cells have nodes on their edges: degree 1 uses their corners only, edges are "
             "straight (degree: 2 keeps them curved)"
         )
         return None
@@ -222,7 +222,7 @@ def _middles(
     lacking = sum(len(b) for b in content.nodes if content.kind.corners < b.shape[1] < full)
     if lacking:
         notes.append(
-            f"{lacking} cells have no nodes amid their faces or in their middle (serendipity): "
+            f"{lacking} cells have no nodes on their faces or in their middle (serendipity): "
             "added where their own shape functions put them"
         )
     return np.concatenate([middles_of(points[block], cell) for block in content.nodes])

@@ -39,7 +39,7 @@ FLAT = 1e-9
 UNFELT = 1e-2
 """Limit for that depth in runs to an accuracy if the obstacle presses no node.
 
-No force tells what the depth is worth.
+Without a force, the depth alone decides.
 """
 
 CONCENTRATED = {2: 1, 3: 3}

@@ -129,7 +129,7 @@ def _has_straight_facets(body: Body) -> bool:
 
 
 def _straight(scene: Scene, contact: Contact) -> bool:
-    """Whether the body of a contact came from a file and has nodes amid straight edges."""
+    """Whether the body of a contact came from a file and has nodes on straight edges."""
     body = scene.bodies[contact.body]
     if not isinstance(body.mesh, CellMesh) or body.mesh.middles is not None:
         return False

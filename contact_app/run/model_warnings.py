@@ -370,8 +370,8 @@ def _closes_at_once(answer: Answer) -> Iterator[str]:
     if changed > CLOSING * touching:
         yield (
             f"{changed:,} of {touching:,} contact points with friction close or open under the "
-            "load, which is applied at once: their slip counts from where they were without load, "
-            "not from where they touched; `steps` with increments tell what that changes"
+            "load, which is applied at once: their slip counts from where they were without "
+            "load, not from where they touched; `steps` with increments show the effect"
         )
 
 

@@ -130,8 +130,8 @@ class StoppingTest(Generic[S]):
     Attributes
     ----------
     required_reduction
-        Factor by which the error of a state has to fall before a certificate is worth its cost; one
-        or less where the state should be certified now. Called again after each rejected answer.
+        Factor by which the error of a state has to fall before it is certified; one or less where
+        the state should be certified now. Called again after each rejected answer.
     accept
         Certifies the answer of a state and returns whether the certificate passes.
     may_end_early

@@ -1,7 +1,7 @@
 """Linear operators: one small protocol, and adapters for matrices of numpy, scipy and PETSc.
 
 A symmetric operator is applied to this rank's part of a distributed vector and fills this
-rank's part of the product. Dense and sparse arrays and scipy's operators live on one rank;
+rank's part of the product. Dense and sparse arrays and scipy's operators are on one rank;
 PETSc matrices, also shell matrices, on the ranks of their communicator.
 """
 

@@ -259,7 +259,7 @@ class Cells:
 
     @cached_property
     def _to_nodes(self) -> list[sparse.csr_matrix]:
-        """Mean over the vertices a node lies amid of each monomial there, (nodes, vertices)."""
+        """Mean of each monomial over the vertices around a node, (nodes, vertices)."""
         order = list(vtk_order(self.cell, 2))
         inverse = np.argsort(order)
         amid = [node_vertices(self.cell)[i] for i in inverse]  # by node in dolfinx's order

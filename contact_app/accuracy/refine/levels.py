@@ -44,7 +44,7 @@ class Level:
 
     @property
     def error(self) -> float:
-        """The error that is held against the target: the bound where there is one."""
+        """The error that is compared with the target: the bound if there is one."""
         return self.total if self.guaranteed is None else self.guaranteed
 
     @property
