@@ -1,8 +1,8 @@
 """From two boundaries of a scene to contact rows, each of the rank that owns its node.
 
-Every rank gathers the facets of both sides of a contact and computes all of its rows, of which
-each keeps those of the nodes it owns: a surface is small beside the bodies, and the answer does
-not depend on who holds which part of it.
+Every rank gathers the facets of both sides of a contact, and ranks share the integrals over their
+overlaps. Then each rank has all rows and keeps those of the nodes it owns: a surface is small
+beside the bodies, and the answer does not depend on which rank holds which part of it.
 
 Where the scene was cut at planes of symmetry, both sides are those of the whole: facets beside a
 plane may meet facets beyond it. Nodes of the image about some of the planes have numbers of their
