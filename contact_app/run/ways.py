@@ -12,8 +12,8 @@ many            with friction (`model.method.may_stall`) multigrid, without a wa
 iterations
 multigrid       the same                                 Total FETI
 Total FETI      all                                      the fewest subdomains there can be
-fewest          all that have fewer, and the memory      nothing: its answer counts, whatever
-subdomains                                               it is
+fewest          all that have fewer, and the memory      with friction and `auto` multigrid, else
+subdomains                                               nothing: its answer counts
 ==============  =======================================  =========================================
 
 A method ends the search if its answer is certified, or if the user stopped or limited it
@@ -92,6 +92,8 @@ class Way:
 def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     """All methods to solve a scene, in order; parameters as of `first_certified`."""
     instead = ""
+    stalls = may_stall(scene) and not keeps_subdomains
+    tries_last = scene.has_friction and scene.solver.method == "auto" and not keeps_subdomains
     if is_undecomposed(scene):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
@@ -101,13 +103,16 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
         peels = "contact peels off row by row: solving for the displacements instead"
         yield Way(_by(scene, "primal"), instead=peels, warns=False)
         instead = ""
-    elif may_stall(scene) and not (keeps_subdomains or instead):
+    elif stalls:
         yield Way(_by(scene, "active-set"), PATIENCE_WITH_FRICTION)
-        stalls = "friction converges slowly in subdomains: solving for the displacements instead"
-        yield Way(_by(scene, "primal"), instead=stalls, warns=False)
+        slow = "friction converges slowly in subdomains: solving for the displacements instead"
+        yield Way(_by(scene, "primal"), instead=slow, warns=False)
     yield Way(scene, instead=instead)
     fewest = "{where} the answer could not be certified ({why}){cause}: solved in {fewest} instead"
     yield Way(None, instead=fewest)
+    if tries_last and not stalls:
+        last = "the answer could not be certified ({why}){cause}: solved by multigrid instead"
+        yield Way(_by(scene, "primal"), instead=last)
 
 
 def _by(scene: Scene, method: Method) -> Scene:
@@ -140,7 +145,7 @@ def first_certified(
         if own is None and not keeps_subdomains:
             own = fewest_subdomains(scene, failed.subdomains, comm)
         if own is None:  # no fewer subdomains: the answer of the method before counts
-            break
+            continue
         if number and way.instead:
             text = failed.told(way.instead, own)
             if comm.rank == 0:

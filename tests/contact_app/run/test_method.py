@@ -207,5 +207,7 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
     made["contacts"][0]["friction"] = {"tresca": 3.0}
     assert methods(scenes.build(made)) == ["active-set", "primal", "auto", None]
     assert methods(scenes.build(made), keeps_subdomains=True) == ["auto", None]
-    assert methods(scenes.build(made, 2)) == ["auto", None]
+    assert methods(scenes.build(made, 2)) == ["auto", None, "primal"]
     assert list(ways_to(scenes.build(made)))[0].patience == PATIENCE_WITH_FRICTION
+    made["solver"]["method"] = "primal"
+    assert methods(scenes.build(made, 2)) == ["primal", "auto", None]
