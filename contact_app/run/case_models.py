@@ -87,8 +87,8 @@ class _Earlier:
     ----------
     B
         Constraints of its model.
-    effect : (dual,)
-        d.
+    effect : (any,)
+        `DualProblem.effect_of_loads`.
     multiplier : (dual,)
     """
 
@@ -213,7 +213,7 @@ def nearest_combination(products: Array) -> Array | None:
     share = np.maximum(share, 0.0)
     left = square - 2.0 * share * own + share**2 * squares
     best = int(np.argmin(left))
-    if left[best] > FAR**2 * square:
+    if left[best] > FAR**2 * square or not share[best] > 0.0:
         return None
     chosen, found, rest = [best], share[[best]], max(float(left[best]), 0.0)
     apart = square - 2.0 * own + squares

@@ -67,7 +67,7 @@ class DescribedProblem(Protocol):
 
     @property
     def effect_of_loads(self) -> NDArray[np.float64]:
-        """The effect of the loads on the rows, (rows,)."""
+        """A vector (any,) that identifies the loads (collective)."""
 
     @property
     def e(self) -> NDArray[np.float64]:

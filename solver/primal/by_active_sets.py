@@ -38,6 +38,8 @@ def solve_by_multigrid(
 ) -> Solution:
     """Solve by active sets, from the contact on coarse levels or from a guess (collective).
 
+    A guess whose sets leave no answer is dropped: its rows may hold no body under other loads.
+
     Parameters
     ----------
     guess : (dual,)
@@ -53,7 +55,12 @@ def solve_by_multigrid(
         The sets left no answer.
     """
     try:
-        return _solve(task, guess, restart, factors)
+        if guess is None or restart is not None:
+            return _solve(task, None, restart, factors)
+        try:
+            return _solve(task, guess, None, factors)
+        except ArithmeticError:
+            return _solve(task, None, None, factors)
     except PETSc.Error as error:  # a factor of a coarse level or of the active rows
         raise ArithmeticError("a matrix of the multigrid has no factor") from error
     finally:

@@ -22,7 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.contact.bodies import Bodies, body_lengths, largest
+from solver.contact.bodies import Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
@@ -40,6 +40,7 @@ from solver.tfeti.free_solution import FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.tfeti.system import ContactSystem
+from solver.tfeti.unfactored_loads import lengths_at_unknowns, loads_in_energy
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +331,7 @@ class DualProblem:
         Without factors, the displacements if each unknown gave way to its load alone.
         """
         if not self.factored:
-            return self._lengths_at_unknowns()
+            return lengths_at_unknowns(self.bodies, self.classes, self.loads, self.comm)
         return self.bodies.largest_on_interface(self.comm, self.free_displacements)
 
     @cached_property
@@ -359,14 +360,6 @@ class DualProblem:
             flexible = 1.0 / cls.resistance[cls.free]
             sums.append(np.einsum("im,im,i->m", force[cls.free], force[cls.free], flexible))
         return np.asarray(self.comm.allreduce(self.bodies.sum_members(sums)))
-
-    def _lengths_at_unknowns(self) -> NDArray[np.float64]:
-        """Largest f_i / K_ii of each body, (bodies,) (collective)."""
-        result = np.zeros(self.bodies.count)
-        for cls, load, body in zip(self.classes, self.loads, self.bodies.members, strict=True):
-            moved = np.abs(load[cls.free] / cls.resistance[cls.free, None])
-            np.maximum.at(result, body, moved.max(axis=0, initial=0.0))
-        return largest(self.comm, result)
 
     def lengths(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
         """The reference length of each body, (bodies,), for displacements (interface,)."""
@@ -397,10 +390,11 @@ class DualProblem:
 
     @property
     def effect_of_loads(self) -> NDArray[np.float64]:
-        """A vector (dual,) that identifies a load case: d, or B f - c without factors."""
+        """A vector (any,) that tells load cases apart: d, or `loads_in_energy` (collective)."""
         if self.factored:
             return self.d
-        return self.residual(self.on_interface([*self.loads]))
+        equal = ~self.inequality & ~self.tangential
+        return loads_in_energy(self.comm, self.classes, self.loads, self.c[equal])
 
     @cached_property
     def offset(self) -> NDArray[np.float64]:

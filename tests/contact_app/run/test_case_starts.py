@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+import contact_app
+from contact_app.model.model import build_model
 from contact_app.run.case_models import nearest_combination
 from contact_app.run.cases import solved_cases
+from solver.contact.stopping import StoppingRule
+from solver.primal.by_active_sets import solve_by_multigrid
+from solver.qp.mprgp import MPRGP
+from solver.tfeti.methods.task import Task
 from tests import scenes
 
 
@@ -43,6 +51,71 @@ def test_cases_that_do_not_differ_are_no_trouble() -> None:
     assert found is not None
     np.testing.assert_allclose(found.sum(), 1.0)
     np.testing.assert_allclose(factors([0, 0, 0], [1, 0, 0], [2, 0, 0]), [0.0, 2.0])
+
+
+def test_loads_without_effect_take_no_case() -> None:
+    assert factors([0, 0, 0], [0, 0, 0]) is None
+    assert factors([0, 0, 0], [1, 0, 0]) is None
+
+
+def on_a_block(friction: bool, history: dict[str, Any]) -> scenes.Config:
+    """A block on another, held by contact alone; the load is on top, away from contact."""
+
+    def body(name: str, lower: list[float], upper: list[float], cells: list[int]) -> Any:
+        box = {"lower": lower, "upper": upper, "cells": cells}
+        return {"name": name, "mesh": {"box": box}, "material": {"young": 1e3, "poisson": 0.3}}
+
+    beside: dict[str, Any] = {"on": "up.y+", "displacement": [0, None]}
+    return {
+        "dimension": 2,
+        "bodies": [body("low", [0, 0], [3, 1], [6, 4]), body("up", [0.5, 1], [2.5, 2], [5, 4])],
+        "conditions": [
+            {"on": "low.y-", "displacement": [0, 0]},
+            {"on": "up.y+", "traction": [0, -10.0], "name": "press"},
+            {"on": "up.x-", "traction": [1.0, 0.0]} if friction else beside,
+        ],
+        "contacts": [
+            {"on": "up.y-", "against": "low.y+"}
+            | ({"friction": {"coulomb": 0.3}} if friction else {})
+        ],
+        "solver": {"method": "primal"},
+        **history,
+    }
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_multigrid_begins_a_case_with_the_contact_of_another(friction: bool) -> None:
+    """From the loads at contact rows alone, of which there are none, it began without contact."""
+    cases = {"cases": {"a": {"press": 1}, "b": {"press": 0.5}}}
+    answers = contact_app.solve(on_a_block(friction, cases)).cases
+    assert all(answer.certificate.passed for answer in answers.values())
+    assert {answer.summary["solver"]["method"] for answer in answers.values()} == {"primal"}
+
+
+def test_multigrid_begins_an_increment_with_the_contact_of_the_last() -> None:
+    answer = contact_app.solve(on_a_block(False, {"steps": [{"press": 1}, {"press": 0.5}]}))
+    assert answer.summary["certificate"]["passed"]
+    assert answer.summary["solver"]["method"] == "primal"
+    assert not answer.summary["certificate"]["warnings"]
+
+
+def test_loads_away_from_contact_have_an_effect_without_factors() -> None:
+    whole, half = (on_a_block(False, {}) for _ in range(2))
+    half["conditions"][1]["traction"] = [0, -5.0]
+    effects = [
+        build_model(scenes.build(made), MPI.COMM_SELF).problem.effect_of_loads
+        for made in (whole, half)
+    ]
+    assert np.abs(effects[0]).max() > 0.0
+    np.testing.assert_allclose(effects[0], 2.0 * effects[1])
+
+
+def test_a_guess_that_holds_no_body_is_dropped() -> None:
+    problem = build_model(scenes.build(on_a_block(False, {})), MPI.COMM_SELF).problem
+    task = Task(problem, StoppingRule(1e-6), MPRGP(rtol=1e-8, max_iterations=2000))
+    found = solve_by_multigrid(task, np.zeros(problem.size), None)
+    assert found.converged
+    assert (found.multiplier[problem.inequality] > 0.0).all()
 
 
 @pytest.mark.ratchet

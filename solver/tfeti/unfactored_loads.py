@@ -1,0 +1,55 @@
+"""Sizes of the loads of a problem without factors.
+
+The inner products of a vector compare load cases. With factors it is d = B K⁺ f - c. B f - c alone
+would not do: loads away from contact rows would have no effect. Each load is divided by the root of
+the stiffness at its unknown, f_i / √K_ii, and prescribed values are multiplied by the root of the
+mean K_ii, so that all have one unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.contact.bodies import Bodies, largest
+from solver.tfeti.subdomain.classes import SubdomainClass
+
+Array = NDArray[np.float64]
+
+
+def loads_in_energy(
+    comm: MPI.Intracomm,
+    classes: Sequence[SubdomainClass],
+    loads: Sequence[Array],
+    prescribed: Array,
+) -> Array:
+    """The vector (any,) of this rank (collective).
+
+    Parameters
+    ----------
+    loads : one (n, members) array per class
+    prescribed : (k,)
+        Right-hand sides of the rows that hold with equality.
+    """
+    stiffness = [cls.resistance[cls.free] for cls in classes]
+    parts = [
+        (load[cls.free] / np.sqrt(own)[:, None]).ravel()
+        for cls, load, own in zip(classes, loads, stiffness, strict=True)
+    ]
+    sums = np.array([sum(own.sum() for own in stiffness), sum(map(len, stiffness))])
+    total, count = comm.allreduce(sums)
+    return np.concatenate([*parts, prescribed * np.sqrt(total / max(count, 1.0))])
+
+
+def lengths_at_unknowns(
+    bodies: Bodies, classes: Sequence[SubdomainClass], loads: Sequence[Array], comm: MPI.Intracomm
+) -> Array:
+    """Largest f_i / K_ii of each body, (bodies,) (collective)."""
+    result = np.zeros(bodies.count)
+    for cls, load, body in zip(classes, loads, bodies.members, strict=True):
+        moved = np.abs(load[cls.free] / cls.resistance[cls.free, None])
+        np.maximum.at(result, body, moved.max(axis=0, initial=0.0))
+    return largest(comm, result)
