@@ -60,6 +60,12 @@ def reason_text(solution: Solution) -> str:
         return "The run was interrupted; the results reached so far are written."
     if solution.reason is Reason.DIVERGED:
         return ROUNDED_AWAY
+    if solution.reason is Reason.MAX_OUTER_ITERATIONS:  # constraints of a scene are consistent
+        return (
+            "SMALBE-M reached its limit of outer iterations before the tolerance; with friction it "
+            "need not converge. A looser solver.tolerance may help, or solver.method auto where "
+            "smalbe was asked for."
+        )
     if solution.reason.converged:
         return "Rounding errors keep the certificate from coming below the tolerance."
     return str(solution.reason.value)

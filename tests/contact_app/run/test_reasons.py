@@ -1,0 +1,26 @@
+"""Reasons why a solve missed its tolerance, as the user reads them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mpi4py import MPI
+
+from contact_app.model.model import build_model
+from solver.contact.options import SolverOptions
+from solver.driver import reason_text, solve
+from solver.qp.result import Reason
+from tests import scenes
+
+
+def test_a_limit_of_outer_iterations_names_the_method_to_take() -> None:
+    problem = build_model(scenes.build(scenes.wall("quadrilateral", 4)), MPI.COMM_SELF).problem
+    solution = solve(problem, SolverOptions())
+    ended = replace(
+        solution,
+        reason=Reason.MAX_OUTER_ITERATIONS,
+        certificate=replace(solution.certificate, passed=False),
+    )
+    told = reason_text(ended)
+    assert "solver.method auto" in told
+    assert "equalities" not in told
