@@ -172,6 +172,12 @@ SCENES = {
     "boxes_tresca": Rubbed(_two_boxes("hexahedron"), {"tresca": 5.0}),
     "pin_in_lug": Rubbed("pin_in_lug", {"coulomb": 0.1}),
     "pillow_block": Rubbed("pillow_block", {"coulomb": 0.3}),
+    "bracket_tresca_300": Rubbed("bracket", {"tresca": 300.0}),
+    "pillow_block_tresca": Rubbed("pillow_block", {"tresca": 3.0}),
+    "pin_in_lug_tresca": Rubbed("pin_in_lug", {"tresca": 20.0}),
+    "hub_on_shaft_tresca": Rubbed("hub_on_shaft", {"tresca": 5.0}),
+    "bolted_flange_tresca": Rubbed("bolted_flange", {"tresca": 3.0}),
+    "ball_in_grooves_tresca": Rubbed("ball_in_grooves", {"tresca": 10.0}),
 }
 """Solved in one step."""
 
