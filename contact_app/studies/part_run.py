@@ -41,7 +41,7 @@ from contact_app.scene.yaml_reader import read
 from contact_app.studies.fused import fused_scene, mesh_of
 from contact_app.studies.glued import glued_matrix, hold_bounds
 from contact_app.studies.last_case import scene_of
-from contact_app.studies.peers import METHODS, linear_solve, set_options, solve
+from contact_app.studies.peers import METHODS, linear_solve, options_of, solve
 from contact_app.studies.undecomposed import UnsuitableError, assemble
 from solver.driver import solve as solve_problem
 from solver.primal.merged import merge
@@ -155,11 +155,11 @@ def _glued(
     system = merge(model.problem)
     assembling, cpu_assembling = clock.seconds()
     matrix = glued_matrix(system)
-    set_options(method)
     clock = _Clock()
     load = matrix.createVecLeft()
     load.array[:] = system.load
-    x, iterations, converged = linear_solve(matrix, load, tolerance)
+    with options_of(method):
+        x, iterations, converged = linear_solve(matrix, load, tolerance)
     solving, cpu = clock.seconds()
     return {
         "unknowns": model.dofs,

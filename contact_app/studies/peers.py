@@ -30,7 +30,8 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -174,12 +175,21 @@ METHODS = {
 }  # fmt: skip
 
 
-def set_options(method: str) -> None:
-    """Put a method's options where PETSc finds them, without those that are set already."""
+@contextmanager
+def options_of(method: str) -> Iterator[None]:
+    """A method's options where PETSc finds them, but for those that are set already.
+
+    Options of PETSc are global: afterwards they are taken away, since the next method has others.
+    """
     options = PETSc.Options()
-    for key, value in METHODS[method].options.items():
-        if not options.hasName(key):
-            options.setValue(key, value)
+    given = {k: v for k, v in METHODS[method].options.items() if not options.hasName(k)}
+    for key, value in given.items():
+        options.setValue(key, value)
+    try:
+        yield
+    finally:
+        for key in given:
+            options.delValue(key)
 
 
 def solve(
@@ -200,14 +210,14 @@ def solve(
         Bound nodes also where this application keeps contact in the mean about vertices.
     """
     chosen = METHODS[method]
-    set_options(method)
     comm.barrier()
     begin = time.perf_counter()
     system = assemble(scene, comm, nodal=nodal or not chosen.contact)
     if change is not None:
         change(system)
     assembled = time.perf_counter()
-    x, steps, applications, converged = chosen.solve(system, tolerance)
+    with options_of(method):
+        x, steps, applications, converged = chosen.solve(system, tolerance)
     comm.barrier()
     end = time.perf_counter()
     row = {

@@ -166,11 +166,7 @@ def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
         return outcome
     from contact_app.studies import peers
 
-    try:
-        row, _, _ = peers.solve(scene, PEERS[method], scene.solver.expected_tolerance)
-    finally:  # options of PETSc are global: the next method has others
-        for key in peers.METHODS[PEERS[method]].options:
-            PETSc.Options().delValue(key)
+    row, _, _ = peers.solve(scene, PEERS[method], scene.solver.expected_tolerance)
     applications = row["applications"] if "tao" in PEERS[method] else row["steps"]
     outcome = Outcome("", "", applications, row["energy"], row["penetration"])
     return outcome if row["converged"] else replace(outcome, verdict="fails", detail="says so")

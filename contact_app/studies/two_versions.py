@@ -89,6 +89,7 @@ def compare(before: Path, after: Path) -> Iterator[str]:
             old, new = (json.loads((d / path).read_text()) for d in (before, after))
             if "solver" in old and "solver" in new:  # that of load cases has those of the cases
                 yield _run(str(path.parent), old, new)
+    if runs and tables:
         yield ""
     if tables:
         yield "| benchmark | expansion | rows | equal | median, before | after | largest change |"
