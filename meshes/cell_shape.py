@@ -88,9 +88,11 @@ def at_vertices(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArra
 
 def edge_lengths(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
     """Lengths (edges, cells) of the edges of cells with vertices (d, vertices, cells)."""
-    first, second = np.array(EDGES[cell]).T
-    along = vertices[:, second] - vertices[:, first]
-    return np.asarray(np.sqrt(np.einsum("dec,dec->ec", along, along)))
+    result = np.empty((len(EDGES[cell]), vertices.shape[2]))
+    for lengths, (first, second) in zip(result, EDGES[cell], strict=True):
+        along = vertices[:, second] - vertices[:, first]
+        np.sqrt(np.einsum("dc,dc->c", along, along), out=lengths)
+    return result
 
 
 def corner_jacobians(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:

@@ -293,13 +293,14 @@ def _same_place(
     cell: str,
 ) -> tuple[NDArray[np.int64], int]:
     """Number of each used node after merging nodes at one place, and the number of merged nodes."""
-    local = np.empty(used[-1] + 1, np.int64)
-    local[used] = np.arange(len(used))
-    lengths = edge_lengths(at_vertices(points, local[cells]), cell)
-    size = float(np.ptp(points, axis=0).max())
-    shortest = float(lengths[lengths > SAME_PLACE * size].min(initial=size))
-    pairs = _pairs_within(points, min(SAME_PLACE * size, SAME_PLACE_EDGE * shortest))
-    count = len(points)
+    count, size = len(points), float(np.ptp(points, axis=0).max())
+    pairs = _pairs_within(points, SAME_PLACE * size)
+    if len(pairs):  # seldom: lengths of all edges cost more than the search
+        local = np.empty(used[-1] + 1, np.int64)
+        local[used] = np.arange(len(used))
+        lengths = edge_lengths(at_vertices(points, local[cells]), cell)
+        shortest = float(lengths[lengths > SAME_PLACE * size].min(initial=size))
+        pairs = _pairs_within(points, min(SAME_PLACE * size, SAME_PLACE_EDGE * shortest))
     if len(pairs) == 0:
         return np.arange(count), 0
     label = connected(pairs.T, count)

@@ -55,6 +55,10 @@ SHORT = 4
 IDEMPOTENT = 1e-8
 """Relative difference of Q Q and Q above which a coarse problem counts as singular."""
 
+RESISTED = 1e-8
+"""Resistance of the rows to the rigid motion that they resist least, over that to any motion, at
+which a coarse problem counts as singular: its square is a rounding error of G Gᵀ."""
+
 
 ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
 """Rounding errors of F λ over ‖F‖ ‖λ‖."""
@@ -208,8 +212,28 @@ class ActiveSetProblem:
         coarse.apply(np.where(self.problem.conditional & ~self.active, 0.0, problem.d), once)
         coarse.apply(once, twice)
         size = largest_magnitude(problem.comm, once)
-        if not largest_magnitude(problem.comm, twice - once) <= IDEMPOTENT * size:
+        singular = not largest_magnitude(problem.comm, twice - once) <= IDEMPOTENT * size
+        if singular or self._leaves_a_motion():
             raise ArithmeticError("the coarse problem of an active set is singular")
+
+    def _leaves_a_motion(self) -> bool:
+        """Whether some rigid motion is resisted by rounding errors alone (collective).
+
+        One step of the inverse iteration for G Gᵀ turns any vector towards the motion z that its
+        rows resist least, and Gᵀ z tells how much.
+        """
+        comm, coarse = self.problem.comm, self.reduced.coarse
+        assert coarse is not None
+        none = np.zeros(self.problem.size)
+        any_motion = np.cos(np.arange(1.0, len(coarse.coefficients(none)) + 1.0))
+        least, rows = np.empty_like(any_motion), np.empty_like(none)
+        coarse.solve(any_motion, least)
+        resistance = []
+        for motion in (any_motion, least):
+            coarse.extend(motion, rows)
+            forces, size = comm.allreduce(np.array([rows @ rows, motion @ motion]))
+            resistance.append(math.sqrt(forces / size) if size > 0.0 else 1.0)
+        return not resistance[1] > RESISTED * resistance[0]
 
     @property
     def residual(self) -> float:
