@@ -113,3 +113,9 @@ def runs(begins: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int
     ends = np.cumsum(counts)
     nth = np.arange(ends[-1] if len(ends) else 0)
     return np.asarray(np.repeat(begins - (ends - counts), counts) + nth)
+
+
+def largest_magnitude(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
+    """Largest magnitude over all ranks (collective)."""
+    local = max((float(np.abs(a).max()) for a in arrays if a.size), default=0.0)
+    return float(comm.allreduce(local, op=MPI.MAX))

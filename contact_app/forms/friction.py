@@ -1,4 +1,4 @@
-"""Friction of contacts of forms: tangential rows, and the fields at nodes that they leave."""
+"""Contacts of forms with friction: their boundaries, laws and tangential rows."""
 
 from __future__ import annotations
 

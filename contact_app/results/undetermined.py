@@ -33,6 +33,7 @@ from contact_app.scene.scene import Scene
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def _loose(model: Model, group: NDArray[np.int64]) -> Array:
 
 def _reach(comm: MPI.Intracomm, closing: Array, left: Array) -> float:
     """Length of the interval of t along which no row closes (collective)."""
-    size = comm.allreduce(float(np.abs(closing).max(initial=0.0)), op=MPI.MAX)
+    size = largest_magnitude(comm, closing)
     reach = 0.0
     for toward in (closing, -closing):
         closes = toward > SEEN * size

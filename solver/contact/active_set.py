@@ -27,6 +27,7 @@ from solver.errors import QPError
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
+from solver.vectors import largest_magnitude
 
 Mask = NDArray[np.bool_]
 
@@ -376,7 +377,7 @@ class ActiveSetUpdate(Generic[S]):
         backend, before = self.backend, on_set.statuses
         active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
-        strongest = _largest(backend.comm, state.multiplier[before.active])
+        strongest = largest_magnitude(backend.comm, state.multiplier[before.active])
         found = Found(
             state.multiplier, state.jumps, state.distance, error * strongest, error, strongest
         )
@@ -412,11 +413,6 @@ class ActiveSetUpdate(Generic[S]):
         share = self.backend.closing_share(state, penetrated)
         first = self.backend.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
         return np.asarray(share <= first + self.options.first_share * (1.0 - first))
-
-
-def _largest(comm: MPI.Intracomm, values: NDArray[np.float64]) -> float:
-    """Largest magnitude on all ranks (collective)."""
-    return float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
 
 
 def _changes(comm: MPI.Intracomm, statuses: Statuses, following: Statuses) -> int:

@@ -28,7 +28,7 @@ from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions
-from solver.vectors import on_arrays
+from solver.vectors import largest_magnitude, on_arrays
 
 Array = NDArray[np.float64]
 
@@ -404,7 +404,7 @@ def _rigid(problem: DualProblem, nodes: MergedNodes) -> Array:
     sums = comm.allreduce(sums)
     centres = sums[:, :3] / np.maximum(sums[:, 3:], 1.0)
     about = points - centres[of]
-    length = comm.allreduce(float(np.abs(about).max(initial=0.0)), op=MPI.MAX) or 1.0
+    length = largest_magnitude(comm, about) or 1.0
     motions = rigid_motions(about, d, np.zeros(3), length).reshape(len(points) * d, -1)
     for body in np.unique(of[problem.bodies.rigid[of]]):  # its unknowns are its motions
         own = np.flatnonzero(np.repeat(of == body, d))

@@ -40,6 +40,7 @@ from solver.qp.result import Counts, Monitor, Reason, Step
 from solver.tfeti.constraints.matrix import lent, petsc_rows, scale_rows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
@@ -129,8 +130,8 @@ def solve_by_newton(
         jump = system.B_times(u) - problem.c
         new = system.forces(now.multiplier, jump)
         violated = np.where(problem.inequality, np.maximum(jump, -now.multiplier / system.W), jump)
-        size = _largest(problem.comm, u)
-        violation = _largest(problem.comm, violated) / (size or 1.0)
+        size = largest_magnitude(problem.comm, u)
+        violation = largest_magnitude(problem.comm, violated) / (size or 1.0)
         now = _Iterate(u, new)
         if ended is not None:
             reason = ended
@@ -206,7 +207,7 @@ class _System:
             [np.empty(0), *(np.tile(c.stiffness.diagonal()[c.free], c.members)
                             for c in problem.classes)]
         )  # fmt: skip
-        self.diagonal = np.where(own > 0.0, own, _largest(comm, own))
+        self.diagonal = np.where(own > 0.0, own, largest_magnitude(comm, own))
         self.loads = np.concatenate(
             [np.empty(0), *(load[cls.free].T.ravel()
                             for cls, load in zip(problem.classes, problem.loads, strict=True))]
@@ -218,7 +219,7 @@ class _System:
         with lent(comm, own, self.W) as (x, y):
             squares.mult(x, y)
         self.W *= options.penalty
-        top = options.penalty * _largest(comm, own)
+        top = options.penalty * largest_magnitude(comm, own)
         self.W = np.where(self.W > 0.0, np.maximum(self.W, 1e-12 * top), top)
         near = 0.0 if problem.held_without_contact else options.proximity
         self.D = near * self.diagonal
@@ -258,7 +259,7 @@ class _System:
 
     def rounding(self, u: Array) -> float:
         """The energy norm of the error from rounding u to its last digit."""
-        unit = float(np.finfo(np.float64).eps) * _largest(self.problem.comm, u)
+        unit = float(np.finfo(np.float64).eps) * largest_magnitude(self.problem.comm, u)
         return unit * float(np.sqrt(self.problem.comm.allreduce(float(self.diagonal.sum()))))
 
     def length(self, u: Array, step: Array, start: _Iterate, jump: Array, gradient: Array) -> float:
@@ -378,8 +379,3 @@ def _interface_to_free(problem: DualProblem) -> sparse.csr_matrix:
     return sparse.csr_matrix(
         (np.ones(count), column + first, np.arange(count + 1)), shape=(count, total)
     )
-
-
-def _largest(comm: MPI.Intracomm, values: Array) -> float:
-    """Largest magnitude over all ranks (collective)."""
-    return float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))

@@ -27,10 +27,10 @@ from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.derived import beginning_at, turned, with_active
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import largest_magnitude
 from solver.tfeti.preconditioner import DualPreconditioner, ScaledPreconditioner
 from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, RecordedOperator, Recycled
+from solver.vectors import largest_magnitude
 
 STALLED = 2
 """Steps on an active set, over its unknowns, after which the residual counts as rounding errors.
@@ -51,14 +51,6 @@ of K: 1 took 8 % more operator applications on blocks of tetrahedra, 0.1 as many
 
 SHORT = 4
 """Steps on an active set up to which that part is not computed: it costs a projection."""
-
-IDEMPOTENT = 1e-8
-"""Relative difference of Q Q and Q above which a coarse problem counts as singular."""
-
-RESISTED = 1e-8
-"""Resistance of the rows to the rigid motion that they resist least, over that to any motion, at
-which a coarse problem counts as singular: its square is a rounding error of G Gᵀ."""
-
 
 ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
 """Rounding errors of F λ over ‖F‖ ‖λ‖."""
@@ -202,38 +194,12 @@ class ActiveSetProblem:
         return self.statuses.active
 
     def _check_coarse_problem(self) -> None:
-        """Check that Q is a projection.
-
-        It is none if G Gᵀ of the set is singular, which a factor may not show.
-        """
-        problem, coarse = self.problem, self.reduced.coarse
+        """Check that the rows of the set hold every body, which a factor of G Gᵀ may not show."""
+        coarse = self.reduced.coarse
         assert coarse is not None
-        once, twice = np.empty(problem.size), np.empty(problem.size)
-        coarse.apply(np.where(self.problem.conditional & ~self.active, 0.0, problem.d), once)
-        coarse.apply(once, twice)
-        size = largest_magnitude(problem.comm, once)
-        singular = not largest_magnitude(problem.comm, twice - once) <= IDEMPOTENT * size
-        if singular or self._leaves_a_motion():
+        probe = np.where(self.problem.conditional & ~self.active, 0.0, self.problem.d)
+        if not coarse.is_regular(probe):
             raise ArithmeticError("the coarse problem of an active set is singular")
-
-    def _leaves_a_motion(self) -> bool:
-        """Whether some rigid motion is resisted by rounding errors alone (collective).
-
-        One step of the inverse iteration for G Gᵀ turns any vector towards the motion z that its
-        rows resist least, and Gᵀ z tells how much.
-        """
-        comm, coarse = self.problem.comm, self.reduced.coarse
-        assert coarse is not None
-        none = np.zeros(self.problem.size)
-        any_motion = np.cos(np.arange(1.0, len(coarse.coefficients(none)) + 1.0))
-        least, rows = np.empty_like(any_motion), np.empty_like(none)
-        coarse.solve(any_motion, least)
-        resistance = []
-        for motion in (any_motion, least):
-            coarse.extend(motion, rows)
-            forces, size = comm.allreduce(np.array([rows @ rows, motion @ motion]))
-            resistance.append(math.sqrt(forces / size) if size > 0.0 else 1.0)
-        return not resistance[1] > RESISTED * resistance[0]
 
     @property
     def residual(self) -> float:

@@ -15,7 +15,7 @@ from scipy import linalg
 
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import largest_magnitude
+from solver.vectors import largest_magnitude
 
 SETS = 60
 """Largest number of active sets."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.vectors import largest_magnitude
 
 ROUNDS = 40
 """Largest number of corrections; an iterate of a solver needs two or three."""
@@ -319,9 +320,3 @@ def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> ND
         ratio = np.divide(square, before, out=np.zeros_like(gain), where=before > 0.0)
         direction = residual / diagonal + ratio * direction
     return gain
-
-
-def largest_magnitude(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> float:
-    """Largest magnitude on all ranks."""
-    local = max((float(np.abs(a).max()) for a in arrays if a.size), default=0.0)
-    return float(comm.allreduce(local, op=MPI.MAX))

@@ -26,9 +26,6 @@ from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
 
-IDEMPOTENT = 1e-8
-"""Relative difference of Q and Q Q above which a coarse problem counts as singular."""
-
 
 @dataclass(frozen=True, eq=False)
 class Subdomain:
@@ -205,20 +202,12 @@ def _classes(subdomains: Sequence[Subdomain], copies: _Copies) -> list[Congruent
 def _knowing_what_holds(problem: DualProblem) -> DualProblem:
     """The problem with `held_without_contact` filled in (collective).
 
-    Gluing and held rows alone stop every motion if Q Q = Q in the coarse problem without contact.
+    Gluing and held rows alone stop every motion if the coarse problem without contact is regular.
     """
     coarse = with_active(problem, np.zeros(problem.size, bool)).coarse
     assert coarse is not None
     probe = np.where(problem.inequality, 0.0, np.cos(np.arange(problem.size)))
-    once, twice = np.empty(problem.size), np.empty(problem.size)
-    coarse.apply(probe, once)
-    coarse.apply(once, twice)
-    size, error = (
-        problem.comm.allreduce(float(np.abs(v).max(initial=0.0)), op=MPI.MAX)
-        for v in (once, twice - once)
-    )
-    own = problem.system
-    held = bool(error <= IDEMPOTENT * size)
+    own, held = problem.system, coarse.is_regular(probe)
     return DualProblem(
         replace(own, constraints=replace(own.constraints, held_without_contact=held))
     )

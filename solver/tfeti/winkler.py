@@ -24,6 +24,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.tfeti.dual import DualProblem
+from solver.vectors import largest_magnitude
 
 SOFTNESS = 0.1
 """Stiffness of a contact spring over that of its node in K.
@@ -51,7 +52,7 @@ FLAT = 1e-12
 def gaps_are_zero(problem: DualProblem) -> bool:
     """Whether all gaps are zero before any load and no two rows overlap (collective)."""
     comm, points = problem.comm, problem.contact.points
-    size = comm.allreduce(float(np.abs(points).max(initial=0.0)), op=MPI.MAX)
+    size = largest_magnitude(comm, points)
     apart = np.abs(problem.contact.gaps) > FLAT * size
     overlaps = problem.overlap[problem.inequality] > 1.0 + FLAT
     return not comm.allreduce(int((apart | overlaps).sum()))

@@ -46,6 +46,7 @@ from meshes import Subdomain
 from solver.contact.solution import Solution
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import nearest_admissible
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
@@ -174,7 +175,7 @@ class _Answer:
             û is not admissible.
         """
         jumps = (self.problem.residual(interface) / self.problem.spread)[~self.problem.inequality]
-        largest = self.comm.allreduce(float(np.abs(jumps).max(initial=0.0)), op=MPI.MAX)
+        largest = largest_magnitude(self.comm, jumps)
         if largest > ROUNDED * self.size:
             raise NoAdmissibleStressError(
                 f"the answer jumps by {largest:.3g} between subdomains or at held nodes"

@@ -18,6 +18,7 @@ between subdomains with a common face alone, a third of the blocks of G Gᵀ.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -37,10 +38,17 @@ from solver.tfeti.coarse.row_patterns import PatternProduct, RowPattern, blocks_
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, petsc_rows
 from solver.tfeti.options import TotalFetiOptions
-from solver.vectors import on_arrays
+from solver.vectors import largest_magnitude, on_arrays
 
 VANISHING = 1e-13
 """Largest entry of a block of G W Gᵀ, over that of the matrix, up to which the block is zero."""
+
+IDEMPOTENT = 1e-8
+"""Relative difference of Q Q and Q above which a coarse problem counts as singular."""
+
+RESISTED = 1e-8
+"""Resistance of the rows to the rigid motion that they resist least, over that to any motion, up to
+which a coarse problem counts as singular: its square is a rounding error of G Gᵀ."""
 
 
 class Restriction(Protocol):
@@ -242,6 +250,37 @@ class CoarseProblem:
         if out is not x:
             np.copyto(out, x)
         self._product.remove(motions, out, metric=False)
+
+    def is_regular(self, probe: NDArray[np.float64]) -> bool:
+        """Whether G W Gᵀ is regular, which its factor may not show (collective).
+
+        Then Q is a projection, and the rows resist every motion by more than rounding errors.
+
+        Parameters
+        ----------
+        probe : (dual,)
+            Vector to which Q is applied twice.
+        """
+        once, twice = np.empty_like(probe), np.empty_like(probe)
+        self.apply(probe, once)
+        self.apply(once, twice)
+        size, error = (largest_magnitude(self.comm, v) for v in (once, twice - once))
+        return error <= IDEMPOTENT * size and self._least_resistance() > RESISTED
+
+    def _least_resistance(self) -> float:
+        """Norm of Gᵀ z for the motion z that is resisted least, over that for any motion.
+
+        One step of the inverse iteration for G W Gᵀ turns any vector towards z (collective).
+        """
+        any_motion = np.cos(np.arange(1.0, self.kernels + 1.0))
+        least, rows = np.empty_like(any_motion), np.empty(self.size)
+        self.solve(any_motion, least)
+        resistance = []
+        for motion in (any_motion, least):
+            self.extend(motion, rows)
+            forces, size = self.comm.allreduce(np.array([rows @ rows, motion @ motion]))
+            resistance.append(math.sqrt(forces / size) if size > 0.0 else 1.0)
+        return resistance[1] / (resistance[0] or 1.0)
 
     def _solved(self, dual: NDArray[np.float64], metric: bool) -> NDArray[np.float64]:
         """(G W Gᵀ)⁻¹ times G (or G W) times a dual vector; the next call overwrites the result."""
