@@ -31,8 +31,8 @@ from contact_app.forms.results import (
     Owners,
     contact_at_nodes,
     contact_records,
+    friction_fields,
     nearest_gap,
-    of_most_pressed,
     reaction_records,
     summary_of,
 )
@@ -300,7 +300,7 @@ class ContactProblem:
                 result.x.array[:] = on_space.values(values).ravel()
                 return result
 
-            traction, slip, status = of_most_pressed(found, owners.count, d)
+            traction, slip, status = friction_fields(found, owners.count, d)
             friction = _Friction(
                 vectors(traction, "friction_traction"), vectors(slip, "slip"),
                 function(status.astype(float), "contact_status"),

@@ -17,7 +17,8 @@ from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
 from contact_app.results.alternation import LINES, Lines, alternation
-from contact_app.results.friction import FrictionAtRows, dissipated_work
+from contact_app.results.friction import FrictionAtRows, dissipated_work, of_most_pressed
+from contact_app.results.reactions import add_contact
 from contact_app.results.resultants import joined, summed
 from contact_app.results.smoothed_pressure import smoothed_on
 from contact_app.run.summary import decomposition_record, solver_record
@@ -272,21 +273,13 @@ def _force_of_conditions(model: FormModel, solution: Solution) -> Array:
 
     It is the residual K u - f. In held components the forces of contact rows are subtracted.
     """
-    problem, friction = model.problem, model.problem.system.friction
+    problem = model.problem
     residual = [
         cls.stiffness @ u - f
         for cls, u, f in zip(problem.classes, solution.displacements, problem.forces, strict=True)
     ]
     force = Owners.of_subdomains(model).sums(model.at_copies(residual))
-    parts = [(problem.contact, problem.inequality)]
-    if friction is not None:
-        parts.append((friction.rows, problem.tangential))
-    for rows, mine in parts:
-        held, of_rows = rows.held, solution.multiplier[mine] * rows.spread
-        query = NodeExchange(model.parts.comm, held.node, model.exchange.total)
-        at = query.to_owners(held.component)
-        pushed = query.to_owners(of_rows[held.row] * held.value)
-        np.add.at(force, (query.nodes - model.exchange.first, at), pushed)
+    add_contact(problem, model.exchange, solution, force)
     return force
 
 
@@ -340,20 +333,17 @@ def summary_of(
     }
 
 
-def of_most_pressed(
+def friction_fields(
     found: list[ContactAtNodes], count: int, d: int
 ) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Friction traction and slip, (owned, d), and status, (owned,).
-
-    Where contacts meet, a node has those of the contact that presses most.
-    """
-    traction, slip = np.zeros((2, count, d))
-    status, pressed = np.zeros(count, np.int64), np.full(count, -1.0)
+    """Friction traction and slip, (owned, d), and status, (owned,), of all contacts."""
+    pieces = []
     for nodes in found:
-        some = np.flatnonzero((nodes.carriers | (nodes.shares > 0.0)) & (nodes.pressure > pressed))
-        pressed[some], status[some] = nodes.pressure[some], nodes.status[some]
-        traction[some], slip[some] = nodes.traction[some, :d], nodes.slips[some, :d]
-    return traction, slip, status
+        on = np.flatnonzero(nodes.carriers | (nodes.shares > 0.0))
+        pieces.append(
+            (on, nodes.pressure[on], nodes.traction[on], nodes.slips[on], nodes.status[on])
+        )
+    return of_most_pressed(pieces, count, d)
 
 
 def nearest_gap(found: list[ContactAtNodes], count: int) -> Array:

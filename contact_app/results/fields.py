@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.candidates import slack_of
 from contact_app.model.model import Model
+from contact_app.results.friction import of_most_pressed
 from contact_app.results.pressure import NodesInContact, contact_forces, node_gaps
 from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.material import von_mises
@@ -131,20 +132,10 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
 def _friction(
     contacts: Sequence[NodesInContact], first: int, size: int, d: int
 ) -> dict[str, NDArray[np.float64]]:
-    """The fields of friction at nodes from `first` on.
-
-    Where contacts meet, those of the largest pressure.
-    """
-    traction, slip, status = np.zeros((size, d)), np.zeros((size, d)), np.zeros(size)
-    pressed = np.full(size, -1.0)
-    for contact in contacts:
-        at = contact.nodes - first
-        most = contact.pressure > pressed[at]
-        some = at[most]
-        pressed[some] = contact.pressure[most]
-        traction[some], slip[some] = contact.traction[most, :d], contact.slips[most, :d]
-        status[some] = contact.status[most]
-    return {"friction_traction": traction, "slip": slip, "contact_status": status}
+    """The fields of friction at nodes from `first` on."""
+    pieces = [(c.nodes - first, c.pressure, c.traction, c.slips, c.status) for c in contacts]
+    traction, slip, status = of_most_pressed(pieces, size, d)
+    return {"friction_traction": traction, "slip": slip, "contact_status": status.astype(float)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ its displacement along the other side. The work dissipated by friction is Σ λ_
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,30 @@ def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows
     sticks[place] = (rests | (points.sizes(slip) <= still))[points.point]
     rubs[place] = ((points.limits > 0.0) & (points.sizes(force) > 0.0))[points.point]
     return FrictionAtRows(forces, moments, slips, sticks, rubs)
+
+
+def of_most_pressed(
+    contacts: Iterable[tuple[NDArray[np.int64], Array, Array, Array, NDArray[np.int64]]],
+    count: int,
+    d: int,
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Friction traction and slip, (count, d), and status, (count,), of nodes.
+
+    Where contacts meet, a node has the values of the contact with the largest pressure.
+
+    Parameters
+    ----------
+    contacts
+        Nodes (n,) of each contact, with pressure (n,), traction and slip (n, 3) and status (n,).
+    """
+    traction, slip = np.zeros((2, count, d))
+    status, pressed = np.zeros(count, np.int64), np.full(count, -1.0)
+    for at, pressure, own_traction, own_slip, own_status in contacts:
+        most = pressure > pressed[at]
+        some = at[most]
+        pressed[some], status[some] = pressure[most], own_status[most]
+        traction[some], slip[some] = own_traction[most, :d], own_slip[most, :d]
+    return traction, slip, status
 
 
 def dissipated_work(problem: DualProblem, solution: Solution) -> float:

@@ -31,6 +31,8 @@ from contact_app.results.resultants import Resultant, joined, summed
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
 from solver.contact.solution import Solution
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.dual import DualProblem
 
 Array = NDArray[np.float64]
 
@@ -65,7 +67,7 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
     force = np.zeros((size, 3))
     for i in range(d):
         force[:, i] = np.bincount(place, arrived[:, i], minlength=size)
-    _add_contact(model, solution, force)
+    add_contact(model.problem, model.node_exchange, solution, force)
     taken = np.zeros((size, 3), bool)
     found = []
     for condition, copies in zip(conditions, held, strict=True):
@@ -81,16 +83,24 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
     return found
 
 
-def _add_contact(model: Model, solution: Solution, force: Array) -> None:
-    """Add the forces of rows over several nodes on held components (collective)."""
-    problem, friction = model.problem, model.problem.system.friction
+def add_contact(
+    problem: DualProblem, exchange: NodeExchange, solution: Solution, force: Array
+) -> None:
+    """Add the forces of rows over several nodes on held components (collective).
+
+    Parameters
+    ----------
+    force : (owned nodes, components)
+        Changed in place.
+    """
+    friction = problem.system.friction
     parts = [(problem.contact, problem.inequality), (problem.system.tied, problem.tied)]
     parts.append((problem.system.means, problem.means))
     if friction is not None:
         parts.append((friction.rows, problem.tangential))
     for rows, mine in parts:
         of_rows, held = solution.multiplier[mine] * rows.spread, rows.held
-        query = model.node_exchange.among(held.node)
+        query = exchange.among(held.node)
         at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
         np.add.at(force, (query.nodes - query.first, at[0]), at[1])
 
