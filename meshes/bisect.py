@@ -88,6 +88,7 @@ def bisected(mesh: CellMesh, marked: Ints) -> CellMesh:
             for name, rows in mesh.sides.items()
         },
         groups={name: np.flatnonzero(np.isin(parent, rows)) for name, rows in mesh.groups.items()},
+        inner={name: np.flatnonzero(np.isin(parent, rows)) for name, rows in mesh.inner.items()},
         tags=mesh.tags[parent],
         given=mesh.given or mesh,
     )

@@ -10,6 +10,7 @@ cells are divided into curved cells that fill the same place.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations, product
 
@@ -106,14 +107,19 @@ def refined(mesh: CellMesh) -> CellMesh:
         cells=cells,
         topology=topology,
         sides={name: np.sort(rows).astype(np.int32) for name, rows in sides.items()},
-        groups={
-            name: (rows[:, None] * parts + np.arange(parts)).ravel()
-            for name, rows in mesh.groups.items()
-        },
+        groups=_cell_parts(mesh.groups, parts),
+        inner=_cell_parts(mesh.inner, parts),
         tags=np.repeat(mesh.tags, parts),
         middles=middles,
         given=mesh.given or mesh,
     )
+
+
+def _cell_parts(
+    groups: Mapping[str, NDArray[np.int64]], parts: int
+) -> dict[str, NDArray[np.int64]]:
+    """Groups of cells that are divided into so many parts each."""
+    return {n: (rows[:, None] * parts + np.arange(parts)).ravel() for n, rows in groups.items()}
 
 
 def _inner_middles(

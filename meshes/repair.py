@@ -26,6 +26,7 @@ from scipy.spatial import cKDTree
 from meshes.cell_shape import at_vertices, corner_jacobians, edge_lengths, folded_inside, warped
 from meshes.connected import connected
 from meshes.hanging import refuse_hanging
+from meshes.inner_surface import sides_of_facets
 from meshes.orientation import refuse_crowded, refuse_same_side
 from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
@@ -38,7 +39,7 @@ from meshes.quadratic import (
     with_middles,
 )
 from meshes.read import FileContent, read_file
-from meshes.unstructured import CellMesh, MeshError, Topology, first_of
+from meshes.unstructured import CellMesh, MeshError, Topology, first_of, row_places
 
 SAME_PLACE = 1e-9
 """Distance over the size of the body below which two nodes are merged."""
@@ -188,7 +189,7 @@ def load_mesh(
     _refuse_pieces(points, cells, pieces, content.cell_groups)
     place = np.full(len(given), -1, np.int64)
     place[chosen] = rows
-    sides = _sides(content, rename, topology, notes)
+    sides, inner = _sides(content, rename, cells, topology, notes)
     return CellMesh(
         cell=content.kind.name,
         points=points,
@@ -202,6 +203,7 @@ def load_mesh(
         name=path.name,
         notes=tuple(notes),
         middles=middles,
+        inner=inner,
     )
 
 
@@ -439,28 +441,33 @@ def _refuse_pieces(
 def _sides(
     content: FileContent,
     rename: NDArray[np.int64],
+    cells: NDArray[np.int64],
     topology: Topology,
     notes: list[str],
-) -> dict[str, NDArray[np.int32]]:
-    """Rows of the surface facets in each group; groups without facets are left out."""
+) -> tuple[dict[str, NDArray[np.int32]], dict[str, NDArray[np.int64]]]:
+    """Rows of the surface facets in each group, and cells on one side of each inner surface.
+
+    Groups without facets are left out.
+    """
     surface = np.sort(topology.facets, axis=1)
-    sides = {}
+    sides, inner = {}, {}
     for name, facets in content.facet_groups.items():
         nodes = np.sort(rename[facets], axis=1)
         nodes = np.unique(nodes[nodes[:, 0] >= 0], axis=0)
-        both = np.concatenate([surface, nodes])
-        order = np.lexsort(both.T[::-1])
-        follows = (both[order][1:] == both[order][:-1]).all(axis=1)
-        rows = np.sort(order[:-1][follows])  # stable: the surface facet stands first
-        if len(rows) < len(nodes):
+        rows = row_places(surface, nodes)
+        inside = nodes[rows < 0]
+        side = sides_of_facets(inside, cells, content.kind.name, topology)
+        if side is not None:
+            inner[name] = np.flatnonzero(side)
+        elif len(inside):
             notes.append(
-                f"{len(nodes) - len(rows)} of {len(nodes)} facets of the group {name!r} are not "
+                f"{len(inside)} of {len(nodes)} facets of the group {name!r} are not "
                 "on the surface of the body: left out"
             )
-        if len(rows):
-            sides[name] = rows.astype(np.int32)
+        if len(inside) < len(nodes):
+            sides[name] = np.sort(rows[rows >= 0]).astype(np.int32)
     for name, nodes in content.point_groups.items():
-        if name in sides:
+        if name in sides or name in inner:
             continue
         within = np.zeros(rename.max() + 1, bool)
         within[rename[nodes][rename[nodes] >= 0]] = True
@@ -469,4 +476,4 @@ def _sides(
             sides[name] = rows.astype(np.int32)
         else:
             notes.append(f"the nodes of {name!r} enclose no facet of the surface: left out")
-    return sides
+    return sides, inner

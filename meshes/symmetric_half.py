@@ -309,6 +309,7 @@ def _lower(
         topology=topology,
         sides={name: rows.astype(np.int32) for name, rows in sides.items() if len(rows)},
         groups={name: number[rows[kept[rows]]] for name, rows in mesh.groups.items()},
+        inner={},  # the image of an inner surface need not be one: such scenes are not cut
         tags=mesh.tags[kept],
         name=f"{mesh.name} below {'xyz'[axis]} = {at:g}",
         middles=middles,

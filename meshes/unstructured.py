@@ -165,6 +165,8 @@ class CellMesh:
     given
         The mesh that was refined to this one: its vertices are on the true shape. None for a mesh
         that was not refined.
+    inner
+        Ascending cells on one side of each named inner surface, which divides the mesh.
     """
 
     cell: str
@@ -179,6 +181,7 @@ class CellMesh:
     degree: int = 1
     middles: NDArray[np.float64] | None = None
     given: CellMesh | None = None
+    inner: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:

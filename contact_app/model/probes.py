@@ -66,7 +66,7 @@ def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Pro
         for mirror in mirrors:
             here = mirror.image(here)
         for number, subdomain in enumerate(partition.subdomains):
-            outside, nodes, shares = _in_cell(subdomain, here[0], scene.dimension)
+            outside, nodes, shares = in_cell(subdomain, here[0], scene.dimension)
             if outside < best - OUTSIDE:
                 best, found = outside, Probe(name, number, nodes, shares, mirrors)
     least, rank = comm.allreduce((best, comm.rank), op=MPI.MIN)
@@ -80,7 +80,7 @@ def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Pro
     return found
 
 
-def _in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[np.int64], Array]:
+def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[np.int64], Array]:
     """Distance of the point from the nearest cell, over its size.
 
     Nodes and shape functions there.

@@ -1,4 +1,4 @@
-"""Sections: planes through a body at which the force between its two sides is computed.
+"""Sections: planes through a body, or inner surfaces, at which the force between sides is computed.
 
 A whole cell belongs to the side of the middle of its vertices. So the surface between the sides
 follows faces of cells next to the plane. Area and centroid are those of the plane itself.
@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.model.inner_surfaces import locate_inner_surface
 from contact_app.model.planes import subsets
-from contact_app.scene.scene import Mirror, Scene, Section
+from contact_app.scene.scene import InnerSection, Mirror, Scene, Section
 from meshes import Partition, Subdomain
 from meshes.plane_cut import ON_PLANE, cut, simplices
 from meshes.quadratic import VERTICES
@@ -36,7 +37,7 @@ class SectionPiece:
     mirrors
         The planes of the image.
     behind
-        For each subdomain of this rank, mask (cells,) of the cells of the body behind the plane;
+        For each subdomain of this rank, mask (cells,) of the cells of the body behind the section;
         None for other bodies.
     area
         Area of the cut; in 2D its length.
@@ -58,11 +59,23 @@ def locate_sections(scene: Scene, partition: Partition) -> tuple[SectionPiece, .
     Raises
     ------
     ConfigurationError
-        A plane leaves no cell of its body on one of its sides.
+        A plane leaves no cell of its body on one of its sides, or an inner surface does not divide
+        its body.
     """
-    return tuple(
-        piece for section in scene.output.sections for piece in _pieces(scene, partition, section)
-    )
+    found: list[SectionPiece] = []
+    for section in scene.output.sections:
+        if isinstance(section, Section):
+            found += _pieces(scene, partition, section)
+        else:
+            found.append(_on_surface(scene, partition, section))
+    return tuple(found)
+
+
+def _on_surface(scene: Scene, partition: Partition, section: InnerSection) -> SectionPiece:
+    """The piece of an inner surface; such a scene is not cut at planes of symmetry."""
+    surface = locate_inner_surface(scene, partition, section)
+    name, body = section.name, section.body
+    return SectionPiece(name, body, (), surface.behind, surface.area, surface.centre)
 
 
 def _pieces(scene: Scene, partition: Partition, section: Section) -> list[SectionPiece]:

@@ -1,4 +1,4 @@
-"""Section forces: the force of the part of a body in front of a plane on the part behind it.
+"""Section forces: the force of the part of a body in front of a section on the part behind it.
 
 The nodal forces K_A u of the cells A behind the plane have no resultant: a rigid motion strains no
 cell. At nodes of A alone they are those of all cells, f + c, the loads and the forces of supports

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 from contact_app.scene.expressions import Expression
@@ -57,6 +59,10 @@ class BodyMesh(Protocol):
     def notes(self) -> tuple[str, ...]:
         """Notes on repaired or dropped data of the mesh, one sentence each."""
 
+    @property
+    def inner(self) -> Mapping[str, Any]:
+        """Cells on one side of each inner surface that the mesh names."""
+
     def nodes_of(self, degree: int) -> int:
         """Number of nodes of a displacement of a degree."""
 
@@ -81,6 +87,7 @@ class Box:
 
     congruent: ClassVar[bool] = True
     notes: ClassVar[tuple[str, ...]] = ()
+    inner: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
     @property
     def dimension(self) -> int:

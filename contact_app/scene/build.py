@@ -31,7 +31,7 @@ from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
 from contact_app.scene.read_rigid import read_rigid_bodies, refuse_with_rigid
 from contact_app.scene.rigid import RigidLoad, RigidMotion
-from contact_app.scene.scene import Decomposition, OutputOptions, Scene, Section
+from contact_app.scene.scene import Decomposition, InnerSection, OutputOptions, Scene, Section
 from contact_app.scene.schema.bodies import Body as BodyKeys
 from contact_app.scene.schema.options import Section as SectionKeys
 
@@ -159,13 +159,45 @@ def _output(keys: Keys, bodies: tuple[Body, ...]) -> OutputOptions:
     return OutputOptions(given.xdmf, given.vtu, fields, probes, sections)
 
 
-def _section(keys: Keys, bodies: tuple[Body, ...], name: str, given: SectionKeys) -> Section:
+def _section(
+    keys: Keys, bodies: tuple[Body, ...], name: str, given: SectionKeys
+) -> Section | InnerSection:
     names, path = [body.name for body in bodies], ("output", "sections", name)
+    if given.on is not None:
+        return _inner_section(keys, bodies, name, given)
+    if given.behind is not None:
+        keys.fail((*path, "behind"), "belongs to an inner surface, `on: body.surface`")
+    if given.plane is None and given.inside is None:
+        keys.fail(path, "is empty; it has the form {in: body, plane: {point, normal}} or {on: "
+                  "body.surface, behind: point}")  # fmt: skip
+    if given.plane is None:
+        keys.fail((*path, "plane"), "is missing: {point: …, normal: …}")
+    if given.inside is None:
+        keys.fail((*path, "in"), f"is missing: the name of a body ({', '.join(names)})")
     if given.inside not in names:
         keys.fail((*path, "in"), f"is {given.inside}; the bodies are {', '.join(names)}")
     point = keys.space(given.plane.point, (*path, "plane", "point"), "a point")
     normal = keys.direction(given.plane.normal, (*path, "plane", "normal"))
     return Section(name, names.index(given.inside), given.inside, point, normal)
+
+
+def _inner_section(
+    keys: Keys, bodies: tuple[Body, ...], name: str, given: SectionKeys
+) -> InnerSection:
+    """A section on an inner surface."""
+    path = ("output", "sections", name)
+    if given.plane is not None or given.inside is not None:
+        extra = "in" if given.plane is None else "plane"
+        keys.fail((*path, extra), "has no place beside `on`, which names body and surface")
+    reader = ConditionReader(keys, bodies)
+    body, boundary = reader.boundary(str(given.on), (*path, "on"), inner=True)
+    if given.behind is None:
+        keys.fail(
+            (*path, "behind"),
+            f"is missing: a point in {bodies[body].name} on the side on which the force acts",
+        )
+    behind = keys.space(given.behind, (*path, "behind"), "a point")
+    return InnerSection(name, body, boundary, behind)
 
 
 def _places(configuration: Configuration) -> dict[str, str]:

@@ -122,7 +122,7 @@ def _boundaries(keys: Keys, body: c.Body, mesh: BodyMesh, path: Place) -> dict[s
     boundaries = {}
     for name, boundary in body.boundaries.items():
         at = (*path, name)
-        if name in mesh.boundaries:
+        if name in mesh.boundaries or name in mesh.inner:
             keys.fail(at, f"redefines {name}, which the mesh knows already; choose another name")
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_+-]{0,99}", name):
             keys.fail(

@@ -58,7 +58,14 @@ class ConditionReader:
             hint = f"; did you mean {near[0]}?" if near else ""
             self.keys.fail(path, f"names the body {text!r}{hint} (known: {', '.join(known)})")
 
-    def _boundary(self, text: str, path: Place) -> tuple[int, str]:
+    def boundary(self, text: str, path: Place, inner: bool = False) -> tuple[int, str]:
+        """Number of the body and name of the boundary in ``body.boundary``.
+
+        Parameters
+        ----------
+        inner
+            Whether it is to be an inner surface: of the mesh, or of an expression.
+        """
         name, dot, boundary = text.partition(".")
         if text in self.rigid.names:
             self._name(text, path)
@@ -67,12 +74,18 @@ class ConditionReader:
                 path, f"is {text!r}; it has the form body.boundary, e.g. {self.names[0]}.x-"
             )
         body = self._name(name, path)
-        known = [*self.bodies[body].mesh.boundaries, *self.bodies[body].boundaries]
+        mesh = self.bodies[body].mesh
+        own, other = (mesh.inner, mesh.boundaries) if inner else (mesh.boundaries, mesh.inner)
+        known = [*own, *self.bodies[body].boundaries]
         if boundary not in known:
+            what = "inner surface" if inner else "boundary"
             near = difflib.get_close_matches(boundary, known, 1)
             hint = f"; did you mean {name}.{near[0]}?" if near else ""
+            if boundary in other:
+                hint = "; it is on the surface" if inner else "; it lies inside, for sections alone"
+            listing = ", ".join(known) or "none that divides the body"
             self.keys.fail(
-                path, f"names the boundary {boundary!r} of {name}{hint} (known: {', '.join(known)})"
+                path, f"names the {what} {boundary!r} of {name}{hint} (known: {listing})"
             )
         return body, boundary
 
@@ -123,7 +136,7 @@ class ConditionReader:
             return BodyForce(body, vector, source)
         if condition.on is None or condition.inside is not None:
             self.keys.fail(path, f"a {kind} acts `on` a boundary, e.g. {{on: cube.z+, {kind}: …}}")
-        body, boundary = self._boundary(condition.on, (*path, "on"))
+        body, boundary = self.boundary(condition.on, (*path, "on"))
         if kind == "pressure":
             return Pressure(body, boundary, condition.pressure or 0.0, source)
         if kind == "traction":
@@ -161,7 +174,7 @@ class ConditionReader:
         keys, d = self.keys, self.keys.dimension
         if condition.on is None or condition.inside is not None:
             keys.fail(path, "a total force or moment acts `on` a boundary, e.g. on: cube.z+")
-        body, boundary = self._boundary(condition.on, (*path, "on"))
+        body, boundary = self.boundary(condition.on, (*path, "on"))
         force = condition.total_force or [0.0] * d
         vector = keys.vector(force, (*path, "total_force"), "a force")
         at = None
@@ -198,7 +211,7 @@ class ConditionReader:
                 f"is for two elastic bodies; {contact.against} is rigid and round as it is: leave "
                 "it out",
             )
-        body, boundary = self._boundary(contact.on, (*path, "on"))
+        body, boundary = self.boundary(contact.on, (*path, "on"))
         self._refuse_repeated(i, contact)
         number = self.rigid.names.index(contact.against or "")
         source, overlap = f"contacts[{i}]", contact.interference
@@ -224,7 +237,7 @@ class ConditionReader:
             self.keys.fail(
                 path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
             )
-        body, boundary = self._boundary(contact.on, (*path, "on"))
+        body, boundary = self.boundary(contact.on, (*path, "on"))
         if contact.tied:
             self._refuse_beside_tied(contact, path)
         friction = self._friction(contact.friction, (*path, "friction"))
@@ -238,7 +251,7 @@ class ConditionReader:
             return Contact(
                 body, boundary, obstacle, f"contacts[{i}]", contact.interference, friction
             )
-        other, other_boundary = self._boundary(contact.against or "", (*path, "against"))
+        other, other_boundary = self.boundary(contact.against or "", (*path, "against"))
         if other == body:
             self.keys.fail(
                 (*path, "against"),

@@ -80,6 +80,26 @@ class Section:
 
 
 @dataclass(frozen=True)
+class InnerSection:
+    """An inner surface of a body at which the force between its two sides is computed.
+
+    Attributes
+    ----------
+    body
+        Number of the body.
+    boundary
+        Name of the surface: of the mesh, or of an expression of the body.
+    behind
+        A point of the side on which the force acts.
+    """
+
+    name: str
+    body: int
+    boundary: str
+    behind: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class OutputOptions:
     """Options of the output.
 
@@ -88,14 +108,14 @@ class OutputOptions:
     probes
         Name and coordinates (x, y, z) of points at which the displacement is written.
     sections
-        Planes at which the force between the two sides of a body is written.
+        Planes and inner surfaces at which the force between the two sides of a body is written.
     """
 
     xdmf: bool = True
     vtu: bool = False
     fields: tuple[str, ...] = FIELDS
     probes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
-    sections: tuple[Section, ...] = ()
+    sections: tuple[Section | InnerSection, ...] = ()
 
 
 @dataclass(frozen=True)

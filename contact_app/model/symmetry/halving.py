@@ -35,7 +35,7 @@ from contact_app.scene.conditions import (
     Temperature,
     Traction,
 )
-from contact_app.scene.scene import Decomposition, Mirror, Scene
+from contact_app.scene.scene import Decomposition, InnerSection, Mirror, Scene, Section
 from meshes.symmetric_half import SAME, AsymmetryError
 
 SAMPLES = {2: 32, 3: 8}
@@ -105,6 +105,9 @@ def _refuse_whole(scene: Scene) -> None:
     for body in scene.bodies:
         if body.hold:
             raise AsymmetryError(f"{body.name} has rigid motions that are held on request")
+    for section in scene.output.sections:
+        if isinstance(section, InnerSection):
+            raise AsymmetryError(f"section {section.name} is on an inner surface")
     rough = [contact for contact in scene.touching if contact.friction is not None]
     if rough:
         raise AsymmetryError(f"{rough[0].source} has friction")
@@ -154,6 +157,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
             across=section.across if halves[section.body].body else (*section.across, axis),
         )
         for section in scene.output.sections
+        if isinstance(section, Section)
     )
     held = tuple(0.0 if a == axis else None for a in range(scene.dimension))
     planes = [

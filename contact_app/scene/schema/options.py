@@ -134,10 +134,23 @@ class SectionPlane(Model):
 
 
 class Section(Model):
-    """A section through a body, at which the force between the two sides is computed."""
+    """A section through a body, at which the force between the two sides is computed.
 
-    plane: SectionPlane = Field(description="{point, normal}.")
-    inside: str = Field(alias="in", description="Name of the body.")
+    A plane through a body, `{in, plane}`, or an inner surface, `{on, behind}`.
+    """
+
+    plane: SectionPlane | None = Field(None, description="{point, normal}, with `in`.")
+    inside: str | None = Field(None, alias="in", description="Name of the body, with `plane`.")
+    on: str | None = Field(
+        None,
+        description="An inner surface, body.name: facets between cells that a group of the mesh "
+        "file or a boundary's expression names. It divides the body into two sides.",
+    )
+    behind: Numbers | None = Field(
+        None,
+        description="With `on`: a point in the body on the side on which force and moment act "
+        "(length).",
+    )
 
 
 class Output(Model):
@@ -155,7 +168,7 @@ class Output(Model):
     )
     sections: dict[str, Section] = Field(
         default_factory=dict,
-        description="Sections by name, {neck: {plane: {point, normal}, in: body}}: `sections` in "
-        "summary.json has the force and moment that the side in front of the plane exerts on the "
-        "side behind it.",
+        description="Sections by name, {neck: {plane: {point, normal}, in: body}} or {ring: {on: "
+        "body.surface, behind: point}}: `sections` in summary.json has the force and moment that "
+        "the side in front of the plane or surface exerts on the side behind it.",
     )

@@ -213,7 +213,7 @@ def test_ranks_tell_the_same(tmp_path: Path) -> None:
         (plane([1, 0], [1, 0, 0]), r"sections\.s\.plane\.point has 2 components"),
         ({"plane": {"point": [1, 0, 0], "normal": [1, 0, 0]}}, r"sections\.s\.in"),
         ({"in": "b"}, r"sections\.s\.plane"),
-        ({"on": "b.x-"}, r"on is an unknown key"),
+        ({"on": "b.x-"}, r"s\.on names the inner surface 'x-' of b; it is on the surface"),
     ],
 )
 def test_wrong_sections_are_told(section: dict[str, Any], told: str) -> None:

@@ -1,0 +1,146 @@
+"""Inner surfaces of a body at which section forces are computed: their two sides, area, centroid.
+
+The surface consists of facets between cells: those that the mesh file names, or all whose nodes
+satisfy the expression of a boundary. It divides the cells of the body into two sides
+(`meshes.inner_surface`). The side with a point that the scene names is behind the surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.errors import ConfigurationError
+from contact_app.model.facets import MIDDLES, moments
+from contact_app.model.probes import OUTSIDE, in_cell
+from contact_app.scene.scene import InnerSection, Scene
+from meshes import CellMesh, Partition
+from meshes.inner_surface import sides_where
+from meshes.quadratic import VERTICES, node_vertices
+from meshes.unstructured import FACETS, row_places
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class InnerSurface:
+    """An inner surface.
+
+    Attributes
+    ----------
+    behind
+        For each subdomain of this rank, mask (cells,) of the cells behind the surface; None for
+        other bodies.
+    area
+        Area; in 2D length.
+    centre : (3,)
+        Centroid.
+    """
+
+    behind: tuple[Bools | None, ...]
+    area: float
+    centre: Array
+
+
+def locate_inner_surface(scene: Scene, partition: Partition, section: InnerSection) -> InnerSurface:
+    """The inner surface of a section (collective).
+
+    Raises
+    ------
+    ConfigurationError
+        There is no such surface, it does not divide the body, or the point is on none of its sides.
+    """
+    body = scene.bodies[section.body]
+    shape = body.mesh.shape(body.degree)  # as it is cut into subdomains, node by node
+    mesh: CellMesh = shape if isinstance(shape, CellMesh) else shape.cell_mesh()
+    if section.boundary in mesh.inner:
+        side = np.zeros(mesh.total_cells, bool)
+        side[mesh.inner[section.boundary]] = True
+    else:
+        points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dimension)))
+        found = sides_where(mesh, body.boundaries[section.boundary](points))
+        if found is None:
+            _refuse(
+                scene, section, "on",
+                f"the facets between cells on {body.name}.{section.boundary} do not divide "
+                f"{body.name} into two sides; all nodes of a facet have to satisfy `where`",
+            )  # fmt: skip
+        side = found
+    local = _of_subdomains(partition, section.body, mesh, side)
+    if not _is_behind(scene, partition, section, local):
+        side = ~side
+        local = tuple(None if mask is None else ~mask for mask in local)
+    return InnerSurface(local, *_area_and_centre(mesh, side))
+
+
+def _refuse(scene: Scene, section: InnerSection, key: str, why: str) -> NoReturn:
+    raise ConfigurationError(f"{scene.at('output')}.sections.{section.name}.{key}: {why}")
+
+
+def _of_subdomains(
+    partition: Partition, body: int, mesh: CellMesh, side: Bools
+) -> tuple[Bools | None, ...]:
+    """The mask of the cells of a body for those of each subdomain of this rank."""
+    corners = VERTICES[mesh.cell]
+    known = np.sort(partition.first_node[body] + mesh.cells[:, :corners], axis=1)
+    masks: list[Bools | None] = []
+    for s in partition.subdomains:
+        if s.body == body:
+            cells = np.sort(s.nodes[s.reference.cells[:, :corners]], axis=1)
+            masks.append(side[row_places(known, cells)])
+        else:
+            masks.append(None)
+    return tuple(masks)
+
+
+def _is_behind(
+    scene: Scene, partition: Partition, section: InnerSection, masks: tuple[Bools | None, ...]
+) -> bool:
+    """Whether the point of a section lies on the side of the masks (collective)."""
+    point, comm = np.array(section.behind), partition.comm
+    best: tuple[float, bool] = np.inf, False
+    for s, mask in zip(partition.subdomains, masks, strict=True):
+        if mask is None:
+            continue
+        outside, nodes, shares = in_cell(s, point, scene.dimension)
+        if outside < best[0]:
+            cells = s.reference.cells
+            at = int(np.argmax((cells == nodes).all(axis=1)))
+            best = outside, bool(mask[at])
+    least, rank = comm.allreduce((best[0], comm.rank), op=MPI.MIN)
+    if least > OUTSIDE:
+        place = ", ".join(f"{v:g}" for v in section.behind[: scene.dimension])
+        name = scene.bodies[section.body].name
+        _refuse(scene, section, "behind", f"the point ({place}) does not lie in {name}")
+    return bool(comm.bcast(best[1], root=rank))
+
+
+def _area_and_centre(mesh: CellMesh, side: Bools) -> tuple[float, Array]:
+    """Area and centroid of the facets between the two sides of a mesh."""
+    topology = mesh.topology
+    across = side[topology.pairs[:, 0]] != side[topology.pairs[:, 1]]
+    table = _facet_nodes(mesh.cell, mesh.degree)[topology.pair_facets[across, 0]]
+    nodes = np.take_along_axis(mesh.cells[topology.pairs[across, 0]], table, axis=1)
+    x = np.pad(mesh.points[nodes], ((0, 0), (0, 0), (0, 3 - mesh.dimension)))
+    weights = moments(x, mesh.dimension).sum(axis=1)
+    area = float(weights.sum())
+    return area, np.einsum("fk,fki->i", weights, x) / area
+
+
+def _facet_nodes(cell: str, degree: int) -> NDArray[np.int64]:
+    """Nodes of each facet of a cell in VTK order, in dolfinx's order of the facet."""
+    around = [set(on) for on in node_vertices(cell)]
+    table = []
+    for facet in FACETS[cell]:
+        corners = [facet[i] for i in ((0, 1, 3, 2) if len(facet) == 4 else range(len(facet)))]
+        nodes = list(corners)
+        if degree == 2:
+            count = {2: 3, 3: 6, 4: 9}[len(corners)]
+            nodes += [around.index({corners[i] for i in amid}) for amid in MIDDLES[count]]
+        table.append(nodes)
+    return np.array(table)
