@@ -204,10 +204,13 @@ class Backend(Protocol[S]):
             The active rows do not hold every body in place.
         """
 
-    def hierarchy(self, warm: bool) -> Hierarchy:
-        """The constraint hierarchy.
+    def hierarchy(self, coarsened: bool) -> Hierarchy:
+        """The constraint hierarchy (collective).
 
-        One level where the start is near the answer (`warm`; collective).
+        Parameters
+        ----------
+        coarsened
+            Whether thin bodies get coarser levels; else there is one level with all rows.
         """
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:

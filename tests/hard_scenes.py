@@ -7,7 +7,8 @@ from typing import Any
 from tests.scenes import Config
 
 
-def _made(box: Config, poisson: float, conditions: list[Any], plane: Config) -> Config:
+def pressed_box(box: Config, poisson: float, conditions: list[Any], contact: Config) -> Config:
+    """A body in the plane with Young's modulus 1000 and one contact."""
     name = "body"
     material = {"young": 1000.0, "poisson": poisson}
     return {
@@ -15,7 +16,7 @@ def _made(box: Config, poisson: float, conditions: list[Any], plane: Config) -> 
         "dimension": 2,
         "bodies": [{"name": name, "mesh": {"box": box}, "material": material}],
         "conditions": conditions,
-        "contacts": [plane],
+        "contacts": [contact],
         "solver": {"tolerance": 1e-8},
     }
 
@@ -28,7 +29,7 @@ def wall(n: int = 16, poisson: float = 0.3) -> Config:
         {"on": "body.y+", "traction": [0.0, -50.0]},
     ]
     plane = {"plane": {"point": [1.0, 0.0], "normal": [-1.0, 0.0]}}
-    return _made(box, poisson, conditions, {"on": "body.x+", "obstacle": plane})
+    return pressed_box(box, poisson, conditions, {"on": "body.x+", "obstacle": plane})
 
 
 def slender(ratio: float, cells: list[int]) -> Config:
@@ -40,4 +41,4 @@ def slender(ratio: float, cells: list[int]) -> Config:
         {"on": "body.y+", "pressure": 2000.0 / ratio**3},
     ]
     plane = {"plane": {"point": [0.0, -0.02], "normal": [0.0, 1.0]}}
-    return _made(box, 0.3, conditions, {"on": "body.y-", "obstacle": plane})
+    return pressed_box(box, 0.3, conditions, {"on": "body.y-", "obstacle": plane})

@@ -201,9 +201,9 @@ class Multigrid:
         self.direct, self._cycle = True, None
         return True
 
-    def hierarchy(self, warm: bool) -> ConstraintHierarchy:
+    def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy of thin bodies, whose contact may peel off (collective)."""
-        return ConstraintHierarchy(self.problem, self._peels and not warm)
+        return ConstraintHierarchy(self.problem, coarsened and self._peels)
 
     @property
     def _peels(self) -> bool:

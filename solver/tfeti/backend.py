@@ -58,14 +58,9 @@ class TotalFeti:
         """Of all sets (collective when first asked)."""
         return coupled_rows(self.problem)
 
-    def hierarchy(self, warm: bool) -> ConstraintHierarchy:
-        """The constraint hierarchy.
-
-        Several levels for thin bodies without an initial guess (collective).
-        """
-        return ConstraintHierarchy(
-            self.problem, coarsened=self.problem.held_without_contact and not warm
-        )
+    def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
+        """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""
+        return ConstraintHierarchy(self.problem, coarsened and self.problem.held_without_contact)
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
         """Active rows in the mirror image of leaving ones (collective)."""
