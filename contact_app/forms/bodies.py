@@ -24,7 +24,15 @@ from contact_app.errors import NoEquilibriumError
 from contact_app.forms.subdomains import Subdomains
 from contact_app.model.equilibrium import ContactPoints, directions_in_words
 from meshes.connected import connected
-from solver.contact.equilibrium import balance, by_body, holds, loose_motions, slide, spanned
+from solver.contact.equilibrium import (
+    balance,
+    by_body,
+    held_motions,
+    holds,
+    loose_motions,
+    slide,
+    spanned,
+)
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
@@ -245,7 +253,7 @@ def holding(
         slips = _contact_motions(bodies, exchange, rows.friction.rows, d)
         rough = ContactPoints(rows.friction, rows.friction.places(contact), slips)
     free: list[Array] = [np.zeros((m, 0))] * bodies.count
-    loose = list(free)
+    loose, allowed = list(free), list(free)
     alone, steady = np.zeros(bodies.count, bool), True
     for number in np.unique(groups):
         group = np.flatnonzero(groups == number)
@@ -273,9 +281,11 @@ def holding(
         resisting = of_group if cones is None else np.concatenate([of_group, cones.slips])
         slides = loose_motions(comm, holding_rows, resisting, moved[:, columns])
         slides = spanned(np.hstack([slides, found.free_motions])).reshape(len(group), m, -1)
-        for b, motion in zip(group, slides, strict=True):
-            loose[b] = motion
-    return Holding(free, alone, steady, LooseBodies(loose, bodies.centres, bodies.lengths))
+        left = held_motions(comm, holding_rows).reshape(len(group), m, -1)
+        for b, motion, other in zip(group, slides, left, strict=True):
+            loose[b], allowed[b] = motion, other
+    found_motions = LooseBodies(loose, allowed, bodies.centres, bodies.lengths)
+    return Holding(free, alone, steady, found_motions)
 
 
 def _moved_by_contact(

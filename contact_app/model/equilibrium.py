@@ -153,11 +153,12 @@ def _with_free(
 
 
 def loose_bodies(bodies: Sequence[Body], balances: list[BodyBalance]) -> LooseBodies:
-    """Rigid motions of elastic bodies that nothing resists."""
+    """Rigid motions of elastic bodies that nothing resists, and that contact alone holds."""
     frames = [body_frame(body) for body in bodies]
     frames += [(np.zeros(3), 1.0)] * (len(balances) - len(frames))
     return LooseBodies(
         [balance.loose for balance in balances],
+        [balance.allowed for balance in balances],
         np.array([centre for centre, _ in frames]),
         np.array([length for _, length in frames]),
     )

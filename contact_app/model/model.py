@@ -84,8 +84,6 @@ class Model:
         Cells on both sides of the planes of section forces.
     notes
         Sentences on rows that were left out or added, for `check`, the log and the certificate.
-    allowed : one (motions, k) array per body
-        Rigid motions of its group that displacement conditions leave free (`BodyBalance`).
     """
 
     scene: Scene
@@ -104,7 +102,6 @@ class Model:
     temperatures: tuple[NDArray[np.float64] | None, ...] = ()
     sections: tuple[SectionPiece, ...] = ()
     notes: tuple[str, ...] = field(default=())
-    allowed: tuple[NDArray[np.float64], ...] = ()
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -250,7 +247,6 @@ def model_of_outline(
         temperatures=tuple(_temperatures(known, members) for members in classes.values()),
         sections=known.sections,
         notes=tuple(_notes(scene, known, problem)),
-        allowed=tuple(balance.allowed for balance in balances),
     )
 
 

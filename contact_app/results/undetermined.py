@@ -79,7 +79,8 @@ class Undetermined:
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
     """The motions that an answer without friction leaves open (collective)."""
     scene, problem, comm = model.scene, model.problem, model.comm
-    if problem.friction is not None:
+    free = problem.system.free
+    if problem.friction is not None or free is None:
         return []
     m, contact = MOTIONS[scene.dimension], problem.contact
     rigid = RigidUnknowns.of(scene, model.partition)
@@ -93,8 +94,10 @@ def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
         rows = seen[:, (group[:, None] * m + np.arange(m)).ravel()]
         mine = np.diff(rows.indptr) > 0
         dense, presses = rows[mine].toarray(), force[mine] > PRESSING * largest
-        allowed = np.concatenate([model.allowed[b] for b in group])
-        loose = _loose(model, group)
+        allowed, loose = (
+            np.concatenate([some[b] for b in group])
+            for some in (free.loose.allowed, free.loose.along)
+        )
         for motion in undetermined_motions(comm, allowed, dense, presses, loose).T:
             speeds = [
                 _speed(scene, int(b), part)
@@ -106,14 +109,6 @@ def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
                 along = directions_in_words(upward(motion.reshape(len(group), m)[most][:, None]))
                 found.append(Undetermined(scene.body_names[group[most]], along, reach))
     return found
-
-
-def _loose(model: Model, group: NDArray[np.int64]) -> Array:
-    """Motions of a group that contacts hardly resist, (motions, k)."""
-    free = model.problem.system.free
-    if free is None:
-        return np.zeros((len(group) * MOTIONS[model.scene.dimension], 0))
-    return np.concatenate([free.loose.along[b] for b in group])
 
 
 def _reach(comm: MPI.Intracomm, closing: Array, left: Array) -> float:

@@ -22,11 +22,12 @@ sum is zero if every point either rests or slides along a force at its limit. Th
 that of the problem with the limits s, to which û adds s |ŵ| - λ_t · ŵ ≥ 0 at each point.
 
 References of the relative numbers. Each body is measured by its own sizes: lengths by its largest
-displacement without rigid motions that nothing resists (`solver.tfeti.free_motions`), forces by its
-load (the largest of the sums of the magnitudes of loads, of reactions and of contact forces), the
-gap by its strain energy ½ a(u,u). So a weak body beside a strong one, or a stiff body on a soft
-one, is certified by its own sizes (`solver.contact.bodies`). Bodies that can touch form a group;
-the gap of a group bounds the error of each of its bodies. The worst body decides.
+displacement without rigid motions that nothing resists, or nothing that presses
+(`solver.tfeti.free_motions`), forces by its load (the largest of the sums of the magnitudes of
+loads, of reactions and of contact forces), the gap by its strain energy ½ a(u,u). So a weak body
+beside a strong one, or a stiff body on a soft one, is certified by its own sizes
+(`solver.contact.bodies`). Bodies that can touch form a group; the gap of a group bounds the error
+of each of its bodies. The worst body decides.
 
 Rounding errors. The gap assumes exact arithmetic. So two terms are added to its square root: the
 effect on the strains of rounding u to its last digit, and the energy norm of the residual of
@@ -158,7 +159,8 @@ class Measures:
     displacements : (bodies,)
         Largest |u| over all nodes of each body, in units of length; zero for rigid bodies.
     deformations : (bodies,)
-        Largest |u| without the rigid motions that nothing resists: the reference of lengths.
+        Largest |u| without the rigid motions that no row with a force resists: the reference of
+        lengths.
     loads : (bodies,)
         Largest of the sums of magnitudes of loads, reactions and contact forces of each body.
     pressed : (bodies,)

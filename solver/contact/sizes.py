@@ -124,7 +124,7 @@ class MeasuredAnswer(Protocol):
         """Largest |u| over the nodes of each body, (bodies,); zero for rigid bodies."""
 
     def largest_deformations(self) -> Array:
-        """Largest |u| without the rigid motions that nothing resists, (bodies,)."""
+        """Largest |u| without the rigid motions that no row with a force resists, (bodies,)."""
 
     def forces_on_bodies(self, force: Array, reactions: Array) -> Array:
         """Sums of the magnitudes of loads, of reactions and tied forces, and of contact forces.

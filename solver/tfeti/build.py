@@ -170,7 +170,7 @@ def build_system(
         places,
         exchange.total,
         constraints.friction,
-        _free_motions(comm, d, subdomains, groups, loose),
+        _free_motions(comm, d, subdomains, classes, groups, loose),
     )
 
 
@@ -178,10 +178,11 @@ def _free_motions(
     comm: MPI.Intracomm,
     d: int,
     subdomains: Sequence[CongruentSubdomains],
+    classes: Sequence[SubdomainClass],
     groups: NDArray[np.int64],
     loose: LooseBodies | None,
 ) -> FreeMotions | None:
-    """Motions that nothing resists, with the nodes of their subdomains.
+    """Motions that nothing resists or contact alone, with the nodes of their subdomains.
 
     None where there are none.
     """
@@ -190,7 +191,8 @@ def _free_motions(
     moved = [np.zeros((len(s.bodies), 3)) if s.places is None else s.places.translations
              for s in subdomains]  # fmt: skip
     points, bodies = [s.points for s in subdomains], [s.bodies for s in subdomains]
-    return FreeMotions(comm, d, groups, loose, points, moved, bodies)
+    rigid = [cls.rigid for cls in classes]
+    return FreeMotions(comm, d, groups, loose, points, moved, bodies, rigid)
 
 
 def _classes(

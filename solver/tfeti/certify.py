@@ -56,8 +56,8 @@ class DualAnswer:
         return sizes.largest_displacements(self.problem, self.displacements)
 
     def largest_deformations(self) -> Array:
-        """Largest |u| without the rigid motions that nothing resists, (bodies,)."""
-        return sizes.largest_deformations(self.problem, self.displacements)
+        """Largest |u| without the rigid motions that no row with a force resists, (bodies,)."""
+        return sizes.largest_deformations(self.problem, self.multiplier, self.displacements)
 
     def forces_on_bodies(self, force: Array, reactions: Array) -> Array:
         """Magnitudes of loads, of reactions and ties, and of contact forces, (3, bodies)."""

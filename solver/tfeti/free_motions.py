@@ -1,4 +1,4 @@
-"""Displacements without the rigid motions that nothing resists.
+"""Displacements without the rigid motions that nothing resists, or nothing that presses.
 
 A ball between races may turn about itself. Its rotation is irrelevant, and relative to a large
 rotation any penetration is small. So the reference of lengths is the displacement without these
@@ -8,6 +8,10 @@ motions: of a group of bodies with free motions L z and rigid motions M_b at the
 
 and u_b - M_b L_b z is the remaining displacement. A node counts once for each subdomain that has
 it.
+
+A block that rests on a plane with play before a wall may slide, too, until it meets the wall. Of an
+answer, such motions are those that held and tied rows leave and on which all rows with a force
+vanish: N_p L z = 0. No load does work on them and they strain nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +23,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.subdomain.kernels import rigid_motions
+from solver.contact.equilibrium import held_motions, spanned
+from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 
 Array = NDArray[np.float64]
 
@@ -35,23 +40,26 @@ class LooseBodies:
     ----------
     along : one (motions, k) array per body
         L_b; k is equal for all bodies of a group, and 0 without free motions.
+    allowed : one (motions, k) array per body
+        The same for the motions that held and tied rows leave free.
     centres, lengths : (bodies, 3), (bodies,)
         Centre and length in the definition of each body's rigid motions.
     """
 
     along: Sequence[Array]
+    allowed: Sequence[Array]
     centres: Array
     lengths: Array
 
     @property
     def any(self) -> bool:
-        """Whether some body has such motions."""
-        return any(along.shape[1] > 0 for along in self.along)
+        """Whether contact holds some body, or nothing."""
+        return any(some.shape[1] > 0 for some in (*self.along, *self.allowed))
 
 
 @dataclass(frozen=True, eq=False)
 class FreeMotions:
-    """Loose bodies with the nodes of their subdomains on this rank.
+    """Loose bodies, or bodies that contact holds, with the nodes of their subdomains on this rank.
 
     Attributes
     ----------
@@ -62,6 +70,8 @@ class FreeMotions:
         Translation of each member from the points of its class.
     members : one (members,) array per class
         Body of each subdomain.
+    rigid : (classes,)
+        Whether the unknowns of a class are the motions of a rigid body.
     """
 
     comm: MPI.Intracomm
@@ -71,19 +81,28 @@ class FreeMotions:
     points: Sequence[Array]
     translations: Sequence[Array]
     members: Sequence[NDArray[np.int64]]
+    rigid: Sequence[bool]
 
-    def of(self, displacements: Sequence[Array]) -> list[Array]:
+    def of(
+        self, displacements: Sequence[Array], along: Sequence[Array] | None = None
+    ) -> list[Array]:
         """The free part of displacements, as rigid motions (motions,) of each body (collective).
+
+        Rigid bodies do not count.
 
         Parameters
         ----------
         displacements : one (n, members) array per class
+        along : one (motions, k) array per body
+            The motions that are free; those of the loose bodies unless given.
         """
-        every = self.loose.along
+        every = self.loose.along if along is None else along
         count = [along.shape[1] for along in every]
         grams = [np.zeros((k, k)) for k in count]
         seen = [np.zeros(k) for k in count]
         for number, u in enumerate(displacements):
+            if self.rigid[number]:
+                continue
             for member, body in enumerate(self.members[number]):
                 if count[body]:
                     fields = self._motions(number, member) @ every[body]
@@ -100,12 +119,52 @@ class FreeMotions:
                     result[b] = every[b] @ size
         return result
 
+    def allowed_motions(self, group: int, interfaces: Sequence[NDArray[np.int64]]) -> Array:
+        """The allowed motions of a group on the interface of this rank, (interface, k).
+
+        Parameters
+        ----------
+        interfaces
+            Interface unknowns of each class.
+        """
+        bodies = np.flatnonzero(self.groups == group)
+        count = self.loose.allowed[bodies[0]].shape[1]
+        parts = [np.zeros((0, count))]
+        for number, unknowns in enumerate(interfaces):
+            for member, body in enumerate(self.members[number]):
+                moved = np.zeros((len(unknowns), count))
+                if count and self.groups[body] == group:
+                    moved = self._motions(number, member)[unknowns] @ self.loose.allowed[body]
+                parts.append(moved)
+        return np.concatenate(parts)
+
+    def unresisted(self, group: int, seen: Array) -> list[Array]:
+        """The motions of a group on which rows vanish, and its loose motions.
+
+        (motions, k) for each body of the group (collective).
+
+        Parameters
+        ----------
+        seen : (rows, k)
+            Some rows of this rank, applied to the allowed motions of the group.
+        """
+        bodies = np.flatnonzero(self.groups == group)
+        allowed, loose = (
+            np.concatenate([some[b] for b in bodies])
+            for some in (self.loose.allowed, self.loose.along)
+        )
+        left = allowed @ held_motions(self.comm, seen)
+        both = spanned(np.hstack([left, loose]))
+        return list(both.reshape(len(bodies), len(both) // len(bodies), both.shape[1]))
+
     def field(self, number: int, member: int, motion: Array) -> Array:
         """Displacements (n,) of one member of a class under a rigid motion of its body."""
         return np.asarray(self._motions(number, member) @ motion)
 
     def _motions(self, number: int, member: int) -> Array:
         """M_b at the nodes of one member, (n, motions)."""
+        if self.rigid[number]:
+            return np.eye(2 * self.dimension, MOTIONS[self.dimension])
         body = int(self.members[number][member])
         points = self.points[number] + self.translations[number][member]
         frame = self.loose.centres[body], float(self.loose.lengths[body])

@@ -14,6 +14,10 @@ from solver.contact.row_kinds import RowKind
 from solver.contact.sizes import Equilibrium
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
+from solver.tfeti.free_motions import FreeMotions
+
+PRESSING = 1e-6
+"""Force of a row over the largest on its bodies, below which it does not resist a motion."""
 
 ROUNDED = 4.0
 """Rounding errors of displacements, in units of ε max|u|, that count for the forces."""
@@ -95,13 +99,21 @@ def largest_displacements(
 
 
 def largest_deformations(
-    problem: DualProblem, displacements: list[NDArray[np.float64]]
+    problem: DualProblem,
+    multiplier: NDArray[np.float64],
+    displacements: list[NDArray[np.float64]],
 ) -> NDArray[np.float64]:
-    """Largest |u| of each body without motions that nothing resists, (bodies,) (collective)."""
+    """Largest |u| of each body without its free motions, (bodies,) (collective).
+
+    These are motions that nothing resists, and those that no row with a force resists.
+    """
     free = problem.system.free
     if free is None:
         return largest_displacements(problem, displacements)
-    motions, left = free.of(displacements), []
+    along = unresisted(problem, free, multiplier)
+    if not any(some.shape[1] for some in along):
+        return largest_displacements(problem, displacements)
+    motions, left = free.of(displacements, along), []
     for number, (u, body) in enumerate(zip(displacements, problem.bodies.members, strict=True)):
         own = u.copy(order="F")
         for member, b in enumerate(body):
@@ -109,6 +121,32 @@ def largest_deformations(
                 own[:, member] -= free.field(number, member, motions[b])
         left.append(own)
     return largest_displacements(problem, left)
+
+
+def unresisted(
+    problem: DualProblem, free: FreeMotions, multiplier: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Motions that no row with a force resists, (motions, k) for each body (collective)."""
+    bodies, force = problem.bodies, np.where(problem.conditional, np.abs(multiplier), 0.0)
+    force = force * problem.spread
+    most = np.zeros(bodies.count)
+    for side in bodies.rows.T:
+        np.maximum.at(most, side, force)
+    most = largest(problem.comm, most)
+    presses = force > PRESSING * most[bodies.rows].min(axis=1)
+    interfaces, moved = [cls.interface for cls in problem.classes], np.empty(problem.size)
+    result = list(free.loose.along)
+    for group in range(bodies.group_count):
+        seen = []
+        for motion in free.allowed_motions(group, interfaces).T:
+            problem.B.apply(np.ascontiguousarray(motion), moved)
+            seen.append(moved[presses])
+        if not seen:
+            continue
+        found = free.unresisted(group, np.column_stack(seen))
+        for body, motions in zip(np.flatnonzero(bodies.groups == group), found, strict=True):
+            result[body] = motions
+    return result
 
 
 def forces_on_bodies(

@@ -36,6 +36,16 @@ def test_a_scene_that_multigrid_solves_to_rounding_errors() -> None:
     assert verdict.method == "primal"
 
 
+def test_a_slide_does_not_loosen_the_limit_of_jumps() -> None:
+    """Tied blocks that slid by twice their size: a jump of the tie counted relative to the slide.
+
+    It was a ten-thousandth of the deformation, and the energy was too high by 1.7e-6.
+    """
+    verdict = judge(30072, method="smalbe")
+    assert verdict.kind == "agrees", verdict
+    assert verdict.method == "smalbe"
+
+
 def test_a_rigid_body_that_slides_off_is_no_fault() -> None:
     """The judge knows the message of the run by its words."""
     assert judge(20038, method="primal").kind == "slides"

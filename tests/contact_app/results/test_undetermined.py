@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 import contact_app
+from contact_app.run.solve import solve_scene
+from solver.tfeti.certify import certify
 from tests import scenes
 from tests.scenes_on_ranks import summary_of
 
@@ -57,6 +59,28 @@ def test_what_determines_the_place_ends_the_warning() -> None:
     pushed = between_walls()
     pushed["conditions"].append({"on": "block.x-", "traction": [1.0, 0]})
     assert not plays(pushed)
+
+
+def test_lengths_are_relative_to_the_displacement_without_the_play() -> None:
+    """A slide between the walls leaves the certificate as it is.
+
+    Relative to a large slide, a large penetration would be small.
+    """
+    made = between_walls()
+    made["decomposition"] = {"subdomains": 4}
+    solved = solve_scene(scenes.build(made))
+    problem, solution = solved.model.problem, solved.solution
+    entered = [u.copy() for u in solution.displacements]
+    for u in entered:
+        u[1::2] -= 1e-2 * solution.measures.displacement
+    slid = [u.copy() for u in entered]
+    for u in slid:
+        u[0::2] += 0.08
+    before, after = (certify(problem, solution.multiplier, u, 1e-6) for u in (entered, slid))
+    assert before[0].max_penetration > 1e-3
+    assert after[1].displacement > 2.0 * before[1].displacement
+    assert after[0].max_penetration == pytest.approx(before[0].max_penetration)
+    assert after[1].deformations[0] == pytest.approx(before[1].deformations[0])
 
 
 def test_a_motion_that_no_row_resists_is_no_play() -> None:
