@@ -1,24 +1,27 @@
 """Fingerprints of forms and rows: a solve reuses stiffness, factors and rows where they are equal.
 
 The matrix of a form is reused if its coefficients, constants, facet tags and mesh have the same
-values, byte by byte. Rows are reused if all but displacements and gaps are the same.
+values, byte by byte, and the surfaces of contacts if their tags have. Rows are reused if all but
+displacements and gaps are the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from hashlib import sha1
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.forms.contacts import Contact
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 
 
-def fingerprint_of_form(form: Any, mesh: Any) -> bytes:
-    """Fingerprint of all values on this rank that a bilinear form depends on."""
-    return _digest(_values_of_form(form, mesh))
+def fingerprint_of_form(form: Any, mesh: Any, contacts: Sequence[Contact] = ()) -> bytes:
+    """Fingerprint of all values on this rank that a bilinear form and sides of contacts have."""
+    return _digest(chain(_values_of_form(form, mesh), _values_of_tags(contacts)))
 
 
 def fingerprint_of_rows(held: HeldRows, contact: ContactRows) -> bytes:
@@ -49,9 +52,18 @@ def _values_of_form(form: Any, mesh: Any) -> Iterator[Any]:
     for integral in form.integrals():
         data = integral.subdomain_data()
         for tags in data if isinstance(data, list | tuple) else [data]:
-            for name in ("indices", "values"):
-                if hasattr(tags, name):
-                    yield getattr(tags, name)
+            yield from _arrays_of(tags)
+
+
+def _values_of_tags(contacts: Sequence[Contact]) -> Iterator[Any]:
+    for tags in {id(contact.facet_tags): contact.facet_tags for contact in contacts}.values():
+        yield from _arrays_of(tags)
+
+
+def _arrays_of(tags: Any) -> Iterator[Any]:
+    for name in ("indices", "values"):
+        if hasattr(tags, name):
+            yield getattr(tags, name)
 
 
 def _values_of_rows(held: HeldRows, contact: ContactRows) -> Iterator[Any]:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.forms.boundary import Facets, gathered_surface
+from contact_app.forms.boundary import Facets
 from contact_app.forms.contacts import Contact
 from contact_app.forms.parts import Parts
-from contact_app.forms.rows import side_of
+from contact_app.forms.sides import Sides
 from contact_app.model.facets import moments
 from contact_app.model.tangential_rows import (
     RoughContact,
@@ -20,7 +20,7 @@ from contact_app.model.tangential_rows import (
     tangential_rows,
 )
 from contact_app.model.ties import decided_by
-from meshes.ties import mean_jumps
+from meshes.ties import MeanJumps, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
@@ -28,11 +28,25 @@ from solver.tfeti.constraints.friction import FrictionRows
 Array = NDArray[np.float64]
 
 
+def jumps_of(
+    exchange: NodeExchange, contacts: Sequence[Contact], sides: Sequence[Sides], held: HeldRows
+) -> tuple[MeanJumps | None, ...]:
+    """Mortar means of the motions along each other, of pairs with friction (collective)."""
+    jumps: list[MeanJumps | None] = []
+    for contact, own in zip(contacts, sides, strict=True):
+        if contact.law is None or contact.against is None:
+            jumps.append(None)
+        else:
+            on, against = own.surfaces
+            jumps.append(mean_jumps(on, against, decided_by(exchange, held), gives=False))
+    return tuple(jumps)
+
+
 def friction_rows(
     parts: Parts,
     exchange: NodeExchange,
     contacts: Sequence[Contact],
-    facets: Sequence[Facets],
+    sides: tuple[Sequence[Sides], Sequence[MeanJumps | None]],
     held: HeldRows,
     rows: tuple[ContactRows, ContactRows],
 ) -> FrictionRows | None:
@@ -40,14 +54,14 @@ def friction_rows(
 
     Parameters
     ----------
-    facets
-        Of each contact on the side of `tag`.
+    sides
+        Of each contact, and its `jumps_of`.
     rows
         Contact rows this rank owns, and those that are redundant beside them.
     """
     rough = [
-        _rough(parts, exchange, held, (contact, own), number)
-        for number, (contact, own) in enumerate(zip(contacts, facets, strict=True))
+        _rough(parts, exchange, held, (contact, own.facets, jumps), number)
+        for number, (contact, own, jumps) in enumerate(zip(contacts, *sides, strict=True))
         if contact.law is not None
     ]
     if not rough:
@@ -60,19 +74,16 @@ def _rough(
     parts: Parts,
     exchange: NodeExchange,
     held: HeldRows,
-    touching: tuple[Contact, Facets],
+    touching: tuple[Contact, Facets, MeanJumps | None],
     number: int,
 ) -> RoughContact:
     """One contact with friction."""
-    contact, facets = touching
+    contact, facets, jumps = touching
     assert contact.law is not None
 
     def slips(own: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
-        if contact.against is None:
+        if jumps is None:
             return slips_at_obstacle(own, held)
-        other = side_of(parts, contact, contact.against, f"contacts[{number}].against")
-        one, two = (gathered_surface(parts, side) for side in (facets, other))
-        jumps = mean_jumps(one, two, decided_by(exchange, held), gives=False)
         return slips_between(exchange, own, jumps, number)
 
     def shares(nodes: NDArray[np.int64]) -> Array:

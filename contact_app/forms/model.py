@@ -20,16 +20,17 @@ from contact_app.forms.bodies import (
     holding,
     kernel_of,
 )
-from contact_app.forms.boundary import Facets
 from contact_app.forms.checks import check_matrices, together
 from contact_app.forms.congruent import Congruent, congruent
 from contact_app.forms.contacts import Contact
 from contact_app.forms.fingerprints import all_equal, fingerprint_of_form, fingerprint_of_rows
-from contact_app.forms.friction import friction_rows
+from contact_app.forms.friction import friction_rows, jumps_of
 from contact_app.forms.grid import ALIKE, Grid
 from contact_app.forms.parts import Parts, parts_of
-from contact_app.forms.rows import rows_of, tagged_facets
+from contact_app.forms.rows import rows_of
+from contact_app.forms.sides import Sides, sides_of
 from contact_app.forms.subdomains import Subdomains, subdomains_of
+from meshes.ties import MeanJumps
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -60,8 +61,8 @@ class FormModel:
         With the copies of nodes that `exchange` brings to their owners.
     bodies
         What hangs together.
-    facets
-        Facets of each contact on the side of `tag`.
+    sides, jumps
+        Of each contact: its facets and surfaces, and `jumps_of`.
     merged
         Rows that a tighter one of the same node makes redundant.
     notes
@@ -69,14 +70,15 @@ class FormModel:
     place : (subdomains, 2)
         Class and column of each subdomain of this rank in the problem.
     form, of_form, of_rows
-        a, and fingerprints of its values and of the rows.
+        a, and fingerprints of its values, with the tags of contacts, and of the rows.
     """
 
     subdomains: Subdomains
     bodies: Bodies
     exchange: NodeExchange
     contacts: tuple[Contact, ...]
-    facets: tuple[Facets, ...]
+    sides: tuple[Sides, ...]
+    jumps: tuple[MeanJumps | None, ...]
     problem: DualProblem
     merged: ContactRows
     notes: tuple[str, ...]
@@ -141,9 +143,10 @@ def build_model(
     with together(parts.comm):
         check_matrices([cls.stiffness for cls in classes])
     exchange = NodeExchange(parts.comm, own.numbers, parts.nodes)
-    facets = tuple(tagged_facets(parts, contact, i) for i, contact in enumerate(contacts))
-    held, contact, merged = rows_of(parts, exchange, bcs, contacts, facets)
-    friction = friction_rows(parts, exchange, contacts, facets, held, (contact, merged))
+    sides = tuple(sides_of(parts, contact, i) for i, contact in enumerate(contacts))
+    held, contact, merged = rows_of(parts, exchange, bcs, contacts, sides)
+    jumps = jumps_of(exchange, contacts, sides, held)
+    friction = friction_rows(parts, exchange, contacts, (sides, jumps), held, (contact, merged))
     of_rows = fingerprint_of_rows(held, contact)
     bodies = bodies_of(own, exchange)
     groups = groups_of(bodies, exchange, contact)
@@ -165,18 +168,24 @@ def build_model(
             _subdomain(own, bodies, eliminated, loads, lifted, cls, not options.factored)
             for cls in classes
         ]
-    place = np.empty((own.count, 2), np.int64)
-    for number, cls in enumerate(classes):
-        place[cls.members, 0], place[cls.members, 1] = number, np.arange(len(cls.members))
     problem = DualProblem(
         build_system(
             pieces, constraints, groups, lambda: measure("factorization"), options, found.loose
         )
     )
     return FormModel(
-        own, bodies, exchange, tuple(contacts), facets, problem, merged, _notes(bodies, found),
-        place, forms[0], fingerprint_of_form(forms[0], space.mesh), of_rows,
+        own, bodies, exchange, tuple(contacts), sides, jumps, problem, merged,
+        _notes(bodies, found), _places(classes, own.count), forms[0],
+        fingerprint_of_form(forms[0], space.mesh, contacts), of_rows,
     )  # fmt: skip
+
+
+def _places(classes: Sequence[Congruent], count: int) -> NDArray[np.int64]:
+    """Class and column of each subdomain, (subdomains, 2)."""
+    place = np.empty((count, 2), np.int64)
+    for number, cls in enumerate(classes):
+        place[cls.members, 0], place[cls.members, 1] = number, np.arange(len(cls.members))
+    return place
 
 
 def with_new_loads(
@@ -188,7 +197,8 @@ def with_new_loads(
 ) -> FormModel | None:
     """The model with the present loads, held displacements and gaps (collective).
 
-    It shares the matrices and factors of the earlier one. None if a or the rows have changed.
+    It shares the matrices and factors of the earlier one, and the surfaces of contacts. None if a
+    or the rows have changed.
 
     Raises
     ------
@@ -197,18 +207,18 @@ def with_new_loads(
     """
     parts, exchange, problem = model.parts, model.exchange, model.problem
     given = [id(contact) for contact in contacts] == [id(contact) for contact in model.contacts]
-    now = fingerprint_of_form(forms[0], parts.space.mesh)
+    now = fingerprint_of_form(forms[0], parts.space.mesh, contacts)
     if not (forms[0] is model.form and given and all_equal(parts.comm, now, model.of_form)):
         return None
-    facets = tuple(tagged_facets(parts, own, i) for i, own in enumerate(model.contacts))
-    held, contact, merged = rows_of(parts, exchange, bcs, model.contacts, facets)
+    held, contact, merged = rows_of(parts, exchange, bcs, model.contacts, model.sides)
     if not all_equal(parts.comm, fingerprint_of_rows(held, contact), model.of_rows):
         return None
     with measure("assembly"):
         loads = model.subdomains.loads(forms[1])
     stiffness = [problem.classes[cls].stiffness for cls, _ in model.place]
     groups = problem.bodies.groups
-    friction = friction_rows(parts, exchange, model.contacts, facets, held, (contact, merged))
+    sides = model.sides, model.jumps
+    friction = friction_rows(parts, exchange, model.contacts, sides, held, (contact, merged))
     resisting = Resisting(held, contact, groups, friction)
     holding(model.subdomains, model.bodies, exchange, stiffness, loads, resisting)
     forces = [np.zeros_like(own) for own in problem.forces]
@@ -228,7 +238,7 @@ def with_new_loads(
     if friction is not None:
         c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
     case = problem.with_loads(forces, lifting, c)
-    return replace(model, problem=case, facets=facets, merged=merged)
+    return replace(model, problem=case, merged=merged)
 
 
 def _lifted(exchange: NodeExchange, held: HeldRows) -> tuple[NDArray[np.bool_], Array]:

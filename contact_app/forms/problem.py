@@ -68,7 +68,7 @@ class _Answer:
     pressure: Any
     smoothed: Any
     gap: Any
-    friction: _Friction
+    friction: _Friction | None
     summary: dict[str, Any]
 
 
@@ -300,11 +300,13 @@ class ContactProblem:
                 result.x.array[:] = on_space.values(values).ravel()
                 return result
 
-            traction, slip, status = friction_fields(found, owners.count, d)
-            friction = _Friction(
-                vectors(traction, "friction_traction"), vectors(slip, "slip"),
-                function(status.astype(float), "contact_status"),
-            )  # fmt: skip
+            friction = None
+            if any(contact.law for contact in model.contacts):
+                traction, slip, status = friction_fields(found, owners.count, d)
+                friction = _Friction(
+                    vectors(traction, "friction_traction"), vectors(slip, "slip"),
+                    function(status.astype(float), "contact_status"),
+                )  # fmt: skip
             fields = (
                 function(pressure, "contact_pressure"),
                 function(smoothed, "smoothed_contact_pressure"),
@@ -354,18 +356,21 @@ class ContactProblem:
 
     @property
     def friction_traction(self) -> Any:
-        """Vector Function of the friction force per area on the side of `tag`."""
-        return self._solved.friction.traction
+        """Vector Function of the friction force per area on the side of `tag`.
+
+        None if no contact has friction; also `slip` and `contact_status`.
+        """
+        return self._solved.friction and self._solved.friction.traction
 
     @property
     def slip(self) -> Any:
         """Vector Function of what the side of `tag` moves along what it touches."""
-        return self._solved.friction.slip
+        return self._solved.friction and self._solved.friction.slip
 
     @property
     def contact_status(self) -> Any:
         """Function that is 0 where a node is open, 1 where it sticks, 2 where it slides."""
-        return self._solved.friction.status
+        return self._solved.friction and self._solved.friction.status
 
     @property
     def summary(self) -> dict[str, Any]:

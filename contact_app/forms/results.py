@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.forms.boundary import Facets, gathered_surface
+from contact_app.forms.boundary import Facets
 from contact_app.forms.model import FormModel, largest
 from contact_app.forms.parts import Parts
-from contact_app.forms.rows import held_components, in_the_mean, side_of
+from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
@@ -136,7 +136,7 @@ def contact_at_nodes(
         Friction at the contact rows.
     """
     problem, rows, d = model.problem, model.problem.contact, model.parts.dimension
-    facets, count = model.facets[number], len(model.parts.points)
+    facets, count = model.sides[number].facets, len(model.parts.points)
     shares = owners.sums(facets.shares(d, count))
     mine = rows.sources == number
     at = rows.nodes[mine] - model.exchange.first
@@ -185,17 +185,13 @@ def _smoothed(
     model: FormModel, owners: Owners, number: int, pressure: Array, shares: Array
 ) -> Array:
     """The pressure of a contact without what facets make of it, (owned,) (collective)."""
-    parts, contact, facets = model.parts, model.contacts[number], model.facets[number]
-    sides = [gathered_surface(parts, facets)]
-    if contact.against is not None:
-        other = side_of(parts, contact, contact.against, f"contacts[{number}].against")
-        sides.append(gathered_surface(parts, other))
+    parts, sides = model.parts, model.sides[number]
     marks = np.zeros(len(parts.points))
-    marks[facets.copies.ravel()] = 1.0
+    marks[sides.facets.copies.ravel()] = 1.0
     on = np.flatnonzero(owners.sums(marks) > 0.0)
     known = model.exchange.first + on, pressure[on], shares[on]
     result = np.zeros(owners.count)
-    result[on] = smoothed_on(parts.comm, sides, known, parts.nodes)
+    result[on] = smoothed_on(parts.comm, sides.surfaces, known, parts.nodes)
     return result
 
 

@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.forms.boundary import Facets, gathered_surface, surface_facets
-from contact_app.forms.checks import check_facets, together
-from contact_app.forms.contacts import Contact, values_of
+from contact_app.forms.boundary import Facets
+from contact_app.forms.checks import together
+from contact_app.forms.contacts import Contact
 from contact_app.forms.parts import Parts
+from contact_app.forms.sides import Sides
 from contact_app.model.averaged_rows import rows_about_vertices
 from contact_app.model.pairs import owned_rows
 from meshes import dolfinx_compat
-from meshes.facet_overlaps import SurfacesApartError
-from meshes.mortar import mean_gaps
 from solver.tfeti.constraints.conditions import (
     ContactRows,
     ContradictionError,
@@ -31,26 +30,12 @@ from solver.tfeti.constraints.merge import merge_contact, merge_held
 Array = NDArray[np.float64]
 
 
-def tagged_facets(parts: Parts, contact: Contact, number: int) -> Facets:
-    """The facets of `tag`; refuses a side without any (collective)."""
-    return side_of(parts, contact, contact.tag, f"contacts[{number}]")
-
-
-def side_of(parts: Parts, contact: Contact, tag: Any, at: str) -> Facets:
-    """The facets of one side of a contact (collective)."""
-    values = values_of(tag)
-    found = surface_facets(parts, contact.facet_tags, values)
-    tagged = int(np.isin(np.asarray(contact.facet_tags.values), values).sum())
-    check_facets(parts.comm, (tagged, len(found.copies)), at, ", ".join(map(str, values)))
-    return found
-
-
 def rows_of(
     parts: Parts,
     exchange: NodeExchange,
     bcs: Sequence[Any],
     contacts: Sequence[Contact],
-    facets: Sequence[Facets],
+    sides: Sequence[Sides],
 ) -> tuple[HeldRows, ContactRows, ContactRows]:
     """Held nodes, contact rows, and rows that are redundant beside these (collective).
 
@@ -63,13 +48,14 @@ def rows_of(
     """
     size = _size(parts)
     at_nodes, means = [_no_contact(parts.dimension)], []
-    for i, (contact, own) in enumerate(zip(contacts, facets, strict=True)):
-        if contact.against is not None:
-            means.append(_mortar_rows(parts, exchange, contact, own, i))
+    for i, (contact, own) in enumerate(zip(contacts, sides, strict=True)):
+        if own.gaps is not None:
+            found = replace(own.gaps, gaps=own.gaps.gaps - contact.interference)
+            means.append(owned_rows(exchange, found, i))
         elif in_the_mean(parts):
-            means.append(_mean_rows(parts, exchange, (contact, own), i, size))
+            means.append(_mean_rows(parts, exchange, (contact, own.facets), i, size))
         else:
-            at_nodes.append(_node_rows(parts, contact, own, i, size))
+            at_nodes.append(_node_rows(parts, contact, own.facets, i, size))
     joined = [np.concatenate(values) for values in zip(*at_nodes, strict=True)]
     conditions = NodeConditions(*_held(parts, bcs), *joined)
     try:
@@ -127,22 +113,6 @@ def in_the_mean(parts: Parts) -> bool:
     """Whether contact with obstacles is enforced on averages about vertices, not at nodes."""
     tetrahedra = parts.space.mesh.topology.cell_name() == "tetrahedron"
     return tetrahedra and dolfinx_compat.lagrange_degree(parts.space) == 2
-
-
-def _mortar_rows(
-    parts: Parts, exchange: NodeExchange, contact: Contact, own: Facets, number: int
-) -> ContactRows:
-    """Mortar rows of a pair (collective)."""
-    at = f"contacts[{number}]"
-    other = side_of(parts, contact, contact.against, f"{at}.against")
-    try:
-        sides = [gathered_surface(parts, side) for side in (own, other)]
-        on, against = (side.smooth() if contact.round else side for side in sides)
-        found = mean_gaps(on, against, parts.comm)
-    except SurfacesApartError as error:
-        raise ValueError(f"{at}: {error}") from error
-    found = replace(found, gaps=found.gaps - contact.interference)
-    return owned_rows(exchange, found, number)
 
 
 def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Array, NDArray]:

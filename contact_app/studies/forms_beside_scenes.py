@@ -5,10 +5,10 @@ CELLS bricks along each edge (28 unless given) cut into tetrahedra whose inner n
 random. It prints processor seconds by turns, so that other work on the machine does not count: of
 the form, of a second solve of the same form, of the scene by its default method and by multigrid.
 Forms compiled before are not counted, nor is the mesh of dolfinx; a scene reads its mesh from a
-file and estimates the error of the mesh, too. A second table is of degree 2 on half as many cells
-along an edge, a third of the bricks themselves, a regular mesh, of which both take congruent
-sub-boxes. Under ``mpirun`` there is this one alone, with the
-processor seconds of all ranks.
+file and estimates the error of the mesh, too. Further tables: degree 2 on half as many cells along
+an edge; friction at the wall; a cube on a cube of half as many cells, with friction; the bricks
+themselves, a regular mesh, of which both take congruent sub-boxes, without and with friction. Under
+``mpirun`` there are the last two alone, with the processor seconds of all ranks.
 """
 
 from __future__ import annotations
@@ -37,6 +37,11 @@ TURNS = 3
 
 YOUNG, POISSON, PRESSURE = 2e5, 0.33, 465.0
 
+FRICTION = {"coulomb": 0.3}
+
+PUSH = (0.1 * PRESSURE, 0.05 * PRESSURE, -PRESSURE)
+"""Traction on the upper of two bodies, within the cone of friction."""
+
 
 def bricks(cells: int) -> Any:
     """A regular mesh of the unit cube."""
@@ -44,53 +49,103 @@ def bricks(cells: int) -> Any:
     return dolfinx.mesh.create_unit_cube(MPI.COMM_WORLD, cells, cells, cells, kind)
 
 
-def form_problem(mesh: Any, degree: int = 1) -> ContactProblem:
+def form_problem(
+    mesh: Any, degree: int = 1, friction: dict[str, float] | None = None
+) -> ContactProblem:
     """The cube as forms."""
     V = dolfinx_compat.vector_space(mesh, degree, 3)
+    foot = fem.locate_dofs_topological(V, 2, _facets(mesh, 2, 0.0))
+    wall = dolfinx_compat.meshtags(mesh, 2, _facets(mesh, 0, 1.0), 1)
+    contact = Contact(wall, 1, Plane((1, 0, 0), (-1, 0, 0)), friction=friction)
+    bcs = [fem.dirichletbc(np.zeros(3), foot, V)]
+    return ContactProblem(*_forms(V, 1.0, (0.0, 0.0, -PRESSURE)), bcs, [contact])
 
-    def facets(axis: int, place: float) -> NDArray[np.int32]:
-        return dolfinx.mesh.locate_entities_boundary(
-            mesh, 2, lambda x: np.isclose(x[axis], place)
-        )  # fmt: skip
 
+def pair_problem(mesh: Any) -> ContactProblem:
+    """A cube on a cube, which friction alone keeps from sliding."""
+    V = dolfinx_compat.vector_space(mesh, 1, 3)
+    foot = fem.locate_dofs_topological(V, 2, _facets(mesh, 2, 0.0))
+    sides = [_facets(mesh, 2, 1.0, above) for above in (True, False)]
+    values: Any = np.repeat([1, 2], [len(side) for side in sides]).astype(np.int32)
+    facets = np.concatenate(sides)
+    order = np.argsort(facets)
+    tags = dolfinx_compat.meshtags(mesh, 2, facets[order], values[order])
+    contact = Contact(tags, 1, against=2, friction=FRICTION)
+    bcs = [fem.dirichletbc(np.zeros(3), foot, V)]
+    return ContactProblem(*_forms(V, 2.0, PUSH), bcs, [contact])
+
+
+def _facets(mesh: Any, axis: int, place: float, above: bool | None = None) -> NDArray[np.int32]:
+    """Facets of the surface on a plane; of two bodies that touch there, those of one."""
+    d = mesh.topology.dim
+    found = dolfinx.mesh.locate_entities_boundary(
+        mesh, d - 1, lambda x: np.isclose(x[axis], place)
+    )  # fmt: skip
+    if above is None:
+        return np.asarray(found)
+    mesh.topology.create_connectivity(d - 1, d)
+    links, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
+    cells = dolfinx_compat.cell_nodes(mesh)[links[offsets[found]]]
+    return np.asarray(found[(mesh.geometry.x[cells][..., axis].mean(axis=1) > place) == above])
+
+
+def _forms(V: Any, top: float, push: tuple[float, float, float]) -> tuple[Any, Any]:
+    """Elasticity, and a traction at a height."""
+    mesh = V.mesh
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     lam = YOUNG * POISSON / (1 + POISSON) / (1 - 2 * POISSON)
     strain, test = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
     stress = lam * ufl.tr(strain) * ufl.Identity(3) + YOUNG / (1 + POISSON) * strain
-    top = dolfinx_compat.meshtags(mesh, 2, facets(2, 1.0), 1)
-    ds = ufl.Measure("ds", domain=mesh, subdomain_data=top)
-    push = fem.Constant(mesh, np.array([0.0, 0.0, -PRESSURE]))
-    foot = fem.locate_dofs_topological(V, 2, facets(2, 0.0))
-    wall = Contact(
-        dolfinx_compat.meshtags(mesh, 2, facets(0, 1.0), 1), 1, Plane((1, 0, 0), (-1, 0, 0))
-    )
-    return ContactProblem(
-        ufl.inner(stress, test) * ufl.dx(metadata={"quadrature_degree": 2}),
-        ufl.inner(push, v) * ds(1),
-        [fem.dirichletbc(np.zeros(3), foot, V)],
-        [wall],
-    )
+    tags = dolfinx_compat.meshtags(mesh, 2, _facets(mesh, 2, top), 1)
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+    load = ufl.inner(fem.Constant(mesh, np.array(push)), v) * ds(1)
+    return ufl.inner(stress, test) * ufl.dx(metadata={"quadrature_degree": 2}), load
 
 
-def scene_of(mesh: dict[str, Any], method: str, degree: int = 1) -> dict[str, Any]:
+def scene_of(
+    mesh: dict[str, Any], degree: int = 1, friction: dict[str, float] | None = None
+) -> dict[str, Any]:
     """The cube as a scene, with the body's `mesh`."""
     sides = {"foot": "z < 1e-9", "top": "z > 1 - 1e-9", "wall": "x > 1 - 1e-9"}
     plane = {"point": [1, 0, 0], "normal": [-1, 0, 0]}
+    rough = {} if friction is None else {"friction": friction}
     return {
         "dimension": 3,
-        "bodies": [{
-            "name": "cube", "mesh": mesh, "degree": degree,
-            "material": {"young": YOUNG, "poisson": POISSON},
-            "boundaries": {name: {"where": where} for name, where in sides.items()},
-        }],
+        "bodies": [_body("cube", mesh, sides, degree)],
         "conditions": [{"on": "cube.foot", "displacement": [0, 0, 0]},
                        {"on": "cube.top", "traction": [0, 0, -PRESSURE]}],
-        "contacts": [{"on": "cube.wall", "obstacle": {"plane": plane}}],
-        "solver": {"method": method},
+        "contacts": [{"on": "cube.wall", "obstacle": {"plane": plane}, **rough}],
     }  # fmt: skip
 
 
-def measure(cells: int, turns: int = TURNS, degree: int = 1) -> dict[str, dict[str, float]]:
+def pair_scene(upper: Path, lower: Path) -> dict[str, Any]:
+    """A cube on a cube as a scene."""
+    raised = {"file": upper, "translate": [0, 0, 1]}
+    return {
+        "dimension": 3,
+        "bodies": [
+            _body("upper", raised, {"foot": "z < 1 + 1e-9", "top": "z > 2 - 1e-9"}),
+            _body("lower", {"file": lower}, {"foot": "z < 1e-9", "top": "z > 1 - 1e-9"}),
+        ],
+        "conditions": [{"on": "lower.foot", "displacement": [0, 0, 0]},
+                       {"on": "upper.top", "traction": list(PUSH)}],
+        "contacts": [{"on": "upper.foot", "against": "lower.top", "friction": FRICTION}],
+    }  # fmt: skip
+
+
+def _body(
+    name: str, mesh: dict[str, Any], sides: dict[str, str], degree: int = 1
+) -> dict[str, Any]:
+    return {
+        "name": name, "mesh": mesh, "degree": degree,
+        "material": {"young": YOUNG, "poisson": POISSON},
+        "boundaries": {side: {"where": where} for side, where in sides.items()},
+    }  # fmt: skip
+
+
+def measure(
+    cells: int, turns: int = TURNS, degree: int = 1, friction: dict[str, float] | None = None
+) -> dict[str, dict[str, float]]:
     """Processor seconds (the fewest of some turns), operator applications and energies.
 
     On one rank.
@@ -100,7 +155,8 @@ def measure(cells: int, turns: int = TURNS, degree: int = 1) -> dict[str, dict[s
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / "cube.vtu"
         write_cube(file, cells)
-        return _by_turns(form_problem(mesh, degree), {"file": file}, turns, degree)
+        scene = scene_of({"file": file}, degree, friction)
+        return _by_turns(form_problem(mesh, degree, friction), scene, turns)
 
 
 def measure_quadratic(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
@@ -108,14 +164,40 @@ def measure_quadratic(cells: int, turns: int = TURNS) -> dict[str, dict[str, flo
     return measure(cells // 2, turns, degree=2)
 
 
-def measure_bricks(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
+def measure_friction(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
+    """Tetrahedra with friction at the wall."""
+    return measure(cells, turns, friction=FRICTION)
+
+
+def measure_pair(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
+    """A cube on a cube with friction; the lower one has half as many cells along an edge."""
+    upper, lower = (perturbed_cube(n) for n in (cells, max(cells // 2, 2)))
+    points = np.concatenate([upper.points + [0.0, 0.0, 1.0], lower.points])
+    cells_of_both = np.concatenate([upper.cells, lower.cells + len(upper.points)])
+    mesh = dolfinx_compat.create_mesh(cells_of_both, points, upper.cell)
+    with tempfile.TemporaryDirectory() as directory:
+        files = [Path(directory) / name for name in ("upper.vtu", "lower.vtu")]
+        for file, n in zip(files, (cells, max(cells // 2, 2)), strict=True):
+            write_cube(file, n)
+        return _by_turns(pair_problem(mesh), pair_scene(*files), turns)
+
+
+def measure_bricks(
+    cells: int, turns: int = TURNS, friction: dict[str, float] | None = None
+) -> dict[str, dict[str, float]]:
     """The case of a regular mesh (collective)."""
     box = {"lower": [0, 0, 0], "upper": [1, 1, 1], "cells": [cells] * 3}
-    return _by_turns(form_problem(bricks(cells)), {"box": box}, turns)
+    problem = form_problem(bricks(cells), friction=friction)
+    return _by_turns(problem, scene_of({"box": box}, friction=friction), turns)
+
+
+def measure_rough_bricks(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
+    """The regular mesh with friction at the wall (collective)."""
+    return measure_bricks(cells, turns, FRICTION)
 
 
 def _by_turns(
-    problem: ContactProblem, mesh: dict[str, Any], turns: int, degree: int = 1
+    problem: ContactProblem, scene: dict[str, Any], turns: int
 ) -> dict[str, dict[str, float]]:
     def solved(made: ContactProblem) -> dict[str, Any]:
         made.solve()
@@ -127,8 +209,8 @@ def _by_turns(
     ways: dict[str, Callable[[], dict[str, Any]]] = {
         "form": anew,
         "form, solved again": lambda: solved(problem),
-        "scene": lambda: solve(scene_of(mesh, "auto", degree)).summary,
-        "scene, multigrid": lambda: solve(scene_of(mesh, "primal", degree)).summary,
+        "scene": lambda: solve(scene).summary,
+        "scene, multigrid": lambda: solve(scene | {"solver": {"method": "primal"}}).summary,
     }
     found: dict[str, dict[str, float]] = {}
     for way in ways.values():
@@ -149,15 +231,18 @@ def _by_turns(
 
 
 def main() -> None:
-    """Print three tables, or one under mpirun."""
+    """Print all tables, or those of bricks under mpirun."""
     cells = int(sys.argv[1]) if len(sys.argv) > 1 else 28
     comm = MPI.COMM_WORLD
     tables = {
         "tetrahedra": measure,
         "quadratic tetrahedra": measure_quadratic,
+        "tetrahedra, friction": measure_friction,
+        "two bodies, friction": measure_pair,
         "bricks": measure_bricks,
+        "bricks, friction": measure_rough_bricks,
     }
-    for title in tables if comm.size == 1 else ("bricks",):
+    for title in tables if comm.size == 1 else ("bricks", "bricks, friction"):
         found = tables[title](cells)
         if comm.rank == 0:
             print(_as_text(title, found), flush=True)

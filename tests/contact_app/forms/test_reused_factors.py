@@ -12,6 +12,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from contact_app import Contact, ContactProblem, Plane
+from contact_app.forms import friction as forms_friction
+from contact_app.forms import sides as forms_sides
 from tests import form_problems as problems
 
 
@@ -83,3 +85,72 @@ def test_another_stiffness_or_condition_is_seen(cells: int) -> None:
     held = own.problem.solve()
     assert np.abs(held.x.array.reshape(-1, 2)[left]).max() < 1e-10
     assert own.problem.certificate.passed
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
+    """How often surfaces are gathered from all ranks and overlaps of pairs are found."""
+    calls = dict.fromkeys(("gathered_surface", "mean_gaps", "mean_jumps"), 0)
+    for module in (forms_sides, forms_friction):
+        for name in calls:
+            if hasattr(module, name):
+                monkeypatch.setattr(module, name, counting(calls, name, getattr(module, name)))
+    return calls
+
+
+def counting(calls: dict[str, int], name: str, function: Any) -> Any:
+    def call(*given: Any, **options: Any) -> Any:
+        calls[name] += 1
+        return function(*given, **options)
+
+    return call
+
+
+def test_the_surfaces_of_a_rough_pair_are_gathered_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For mortar rows, friction and smoothing, also in a second solve with another load."""
+    calls = counted(monkeypatch)
+    forms = problems.rough(problems.two_blocks("triangle", 1))
+    push = fem.Constant(forms.space.mesh, np.array([0.002, -0.05]))
+    ds = ufl.Measure("ds", domain=forms.space.mesh, subdomain_data=top_of(forms.space.mesh))
+    load = ufl.inner(push, ufl.TestFunction(forms.space)) * ds(3)
+    own = ContactProblem(forms.a, load, forms.bcs, forms.contacts, tolerance=1e-10)
+    own.solve()
+    assert calls == {"gathered_surface": 2, "mean_gaps": 1, "mean_jumps": 1}
+    push.value[:] = [-0.004, -0.06]
+    u = own.solve().x.array.copy()
+    assert calls == {"gathered_surface": 2, "mean_gaps": 1, "mean_jumps": 1}
+    fresh = ContactProblem(forms.a, load, forms.bcs, forms.contacts, tolerance=1e-10)
+    np.testing.assert_allclose(fresh.solve().x.array, u, atol=1e-8 * np.abs(u).max())
+    assert fresh.summary["contacts"][0]["nodes"] == own.summary["contacts"][0]["nodes"]
+    smoothed = own.smoothed_contact_pressure.x.array
+    assert smoothed.max() > 0.0
+    known = fresh.smoothed_contact_pressure.x.array
+    np.testing.assert_allclose(smoothed, known, atol=1e-6 * smoothed.max())
+
+
+def test_other_tags_make_other_sides() -> None:
+    """The values of facet tags may change between two solves, as those of forms."""
+    own = pressed("auto", 6, (200.0, -5.0, 0.0))
+    own.problem.solve()
+    tags = own.problem.contacts[0].facet_tags
+    right = np.flatnonzero(tags.values == 1)
+    assert own.problem.summary["contacts"][0]["nodes"]["open"] > 0
+    count = sum(own.problem.summary["contacts"][0]["nodes"].values())
+    tags.values[right[len(right) // 2 :]] = 9
+    own.problem.solve()
+    assert own.problem.certificate.passed
+    assert sum(own.problem.summary["contacts"][0]["nodes"].values()) < count
+
+
+def test_fields_of_friction_are_made_where_there_is_friction() -> None:
+    smooth = problems.two_blocks("triangle", 1)
+    plain = smooth.problem()
+    plain.solve()
+    assert (plain.friction_traction, plain.slip, plain.contact_status) == (None, None, None)
+    rough = problems.rough(smooth).problem()
+    rough.solve()
+    assert set(rough.contact_status.x.array) <= {0.0, 1.0, 2.0}
+    assert np.abs(rough.friction_traction.x.array).max() > 0.0
+
+
+def top_of(mesh: Any) -> Any:
+    return problems.facet_tags(mesh, {3: lambda x: np.isclose(x[1], 2.0)})

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import pytest
 
-from contact_app.studies.forms_beside_scenes import measure, measure_bricks
+from contact_app.studies.forms_beside_scenes import (
+    measure,
+    measure_bricks,
+    measure_friction,
+    measure_pair,
+)
 
 
-@pytest.mark.parametrize("table", [measure, measure_bricks])
-def test_all_ways_have_one_answer(table: object) -> None:
+@pytest.mark.parametrize(
+    ("table", "dofs"),
+    [(measure, 375), (measure_bricks, 375), (measure_friction, 375), (measure_pair, 456)],
+)
+def test_all_ways_have_one_answer(table: object, dofs: int) -> None:
     assert callable(table)
     found = table(4, turns=1)
     assert set(found) == {"form", "form, solved again", "scene", "scene, multigrid"}
     energies = [row["energy"] for row in found.values()]
     assert energies == pytest.approx([energies[0]] * 4, rel=1e-6)
-    assert all(row["dofs"] == 375 for row in found.values())
+    assert all(row["dofs"] == dofs for row in found.values())
     assert all(row["seconds"] > 0.0 for row in found.values())
