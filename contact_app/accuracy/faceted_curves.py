@@ -1,9 +1,9 @@
-"""Distance of the straight edges of a round body from the curve of its corners.
+"""Distance of the straight edges of a round body from the curve through its corners.
 
-Nodes in the middle of such edges (degree 2, or after refinement) have a distance from the curve,
-the sagitta h θ/8 for edges of length h at an angle θ. It is negligible beside much larger
-displacements. Beside smaller ones only the corners touch (or, inside a hole, only the middles), and
-the answer is that of the polygon.
+Nodes in the middle of such edges (degree 2, or after refinement) lie off the curve by the sagitta,
+h θ/8 for edges of length h at an angle θ. The sagitta is negligible if displacements are much
+larger. If they are smaller, only the corners touch (inside a hole only the middles), and the
+solution is that of the polygon.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ SMOOTH = np.deg2rad(30.0)
 """Angle between facets above which their edge is not part of a round surface."""
 
 LARGE_SAGITTA = 0.05
-"""Sagitta over the largest displacement from which on an answer is that of the polygon."""
+"""Sagitta relative to the largest displacement from which on the solution is that of the
+polygon."""
 
 FITTED = 0.05
-"""Median gap over the sagitta below which facets lie on each other, as those of matching meshes."""
+"""Median gap relative to the sagitta below which facets coincide, as on matching meshes."""
 
 FLAT = 1e-6
 """Angle below which facets lie in one plane."""
 
 
 def sagittas(model: Model, nodes: NodeFields) -> list[float]:
-    """Largest sagitta where a body of straight edges is that near to each obstacle (collective).
+    """Largest sagitta near each obstacle of a body with straight edges (collective).
 
-    Zero for boxes, bodies with curved edges, and those of degree 1 whose edges were not halved.
+    Zero for boxes, for bodies with curved edges, and for bodies of degree 1 without halved edges.
     """
     scene = model.scene
     straight = {c.body for c in scene.contacts if _straight(scene, c)}
@@ -52,10 +53,10 @@ def sagittas(model: Model, nodes: NodeFields) -> list[float]:
 
 
 def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
-    """Why finer cells do not lead to the answer for round bodies that touch each other.
+    """The reason why finer cells do not converge for round bodies that touch each other.
 
-    Empty where they do. Halved edges stay on the straight ones they came from: what is solved for
-    are polygons, whose corners press into flats, however fine the cells (collective).
+    Empty if they do converge. Halved edges stay on the original straight edges: the bodies remain
+    polygons whose corners press into flat facets, however fine the cells (collective).
     """
     scene, moved = model.scene, solution.measures.deformations
     for pair, sagitta in zip(scene.pairs, pair_sagittas(model, nodes), strict=True):
@@ -73,8 +74,8 @@ def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
 def median_gaps(model: Model) -> list[float]:
     """Median magnitude of the gap of each contact before anything moves (collective).
 
-    It tells the play or the interference of parts that fit into each other, and is large where a
-    ball lies on a plane.
+    It is the clearance or the interference of parts that fit into each other, and it is large for a
+    ball on a plane.
     """
     contacts = (model.problem.contact, model.left_out)
     parts = model.comm.allgather([(rows.sources, np.abs(rows.gaps)) for rows in contacts])
@@ -86,7 +87,7 @@ def median_gaps(model: Model) -> list[float]:
 
 
 def beside(sagitta: float, moved: float, gap: float) -> str:
-    """The length beside which a sagitta is large, in words; empty where it is small.
+    """Text that names the length in comparison with which a sagitta is large; empty if it is small.
 
     Parameters
     ----------
@@ -96,14 +97,14 @@ def beside(sagitta: float, moved: float, gap: float) -> str:
     if sagitta > LARGE_SAGITTA * moved > 0.0:
         return f"{100.0 * sagitta / moved:.2g} % of the largest displacement"
     if sagitta > LARGE_SAGITTA * gap and gap > FITTED * sagitta:
-        return f"{100.0 * sagitta / gap:.2g} % of the gap or overlap of {gap:.2g} that is drawn"
+        return f"{100.0 * sagitta / gap:.2g} % of the gap or overlap of {gap:.2g} in the mesh"
     return ""
 
 
 def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
     """Largest sagitta of straight facets that meet in each pair of bodies (collective).
 
-    Both sides count, whatever their degree: facets of one surface press into those of the other.
+    Both sides count at any degree: facets of one surface press into facets of the other.
     """
     scene = model.scene
     sides = [
@@ -139,7 +140,7 @@ def _straight(scene: Scene, contact: Contact) -> bool:
 def _sagitta(
     body: Body, boundary: str, watched: NDArray[np.float64], gaps: NDArray[np.float64]
 ) -> float:
-    """Largest sagitta near watched points whose gap is no larger than one."""
+    """Largest sagitta near watched points whose gap does not exceed the sagitta."""
     mesh = body.mesh
     assert isinstance(mesh, CellMesh)
     mesh = mesh.given or mesh
@@ -175,7 +176,7 @@ def _sagitta(
 def _neighbours(
     facets: NDArray[np.int64], dimension: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of facets that share a node in the plane, an edge in space."""
+    """Pairs of facets that share a node (in the plane) or an edge (in space)."""
     v = facets.shape[1]
     joints = facets[:, :, None]
     if dimension == 3:

@@ -1,8 +1,8 @@
-"""The error that a run compares with its target: the estimate, corrected by energies.
+"""The error that a run compares with its target: the estimate, corrected by energies of its meshes.
 
-Energies of the meshes of a run say both by how much estimates exceed the error
+Energies of the meshes of a run tell by how much estimates exceed the error
 (`contact_app.accuracy.estimate.calibration`: lowered) and by how much they fall short of it
-(`contact_app.accuracy.agreement`: raised, or not believed at all).
+(`contact_app.accuracy.agreement`: raised or rejected).
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from contact_app.scene.scene import Decomposition, Scene
 from solver.contact.solution import Accuracy
 
 FEWEST = 8
-"""Cells along every edge of a mesh from which on a mesh of half as many can confirm it."""
+"""Number of cells along every edge from which on a mesh of half as many can confirm an estimate."""
 
 ACROSS = 5
-"""Cells across a body from a file, times the degree, were it a square or a cube, from which on the
-estimate of the file's own mesh is believed."""
+"""Cells across a body from a file, times the degree, from which on the estimate of the file's own
+mesh is accepted. Cells are counted as if the body were a square or a cube."""
 
 
 SHORTFALL = {2: 1.1, 3: 1.25}
-"""By what an estimate is raised for nearly incompressible bodies, by dimension: of random scenes
-that claimed an accuracy one in ten in space was off by 1.4, against 1.2 for other materials
-(`contact_app.studies.claims`)."""
+"""Factor that raises the estimate of nearly incompressible bodies, by dimension. Of the random
+scenes in space that claimed an accuracy, one in ten was wrong by a factor of 1.4, with other
+materials by 1.2 (`contact_app.studies.claims`)."""
 
 
 class Judge:
-    """Corrects the estimates of a run's levels and says which of them are believed.
+    """Corrects the estimates of a run's levels and decides which of them are accepted.
 
     Parameters
     ----------
     scene
-        As the file has it.
+        The scene as the file gives it.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -43,20 +43,20 @@ class Judge:
         self._falling = conforms(scene)
         self._agreement = Agreement(FALLING if self._falling else EITHER_WAY)
         stiff = any(body.nearly_incompressible(scene.plane) for body in scene.bodies)
-        # the share of the error that is estimated varies there from mesh to mesh
+        # there the ratio of estimate and error varies from mesh to mesh
         self._calibration = Calibration() if self._falling and not stiff else None
         short = stiff and not scene.guaranteed
         self._shortfall = SHORTFALL[scene.dimension] ** 2 if short else 1.0
 
     def hear(self, level: Measured, estimate: float, graded: bool) -> tuple[float, Verdict]:
-        """The verdict on the next level: the factor on η², and whether it is believed.
+        """The verdict on the next level: the factor on η², and whether the estimate is accepted.
 
         Parameters
         ----------
         estimate
             Relative error of the mesh, before any correction.
         graded
-            Whether grid lines were laid by the error.
+            Whether grid lines were placed by the error.
         """
         verdict = self._agreement.add(level)
         share = 1.0
@@ -69,7 +69,10 @@ class Judge:
         return self._shortfall * (verdict.raised if verdict.raised > 1.0 else share), verdict
 
     def _stands_alone(self, estimate: float) -> bool:
-        """Whether the first mesh needs no other; a round obstacle may pass between its nodes."""
+        """Whether the first mesh needs no other mesh.
+
+        A round obstacle may pass between its nodes.
+        """
         target = self._scene.accuracy or 0.0
         return self._falling and alone(estimate, target, _fewest(self._scene))
 
@@ -86,13 +89,13 @@ class Judge:
 def coarser(scene: Scene, whole: bool) -> Scene | None:
     """The scene with half the cells along every edge, whose answer can confirm an estimate.
 
-    That takes a fraction of the price of a finer mesh. None where a body is no box of equal cells,
-    has too few of them, or cannot be halved.
+    It costs a fraction of a finer mesh. None if a body is not a box of equal cells, has too few
+    cells, or has a number of cells that cannot be halved.
 
     Parameters
     ----------
     whole
-        Whether boundaries need the grid lines of the scene to be those of the coarse mesh.
+        Whether boundaries require that the coarse mesh has grid lines of the scene only.
     """
     bodies = []
     for body in scene.bodies:
@@ -112,10 +115,10 @@ def measured(accuracy: Accuracy, energy: float, scene: Scene) -> Measured:
 
 
 def _fine_files(scene: Scene) -> bool:
-    """Whether a scene has meshes from files, all of them of cells enough to be believed alone.
+    """Whether a scene has meshes from files, all fine enough to need no other mesh.
 
-    A finer mesh of a round body is the same polygon, in which new nodes lie off the curve: beside
-    an obstacle that fits it, such a mesh is worse than the one of the file, and confirms nothing.
+    A finer mesh of a round body is the same polygon, whose new nodes lie off the curve. Next to a
+    fitting obstacle such a mesh is worse than the one of the file and confirms nothing.
     """
     files = [body for body in scene.bodies if not isinstance(body.mesh, Box)]
     d = scene.dimension
@@ -126,5 +129,5 @@ def _fine_files(scene: Scene) -> bool:
 
 
 def _fewest(scene: Scene) -> int:
-    """Cells along the edge of a box that has the fewest; 0 where a body comes from a file."""
+    """Smallest number of cells along an edge of a box; 0 if a body comes from a file."""
     return min(min(body.mesh.cells) if isinstance(body.mesh, Box) else 0 for body in scene.bodies)

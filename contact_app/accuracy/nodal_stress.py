@@ -3,12 +3,12 @@
 The stress of a finite-element answer jumps from cell to cell. The recovered stress σ*
 (`accuracy.estimate.stress_recovery`) is continuous and closer to the true one. Bodies share no
 nodes, so it jumps between them as it should. Where materials of one body meet, the true stress
-jumps, too: there each material has a σ* of its own, fitted in its own cells, and a node on the
-interface has as many stresses as materials. The one field for all takes the largest by von Mises;
-one field for each material tells the sides.
+jumps as well: there each material has a σ* of its own, fitted in its own cells, and a node on the
+interface has one stress for each material. The common field holds the stress with the largest von
+Mises stress; one field for each material gives the two sides.
 
-Linear polynomials are chosen more carefully than for the estimate, which is after the mean of the
-error and not its peak (`DETERMINED`); on regular meshes and of degree 2 the two are one.
+The threshold for linear polynomials is stricter than in the estimate, which needs the mean of the
+error and not its peak (`DETERMINED`). On regular meshes and at degree 2 both give the same stress.
 
 In plane strain zz is ν (xx + yy) - E α T, in plane stress zero.
 """
@@ -30,12 +30,13 @@ from solver.contact.solution import Solution
 Array = NDArray[np.float64]
 
 DETERMINED = 0.15
-"""Determinant of the moments of a patch (1 for a symmetric one) from which its linear polynomial is
-taken; that of other vertices is continued from neighbours. The cells at a surface lie in nearly one
-layer where the mesh is distorted: what little they differ in depth says nothing of the slope. In
-bending of a block of 6³ hexahedra with nodes moved by a fifth of a cell, the largest error at nodes
-is 76 % of the largest stress with the threshold of the estimate, 1e-4, and 3 % with 0.01 to 0.3;
-of tetrahedra 49 %, 37 % with 0.01, 15 % with 0.15 and 0.3; of triangles 46 %, 46 % and 13 %."""
+"""Smallest determinant of a patch's moments (1 for a symmetric patch) for its own linear
+polynomial; other vertices use polynomials extrapolated from neighbours. The cells at a surface lie
+in nearly one layer where the mesh is distorted, and their small differences in depth do not
+determine the slope. In bending of a block of 6³ hexahedra with nodes moved by a fifth of a cell,
+the largest error at nodes is 76 % of the largest stress with the threshold of the estimate, 1e-4,
+and 3 % with 0.01 to 0.3; of tetrahedra 49 %, 37 % with 0.01, 15 % with 0.15 and 0.3; of triangles
+46 %, 46 % and 13 %."""
 
 
 def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) -> dict[str, Array]:
@@ -45,7 +46,7 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
     -------
     ``nodal_stress`` (nodes, 6) as xx, yy, zz, xy, yz, xz and ``nodal_von_mises`` (nodes,); where a
     body has several materials also ``nodal_stress_material_0``, … by the numbers of the cell field
-    ``material``, NaN away from the material. Empty where neither is asked for.
+    ``material``, NaN away from the material. Empty if the scene requests neither.
     """
     output = model.scene.output
     wanted = [name for name in NODAL_FIELDS if name in output.fields]
@@ -104,7 +105,7 @@ def _at_nodes(model: Model, recovered: Sequence[Array], material: int) -> Array:
 
 
 def _six_components(stress: Array, plane: str | None, material: Material, rise: Array) -> Array:
-    """xx, yy, zz, xy, yz, xz of stresses (n, 3 or 6) at places warmer by a rise (n,)."""
+    """Components xx, yy, zz, xy, yz, xz of stresses (n, 3 or 6); rise is of temperature."""
     if stress.shape[1] == 6:
         return stress
     result = np.zeros((len(stress), 6))

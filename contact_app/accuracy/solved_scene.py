@@ -1,4 +1,4 @@
-"""A scene with its answer: what the estimates start from, refinement repeats and a run writes."""
+"""A scene with its solution: the input of estimates, refinement and output."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class SolvedScene:
         return ErrorEstimator(self.model)
 
     def without_factors(self) -> SolvedScene:
-        """The same, with nothing left to solve with: what writes results needs no factor."""
+        """The same without factors: output needs none."""
         model = replace(self.model, problem=self.model.problem.without_factors())
         return replace(self, model=model)
 

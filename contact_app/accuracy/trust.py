@@ -1,10 +1,10 @@
-"""Where the estimate of a single answer cannot be trusted: warnings of the certificate.
+"""Warnings of the certificate where the estimate from a single mesh cannot be trusted.
 
-A stress recovered on a few cells is fitted to samples that all carry the same error: in bending
-first-order cells answer too stiffly by a factor, and the estimate, relative to that stiff answer,
-says a third where the error is twice the answer. Nothing on such a mesh tells; another mesh does,
-which a run to an accuracy solves (`contact_app.accuracy.agreement`). For a run on one mesh there is
-this warning.
+A stress recovered on few cells is fitted to samples that all have the same error. In bending,
+first-order cells are too stiff by a factor, and the estimate, relative to this stiff solution, may
+be one third where the error is twice the solution. The mesh itself gives no sign of this; another
+mesh does, and a run to an accuracy solves one (`contact_app.accuracy.agreement`). A run on one mesh
+gives this warning.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Scene
 
 FEWEST = 4
-"""Cells along an edge, times the degree, below which estimates are not trusted: on the plane random
-scenes of docs/guide/accuracy.md with fewer the error is up to 6 times the estimate."""
+"""Cells along an edge, times the degree, below which estimates are not trusted. On plane random
+scenes with fewer cells (docs/guide/accuracy.md) the error is up to 6 times the estimate."""
 
 SMALL = 0.1
-"""Estimated relative error below which the estimate on a few cells is trusted: stresses are nearly
-those that the cells have."""
+"""Estimated relative error below which an estimate on few cells is trusted: the cells then
+represent the stresses well."""
 
 
 def few_cells(scene: Scene, estimate: float) -> list[str]:
@@ -27,7 +27,7 @@ def few_cells(scene: Scene, estimate: float) -> list[str]:
     Parameters
     ----------
     estimate
-        Relative error of the mesh as estimated, NaN where nothing is.
+        Estimated relative error of the mesh; NaN without an estimate.
     """
     if scene.accuracy is not None or not estimate > SMALL:
         return []
@@ -37,7 +37,7 @@ def few_cells(scene: Scene, estimate: float) -> list[str]:
         if len(few) >= scene.dimension - 1:  # a plate may have a single layer
             counts = " and ".join(f"{n} along {axis}" for axis, n in few.items())
             warnings.append(
-                f"{body.name}: its cells are few, {counts}: so few may answer far too stiffly in "
+                f"{body.name}: its cells are few, {counts}: so few may be far too stiff in "
                 f"bending and near ν = 0.5 (they lock), and the estimated error of the mesh, "
                 f"{100.0 * estimate:.2g} %, may be far too small; use at least "
                 f"{FEWEST // body.degree} along every edge, or accuracy: to refine until two "
@@ -47,7 +47,7 @@ def few_cells(scene: Scene, estimate: float) -> list[str]:
 
 
 def _few_axes(body: Body) -> dict[str, int]:
-    """Cells along the edges of a box that have too few; of a half as of the whole."""
+    """Edges of a box with too few cells; a symmetric half counts as the whole."""
     if not isinstance(body.mesh, Box):
         return {}
     mirrored = {cut[0] for cut in body.cuts}

@@ -1,7 +1,7 @@
-"""Values at the nodes of a mesh, known at any point: what one mesh tells the next.
+"""Interpolation of nodal values of one mesh at any point, for instance at nodes of the next mesh.
 
-Each point is sent to the ranks that hold a subdomain of its body near it, looked up there, and
-answered from the cell that holds it or lies nearest.
+Each point is sent to the ranks that hold a subdomain of its body near it, located there, and its
+value is interpolated in the cell that contains it or lies nearest.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from meshes.point_location import locate
 Array = NDArray[np.float64]
 
 AROUND = 0.05
-"""Distance from a subdomain, over its size, up to which it answers for points outside."""
+"""Distance from a subdomain, relative to its size, up to which it gives values at outside
+points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +51,9 @@ class _Piece:
 
 
 class PointValues:
-    """Interpolates values at nodes; making and using it are collective.
+    """Interpolates nodal values; construction and calls are collective.
 
-    Holds meshes and values of a model, nothing else of it.
+    Stores only the meshes and values of a model.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ class PointValues:
         return result
 
     def _known(self, points: Array, bodies: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Values this rank has at points, and their distance from its mesh."""
+        """Values of this rank at points, and the distance of the points from its mesh."""
         nearest, result = np.full(len(points), np.inf), np.zeros((len(points), self._width))
         order = np.argsort(points[:, 0], kind="stable")
         along = points[order, 0]
@@ -121,7 +122,7 @@ class PointValues:
 
 
 def _around(pieces: Sequence[_Piece], bodies: int) -> Array:
-    """Corners of what a rank answers for in each body, (bodies, 2, 3); nothing has none."""
+    """Bounding box of this rank's part of each body, (bodies, 2, 3); empty without a part."""
     result = np.full((bodies, 2, 3), np.inf) * np.array([[1.0], [-1.0]])
     for piece in pieces:
         np.minimum.at(result[:, 0], piece.bodies, piece.boxes[:, 0])

@@ -1,23 +1,23 @@
-"""A continuous stress fitted to the stresses of a finite-element answer.
+"""A continuous stress field fitted to the stresses of a finite-element solution.
 
-Around each vertex a polynomial of the degree of the displacement is fitted to the stresses where
-those converge faster than elsewhere, at the centres of first-order cells and at the points of a
-rule of degree 2 in second-order ones (Zienkiewicz & Zhu, *The superconvergent patch recovery and a
-posteriori error estimates*, IJNME 33, 1992). Its value at the vertex is the recovered stress σ*;
-at the other nodes of second-order cells σ* is the mean of the polynomials of the vertices they lie
-amid. Where a vertex has too few cells for a fit, on the surface, linear polynomials of its
-neighbours are continued to it, and quadratic ones, which run away when continued, are fitted to the
-cells of its neighbours, too, with less weight than to its own. On the surface σ* meets the
-tractions that are known there (`tractions`).
+Around each vertex a polynomial of the degree of the displacement is fitted to the stresses at
+points where they are superconvergent: the centres of first-order cells, and the points of a rule of
+degree 2 in second-order cells (Zienkiewicz & Zhu, *The superconvergent patch recovery and a
+posteriori error estimates*, IJNME 33, 1992). Its value at the vertex is the recovered stress σ*; at
+a midside node of a second-order cell σ* is the mean of the polynomials of the vertices between
+which it lies. A vertex on the surface may have too few cells for a fit. Linear polynomials of its
+neighbours are then extrapolated to it. Quadratic polynomials diverge when extrapolated; they are
+fitted to the cells of the neighbours as well, with less weight than to the vertex's own cells. On
+the surface σ* satisfies the known tractions (`tractions`).
 
-Sums over cells are made subdomain by subdomain and meet at the owner of each vertex, so that σ*
-depends neither on the decomposition nor on the number of ranks. Bodies share no nodes: stresses
-are not averaged across them. Inside a body they are, also where its material changes: there the
-true stress jumps, the recovered one does not, and the estimate that uses it is too large. A
-recovery of one material alone knows that material's side.
+Sums over cells are computed by subdomain and added at the owner of each vertex, so that σ* depends
+neither on the decomposition nor on the number of ranks. Bodies share no nodes, so stresses are not
+averaged across bodies. Inside a body they are averaged, also where its material changes: there the
+true stress jumps, the recovered stress does not, and the estimate that uses it is too large. A
+recovery in the cells of one material gives the stress on that material's side.
 
-With mean dilatation (B-bar) the answer's own stress, which the fit takes and the estimate compares
-with, has λ times the mean of div u over each cell.
+With mean dilatation (B-bar) the stress of the solution contains λ times the mean of div u over each
+cell. The fit and the estimate use this stress.
 
 Stress and strain have the components xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space;
 shear strains are engineering ones.
@@ -71,7 +71,7 @@ def apply(operator: Array, values: Array) -> Array:
 
 
 def stress_operator(gradients: Array, DV: Array) -> Array:
-    """From displacements at nodes to stresses at points.
+    """Matrices that map displacements at nodes to stresses at points.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Patches:
     surface
         Nodes on the surface of the bodies.
     fits
-        Fits polynomials to samples around each vertex.
+        Polynomial fits to the samples around each vertex.
     """
 
     cells: list[Cells]
@@ -125,9 +125,9 @@ class Patches:
             Number of a material within its body: σ* is fitted in the cells of that material alone
             and holds at their nodes. All cells unless given.
         surface
-            Of the model's meshes, where it is known.
+            Surface of the model's meshes, if already computed.
         flat
-            Determinant of the moments of a patch from which it determines a linear polynomial.
+            Smallest determinant of a patch's moments that determines a linear polynomial.
         """
         made: dict[int, Cells] = {}
         for element in model.elements:
@@ -143,18 +143,18 @@ class Patches:
         return cls(cells, copies, surface or Surface(model, cells), fits)
 
     def determined_from(self, flat: float) -> Patches:
-        """With another threshold of linear polynomials; the same where it changes nothing."""
+        """Patches with another threshold of linear polynomials, or the same object if equal."""
         fits = self.fits.determined_from(flat)
         return self if fits is self.fits else replace(self, fits=fits)
 
 
 class StressRecovery:
-    """Recovers σ* from answers to one model; making and using it are collective.
+    """Recovers σ* from solutions of one model; construction and calls are collective.
 
     Parameters
     ----------
     patches
-        Of the model's meshes, where they are known from another load case.
+        Patches of the model's meshes, if known from another load case.
     """
 
     def __init__(self, model: Model, patches: Patches | None = None) -> None:
@@ -174,12 +174,13 @@ class StressRecovery:
         self.V = strain_of_gradient(self.dimension)
 
     def stress_at(self, number: int, rows: NDArray[np.int64], table: Table, DV: Array) -> Array:
-        """Operators of a class from displacements of cells to D V of their gradients at points.
+        """Operators of a class from displacements of cells to D V times gradients at points.
 
         Parameters
         ----------
         DV : (2, components, dimension²)
-            For the shape and the volume, which mean dilatation takes from the means over cells.
+            Deviatoric and volumetric part; mean dilatation evaluates the volumetric part with means
+            over cells.
         """
         cells = self.cells[number]
         gradients, _ = cells.gradients(rows, table)
@@ -191,7 +192,7 @@ class StressRecovery:
     def thermal_at(
         self, number: int, rows: NDArray[np.int64], members: slice, table: Table
     ) -> Array | None:
-        """The stress that heat takes off in cells of one material; None without heat.
+        """Thermal stress to subtract in cells of one material; None without heat.
 
         Returns
         -------
@@ -242,7 +243,7 @@ class StressRecovery:
         return self.meeting(self.patches.surface.changes(self.model, touching), displacements)
 
     def meeting(self, changes: Array, displacements: Sequence[Array]) -> list[Array]:
-        """Recovered stresses, given the changes by `Surface` that satisfy the tractions."""
+        """Recovered stresses with the corrections of `Surface` for the known tractions."""
         patches = self.patches
         found, s = patches.fits.at_vertices(self.samples(displacements)), len(self.V)
         recovered = [

@@ -77,7 +77,7 @@ def _friction(problem: DualProblem, solution: Solution, number: int) -> Friction
         mine = rows.rows.sources[points.first] == number
         at_limit = points.rows[(mine & slides)[points.point]]
         sliding[at_limit] = solution.multiplier[at_limit]
-        # that a point sticks shows by its normal row, also where its friction force is zero
+        # the normal row tells that a point sticks, also where its friction force is zero
         held[points.normals[points.first[mine & ~slides]]] = 1.0
     sticks = [(reach != 0.0).any(axis=2) for reach in _at_nodes(problem, held)]
     return FrictionAtNodes(number, sticks, [-force for force in _at_nodes(problem, sliding)])

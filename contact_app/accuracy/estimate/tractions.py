@@ -1,12 +1,12 @@
 """Known tractions on the surface of bodies, and corrections of stresses that satisfy them.
 
-On the surface σ n is the traction where one is given, zero where nothing is, and has no part along
-the surface where the body touches without friction. Where it slides with friction of direction d,
-the part along the surface is -μ (n·σn) d by Coulomb's law and s d by Tresca's; where it sticks,
-that part is not known (`touching`). At a node the known tractions of the facets about it are
-equations C σ = t for its stress. Of a stress that does not meet them the smallest
-change is made that does, in the least squares where they contradict each other, as at the edge of a
-load: σ becomes σ + q - P σ with P = (CᵀC)⁺ CᵀC and q = (CᵀC)⁺ Cᵀt.
+On the surface σ n is the given traction, and zero on free surfaces. In frictionless contact its
+tangential part is zero. Where the body slides with friction of direction d, the tangential part is
+-μ (n·σn) d by Coulomb's law and s d by Tresca's; where it sticks, the tangential part is unknown
+(`touching`). At a node the known tractions of the facets around it are equations C σ = t for its
+stress. A stress that violates them gets the smallest correction that satisfies them: σ becomes σ +
+q - P σ with P = (CᵀC)⁺ CᵀC and q = (CᵀC)⁺ Cᵀt. Where the equations contradict each other, as at the
+edge of a load, they are satisfied in the least-squares sense.
 """
 
 from __future__ import annotations
@@ -30,20 +30,21 @@ from meshes import Subdomain
 Array = NDArray[np.float64]
 
 FAINT = 1e-3
-"""Share of the friction force of a facet below which that of a node tells no direction."""
+"""Friction force of a node, relative to that of its facet, below which its direction is
+meaningless."""
 
 SHEARS = ((0, 1), (1, 2), (0, 2))
-"""Components of a stress in space after the normal ones, in the plane the first of them."""
+"""Shear components of a stress in space; in the plane only the first."""
 
 
 def tied_sides(scene: Scene) -> list[tuple[int, str]]:
-    """Body and boundary of each side of the tied pairs, whose tractions are not known."""
+    """Body and boundary of each side of the tied pairs, where tractions are unknown."""
     sides = [(tie.body, tie.boundary) for tie in scene.ties]
     return sides + [(tie.other, tie.other_boundary) for tie in scene.ties]
 
 
 class Surface:
-    """The surface nodes of a model's meshes, whatever loads them (collective).
+    """The surface nodes of a model's meshes, independent of loads (collective).
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class Surface:
         self._met = copies.some(self._exterior)
 
     def _facet_nodes(self, subdomain: Subdomain, cls: int) -> NDArray[np.int64]:
-        """Places among the surface nodes of the nodes of the exterior facets, facet by facet."""
+        """Positions of the exterior facets' nodes in the list of surface nodes, facet by facet."""
         facets = subdomain.reference.facets[subdomain.exterior]
         return np.searchsorted(self._nodes[cls], facets.ravel())
 
@@ -92,7 +93,7 @@ class Surface:
         sums = self._met.gather(incidence @ np.concatenate(equations))
         known = np.flatnonzero(sums[:, : s * s].any(axis=1))
         P, q = sums[known, : s * s], sums[known, s * s :]
-        # many nodes have the same P: a face or an edge of a box
+        # nodes on one face or edge of a box have the same P
         key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)
         _, first, kind = np.unique(key, return_index=True, return_inverse=True)
         inverse = np.linalg.pinv(P[first].reshape(-1, s, s), rcond=WEAK, hermitian=True)
@@ -103,7 +104,7 @@ class Surface:
         return self._met.scatter(change)
 
     def meet(self, changes: Array, recovered: Sequence[Array]) -> None:
-        """Change stresses (nodes, members, components) of each class, in place."""
+        """Correct the stresses (nodes, members, components) of each class in place."""
         copies = self._copies
         for cls, (values, own) in enumerate(zip(recovered, self._nodes, strict=True)):
             s = values.shape[2]
@@ -130,7 +131,7 @@ class OnSubdomain:
 
     @classmethod
     def of(cls, touching: Touching, number: int, column: int) -> OnSubdomain:
-        """That of one member of a class."""
+        """Contact of one member of a class."""
         friction = tuple(
             (found.contact, found.sticks[number][:, column], found.forces[number][:, column])
             for found in touching.friction
@@ -141,12 +142,12 @@ class OnSubdomain:
 def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubdomain) -> Array:
     """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).
 
-    Row by row CᵀC and Cᵀt of C σ = t.
+    Each row holds CᵀC and Cᵀt of C σ = t.
 
     Parameters
     ----------
     normals : (facets, nodes, dimension)
-        Of the reference's facets.
+        Normals of the reference's facets.
     """
     known, load = _known_tractions(model, subdomain, normals, touch)
     known, normal, load = (a[subdomain.exterior] for a in (known, normals, load))
@@ -168,11 +169,11 @@ def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubd
 def _known_tractions(
     model: Model, subdomain: Subdomain, normal: Array, touch: OnSubdomain
 ) -> tuple[Array, Array]:
-    """The linear maps K of what is known of the traction t at the nodes of facets, K t = K load.
+    """Linear maps K for the known part of the traction t at the nodes of facets: K t = K load.
 
-    K is a projector: to all of t but the components that are held, that of tied boundaries, and
-    where a node of the facet is pushed the part along the normal. Where it slides with Coulomb
-    friction K also adds μ (n·t) d to the part along the surface.
+    K is a projector that removes from t the unknown parts: the components that are held, the whole
+    traction on tied boundaries, and the normal part where a node of the facet is in contact. Where
+    the node slides with Coulomb friction, K also adds μ (n·t) d to the tangential part.
 
     Returns
     -------
@@ -238,10 +239,10 @@ def _meet_friction(
     touch: OnSubdomain,
     found: tuple[Array, Array],
 ) -> None:
-    """Change what is known of tractions, and their values, where friction acts, in place.
+    """Update the maps and values of known tractions in place where friction acts.
 
-    A facet with a node that sticks has friction that is not known. Nodes without a friction force
-    of their own take the direction of their facet, as at the edge of the contact.
+    The friction on a facet with a sticking node is unknown. Nodes without a friction force, as at
+    the edge of the contact, get the direction of their facet.
     """
     known, load = found
     facets, stuck = subdomain.reference.facets, []
@@ -267,8 +268,9 @@ def _meet_friction(
 def _directions(forces: Array, normal: Array) -> Array:
     """Unit vectors of friction forces at the nodes of facets, (facets, nodes, dimension).
 
-    Nodes whose force is nearly nothing, as at the vertices of triangles of degree 2, or against
-    that of the facet, as at the edge of the contact of a pair, take the direction of the facet.
+    Some nodes get the direction of their facet: those with a force of nearly zero, as at the
+    vertices of triangles of degree 2, and those with a force opposite to that of the facet, as at
+    the edge of the contact of a pair.
     """
     along = forces - np.einsum("fki,fki->fk", forces, normal)[..., None] * normal
     mean = along.sum(axis=1, keepdims=True)

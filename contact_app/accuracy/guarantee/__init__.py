@@ -1,6 +1,6 @@
-"""A guaranteed bound on the error of the mesh, by stresses in equilibrium (Prager and Synge, 1947).
+"""A guaranteed bound on the mesh error from stresses in equilibrium (Prager and Synge, 1947).
 
-It serves boxes under loads that its stress fields can balance. `box_surface` holds the tractions,
-`equilibrated` the stresses, `grid_stress` and `separable` their arithmetic on grids, `guarantee`
-the bound and what makes it impossible.
+It covers boxes under loads that the stress fields can balance. `box_surface` holds the tractions,
+`equilibrated` computes the stresses, `grid_stress` and `separable` hold their arithmetic on grids,
+and `guarantee` computes the bound or the reason why none exists.
 """

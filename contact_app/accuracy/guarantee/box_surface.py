@@ -1,9 +1,9 @@
 """Conditions of a scene on the faces of a box, facet by facet of its grid.
 
-Stresses in equilibrium (`equilibrated`) are on the grid of a box and need, for each facet, the held
-components, the load and the gap to an obstacle. A boundary of the scene consists of the facets with
-all nodes on it. Scenes without a guarantee are refused here, too: scenes whose gaps or data at
-points of a facet do not follow from those at its nodes.
+Stresses in equilibrium (`equilibrated`) live on the grid of a box. For each facet they need the
+held components, the load and the gap to an obstacle. A boundary of the scene consists of the facets
+with all nodes on it. This module also refuses scenes that cannot have a guarantee: scenes whose
+gaps or data inside a facet do not follow from the values at its nodes.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ Array = NDArray[np.float64]
 Place = tuple[NDArray[np.int64], ...]
 
 ON_PLANE = 1e-9
-"""Distance from a face of a body, over its size, of points that lie on it."""
+"""Distance from a face of a body, relative to its size, within which points lie on the face."""
 
 BYTES_PER_CELL = 1e4
-"""Memory the stresses of a cell of the grid take while they are sought, measured at 20³ and 32³;
-less in the plane."""
+"""Memory for the search of stresses per cell of the grid, measured at 20³ and 32³ cells; the plane
+needs less."""
 
 PARALLEL = 1e-14
-"""Difference between an obstacle's normal and that of the face."""
+"""Largest difference between an obstacle's normal and the normal of the face."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,9 @@ class FacetsOnFace:
     rows : (facets,)
         Rows of the reference's facets.
     place : one (facets,) array an axis across
-        Where they are on the grid of the face.
+        Positions of the facets on the grid of the face.
     share
-        Of the grid's facet that each is.
+        Area of each facet relative to its facet of the grid.
     """
 
     face: int
@@ -67,7 +67,7 @@ class FacetsOnFace:
 
 
 class BoxSurface:
-    """The grid of a body that is a box, and what is known on its faces (collective).
+    """The grid of a body that is a box, and the known data on its faces (collective).
 
     Attributes
     ----------
@@ -78,12 +78,12 @@ class BoxSurface:
     compliance : (components, components)
         C⁻¹.
     stresses
-        Those in equilibrium with the loads.
+        The stresses in equilibrium with the loads.
 
     Raises
     ------
     NoAdmissibleStressError
-        The space of stresses does not know of such a scene.
+        The space of stresses cannot represent such a scene.
     """
 
     def __init__(self, scene: Scene, partition: Partition, number: int) -> None:
@@ -201,7 +201,7 @@ class BoxSurface:
         Raises
         ------
         NoAdmissibleStressError
-            It takes parts of facets, or nodes of none.
+            The boundary has parts of facets, or nodes that belong to no facet.
         """
         shares = [np.zeros(face.contact.shape) for face in self.faces]
         nodes = [np.zeros((0, self.dimension))]
@@ -222,7 +222,7 @@ class BoxSurface:
         return inside
 
     def _alone(self, inside: list[NDArray[np.bool_]], points: Array) -> int:
-        """How many points are no corner of the facets."""
+        """Number of points that are no corner of the facets."""
         belongs = np.zeros(len(points), bool)
         places = [_nearest(x, points[:, k]) for k, x in enumerate(self.axes)]
         for number, facets in enumerate(inside):
@@ -243,12 +243,12 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
     Parameters
     ----------
     memory
-        Bytes a rank may take; what the machine has left unless given.
+        Bytes that a rank may use; the available memory of the machine unless given.
 
     Raises
     ------
     ConfigurationError
-        With the reason.
+        The message gives the reason.
     """
     if not scene.guaranteed:
         return
@@ -260,7 +260,7 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
             )
         if scene.ties:
             raise NoAdmissibleStressError(
-                f"{scene.ties[0].source} is tied, and holds displacements together in the mean only"
+                f"{scene.ties[0].source} is tied, and couples displacements in the mean only"
             )
         if scene.pairs:
             raise NoAdmissibleStressError(
@@ -292,7 +292,7 @@ def stress_bytes(scene: Scene) -> float:
     Raises
     ------
     NoAdmissibleStressError
-        A mesh is no box.
+        A body is not a box.
     """
     cells = [math.prod(len(x) - 1 for x in grid_lines(body)) for body in scene.bodies]
     return BYTES_PER_CELL * max(cells)
@@ -304,7 +304,7 @@ def grid_lines(body: Body) -> list[Array]:
     Raises
     ------
     NoAdmissibleStressError
-        The mesh is no box mesh.
+        The mesh is not that of a box.
     """
     mesh: BodyMesh = body.mesh
     if isinstance(mesh, Box):
@@ -320,7 +320,7 @@ def grid_lines(body: Body) -> list[Array]:
 
 
 def _between(lines: Array, x: Array) -> NDArray[np.int64]:
-    """Cells between grid lines in which points lie."""
+    """Numbers of the cells, between grid lines, in which points lie."""
     return np.clip(np.searchsorted(lines, x) - 1, 0, len(lines) - 2)
 
 

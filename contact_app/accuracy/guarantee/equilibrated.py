@@ -1,16 +1,17 @@
-"""Stresses in equilibrium with what is known of a box, of nearly least complementary energy.
+"""Stresses in equilibrium with the data of a box, with nearly the least complementary energy.
 
 On the grid of the box (`grid_stress`) equilibrium is B s = -f, d equations a cell; loads fix values
-on the surface, and on the contact the pressure p = t_n - σ_nn has to be positive. Of the stresses
-that obey, one is wanted whose energy
+on the surface, and on the contact the pressure p = t_n - σ_nn has to be positive. Among the
+stresses that satisfy these conditions, one with a small energy
 
     J*(σ) = ½ ∫ σ : C⁻¹ : σ - ∫_D σn · u_D + ∫_C p g
 
-is small: conjugate gradients, preconditioned by the diagonal of the energy on the subspace B s = 0,
-take the same few steps on every grid, each with a solve of B diag⁻¹ Bᵀ, by a factor where that is
-cheap and by the iterations of `separable` elsewhere. They end where they pay no longer. Facets that
-would pull are then left free of pressure, others that would lower the energy by one get it, and the
-search goes on. At its end equilibrium is restored to rounding.
+is sought by conjugate gradients, preconditioned by the diagonal of the energy on the subspace B s =
+0. They need about the same small number of steps on every grid. Each step solves with B diag⁻¹ Bᵀ:
+by a factor for small grids and by the iterations of `separable` for larger ones. They stop as soon
+as the energy hardly falls. Then facets with tension lose their pressure, facets on which a pressure
+would lower the energy receive one, and the search continues. At its end equilibrium is restored up
+to rounding errors.
 """
 
 from __future__ import annotations
@@ -30,50 +31,50 @@ from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 Array = NDArray[np.float64]
 
 SOLVED = 1e-4
-"""Residual of a projection, over what is projected."""
+"""Residual of a projection relative to the projected vector."""
 
 MOST_ITERATIONS = 1000
-"""Of one projection."""
+"""Largest number of iterations in one projection."""
 
 BALANCINGS = 8
-"""Projections after which nothing but rounding is left of a residual."""
+"""Number of projections after which only rounding errors are left of a residual."""
 
 UNBALANCED = 0.01
-"""Residual of equilibrium after two projections where none can be had."""
+"""Residual of equilibrium after two projections above which equilibrium is impossible."""
 
 MOST_STEPS = 300
-"""Conjugate gradient steps of one search."""
+"""Largest number of conjugate gradient steps in one search."""
 
 LOOK_BACK = 3
-"""Steps whose gain decides whether to go on."""
+"""Number of last steps whose gain decides whether the search continues."""
 
 WORTH = 0.02
-"""Share of J(û) + J*(σ) these steps have to gain."""
+"""Share of J(û) + J*(σ) that these steps have to gain."""
 
 WORTH_PRESSING = 1e-3
-"""Share of J(û) + J*(σ) that pressures on further facets have to gain at first sight."""
+"""Share of J(û) + J*(σ) that pressures on further facets have to gain by a first estimate."""
 
 MOST_SETS, GROWING_SETS = 40, 15
-"""Sets of pressed facets that are tried, and how many of them may be joined by others."""
+"""Number of sets of pressed facets that are tried, and number of sets that may be enlarged."""
 
 DIRECT = {2: 200_000, 3: 12_000}
-"""Equations by dimension up to which they are factored: beyond, factors fill up."""
+"""Largest number of equations that are factored, by dimension: factors of more fill up."""
 
 SHIFT = 1e-10
-"""Of a matrix that is factored, over its diagonal: it is singular where a body is not held."""
+"""Shift of a factored matrix relative to its diagonal: it is singular where a body is not held."""
 
 ROUNDED = 1e-24
-"""Squares of the gradient, over the first, that are rounding."""
+"""Square of the gradient, relative to the first one, that counts as rounding error."""
 
 BALANCED = 1e-10
-"""Residual of equilibrium that rounding may leave; else there is no equilibrium."""
+"""Largest residual of equilibrium by rounding errors; a larger one means no equilibrium."""
 
 AGREE = 1e-12
-"""Difference of tractions, over the largest, that is rounding."""
+"""Difference of tractions, relative to the largest, that counts as rounding error."""
 
 
 class NoAdmissibleStressError(ValueError):
-    """No stress of the space meets the data; the message says which and where."""
+    """No stress of the space satisfies the data; the message says which datum and where."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ class FaceData:
     Attributes
     ----------
     held : (facets…, d)
-        Components whose displacement is known, and so their traction is not.
+        Components whose displacement is known and whose traction is therefore unknown.
     displacement : (facets…, d)
         Of the held components.
     traction : (facets…, d)
@@ -91,7 +92,7 @@ class FaceData:
     contact : (facets…)
         Facets that an obstacle may push.
     gap : (facets…)
-        Way along the outward normal to that obstacle.
+        Distance along the outward normal to that obstacle.
     """
 
     held: NDArray[np.bool_]
@@ -122,9 +123,9 @@ class Found:
     pressures
         p on the facets of each face (x-, x+, y-, …), zero off the contact.
     residual
-        Largest component of div σ + f, over the largest sum of the magnitudes it consists of.
+        Largest component of div σ + f, relative to the largest sum of the magnitudes of its terms.
     slip
-        Energy norm of the correction that would undo the residual.
+        Energy norm of the correction that would remove the residual.
     steps
         Conjugate gradient steps.
     """
@@ -138,7 +139,7 @@ class Found:
 
 
 class AdmissibleStresses:
-    """The stresses of a box that are in equilibrium with what is known of it.
+    """The stresses of a box that are in equilibrium with its data.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ class AdmissibleStresses:
     force : (d,)
         Force per volume.
     direct
-        Equations up to which they are factored; `DIRECT` unless given.
+        Largest number of equations that are factored; `DIRECT` unless given.
 
     Raises
     ------
@@ -183,7 +184,7 @@ class AdmissibleStresses:
         self.known = np.isfinite(self._low)
 
     def _note_normal(self, number: int, face: FaceData) -> None:
-        """σ_nn on a face: known, free because held, or a pressure."""
+        """Store σ_nn on a face: known, free because the face is held, or a contact pressure."""
         axis, end = divmod(number, 2)
         sign, rows = (1.0 if end else -1.0), self.space.rows_on_face(axis, number)
         held = face.held[..., axis]
@@ -197,7 +198,7 @@ class AdmissibleStresses:
         self.work[rows] = self.space.facet_areas(axis) * moved
 
     def _note_shear(self, number: int, face: FaceData, component: int) -> None:
-        """σ_ij on the edges of the facets of a face: from each facet what it knows."""
+        """Store σ_ij on the edges of a face's facets, as far as each facet knows it."""
         axis, end = divmod(number, 2)
         pair = self.space.pairs[component - self.space.dimension]
         (other,) = set(pair) - {axis}
@@ -237,7 +238,7 @@ class AdmissibleStresses:
         return self.space.energy_matrix(self._compliance)
 
     def energy(self, s: Array) -> float:
-        """J*(σ); on the contact its p g is that of t_n, less σ_nn, which `work` counts."""
+        """J*(σ), with p = t_n - σ_nn on the contact; `work` holds the part of σ_nn."""
         given = float(self.work[self.contact] @ self._load[self.contact])
         return given + float(0.5 * s @ (self.matrix @ s) - self.work @ s)
 
@@ -249,10 +250,10 @@ class AdmissibleStresses:
         Parameters
         ----------
         start : (size,)
-            Where to begin, in equilibrium or not.
+            Initial stress, not necessarily in equilibrium.
         touching
-            Facets of each face that may be pressed, those that the start presses if it presses
-            any; all may if these cannot carry the loads.
+            Facets of each face that may carry a pressure: those with pressure in the initial
+            stress, if it has any. All may if these cannot carry the loads.
         other_energy
             J(û) of an admissible displacement, which -J*(σ) cannot exceed.
 
@@ -308,7 +309,7 @@ class AdmissibleStresses:
         return missing
 
     def _descended(self, subspace: _Subspace, s: Array, other_energy: float) -> tuple[Array, int]:
-        """Conjugate gradients in equilibrium."""
+        """Minimise the energy by conjugate gradients over stresses in equilibrium."""
         gradient, z = subspace.projected(self.matrix @ s - self.work)
         direction, square = -z, float(gradient @ z)
         energy, first, step = self.energy(s), square, 0
@@ -357,7 +358,7 @@ class _Subspace:
             self._preconditioner = EquilibriumPreconditioner(stresses.space, self._inverse)
 
     def balanced(self, s: Array, most: int = BALANCINGS) -> Array:
-        """The nearest stress in equilibrium, by so many projections at most."""
+        """The nearest stress in equilibrium, by at most the given number of projections."""
         missing = self._wanted - self._B @ s
         for _ in range(most):
             better = s + self._inverse * (self._B.T @ self._solved(missing))
@@ -375,19 +376,19 @@ class _Subspace:
     def projected(self, gradient: Array) -> tuple[Array, Array]:
         """The part of a gradient that keeps equilibrium, and the steepest descent that keeps it.
 
-        Iterations go on from that part: the rest would only bring rounding errors.
+        Iterations continue with that part, since the rest would only add rounding errors.
         """
         left = np.where(self._free, self.slope(gradient), 0.0)
         return left, self._inverse * left
 
     def residual(self, s: Array) -> float:
-        """Largest component of B s + f, over the largest sum of the magnitudes it consists of."""
+        """Largest component of B s + f, relative to the largest sum of its terms' magnitudes."""
         left = float(np.abs(self._wanted - self._B @ s).max())
         scale = float((np.abs(self._wanted) + abs(self._B) @ np.abs(s)).max())
         return left / scale if scale > 0.0 else 0.0
 
     def _solved(self, right: Array) -> Array:
-        """Solve B diag⁻¹ Bᵀ y = right, to a small part of it."""
+        """Solve B diag⁻¹ Bᵀ y = right to a small relative residual."""
         return conjugate_gradients(
             self._S.__matmul__, self._preconditioner, right, SOLVED, MOST_ITERATIONS
         )

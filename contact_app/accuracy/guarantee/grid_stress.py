@@ -10,9 +10,9 @@ edge along the other axis, shared by the cells around it (in the plane on each n
               - 4 ξ b_i / h_i + ½ ξ Σ_j Δ_i Δ_j σ_ij / h_j,      -1 ≤ ξ ≤ 1 along x_i.
 
 For a force that is constant in the cell the second line is zero, which gives the bubbles
-b_i = h_i/8 Σ_j Δ_i Δ_j σ_ij / h_j. Here that is so always: a stress is its values s on faces and
-edges. All matrices are sums of Kronecker products of one-dimensional ones, the grid as uneven as it
-is.
+b_i = h_i/8 Σ_j Δ_i Δ_j σ_ij / h_j. Forces are always constant here, so a stress is given by its
+values s on faces and edges. All matrices are sums of Kronecker products of one-dimensional
+matrices, also on uneven grids.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class GridStresses:
     def rows_on_face(self, component: int, face: int) -> NDArray[np.int64]:
         """Numbers of the values of a component on a face of the grid (x-, x+, y-, …).
 
-        Those of σ_ii by facet; those of σ_ij with one more along the other of its axes.
+        Values of σ_ii are numbered by facet; σ_ij has one more value along the other of its axes.
         """
         axis, end = divmod(face, 2)
         part = self.parts[component]
@@ -196,14 +196,14 @@ class GridStresses:
         return sparse.csr_matrix(reduce(lambda a, b: sparse.kron(a, b, "csr"), along))
 
     def _taken(self, component: int) -> sparse.csr_matrix:
-        """Takes the values of one component out of s."""
+        """Matrix that selects the values of one component from s."""
         part = self.parts[component]
         rows = np.arange(part.stop - part.start)
         shape = (len(rows), self.size)
         return sparse.csr_matrix((np.ones(len(rows)), (rows, rows + part.start)), shape=shape)
 
     def _difference(self, k: int) -> sparse.csr_matrix:
-        """Δ from grid planes to cells."""
+        """Matrix of the differences Δ between grid planes, for each cell."""
         n = self.cells[k]
         return sparse.diags([-np.ones(n), np.ones(n)], [0, 1], shape=(n, n + 1), format="csr")
 
@@ -211,7 +211,7 @@ class GridStresses:
         return sparse.csr_matrix(sparse.diags(1.0 / self.widths[k]) @ self._difference(k))
 
     def _shear_slopes(self, i: int, along: sparse.spmatrix) -> sparse.csr_matrix:
-        """Σ_j ∂_j σ_ij, with something done to σ_ij along x_i."""
+        """Σ_j ∂_j σ_ij after an operator along x_i is applied to σ_ij."""
         total = sparse.csr_matrix((int(np.prod(self.cells)), self.size))
         for component, pair in enumerate(self.pairs, self.dimension):
             if i in pair:
@@ -222,14 +222,14 @@ class GridStresses:
 
     @cached_property
     def _bubbles(self) -> list[sparse.csr_matrix]:
-        """From s to the bubbles of each axis."""
+        """Matrix that maps s to the bubbles of each axis."""
         return [
             self._shear_slopes(i, sparse.diags(self.widths[i] / 8.0) @ self._difference(i))
             for i in range(self.dimension)
         ]
 
     def _hats_and_bubbles(self, i: int) -> sparse.csr_matrix:
-        """From s to σ_ii, along x_i first the grid planes and then the cells."""
+        """Matrix that maps s to σ_ii: along x_i first values on grid planes, then bubbles."""
         shape = tuple(2 * n + 1 if k == i else n for k, n in enumerate(self.cells))
         place = np.arange(int(np.prod(shape))).reshape(shape)
         planes, cells = np.split(place, [self.cells[i] + 1], axis=i)
@@ -237,13 +237,13 @@ class GridStresses:
         return sparse.vstack([self._taken(i), self._bubbles[i]], format="csr")[order]
 
     def _linear_mass(self, k: int) -> sparse.csr_matrix:
-        """Of hats of the grid planes."""
+        """Mass matrix of the hat functions of the grid planes."""
         D, h = self._difference(k), sparse.diags(self.widths[k] / 12.0)
         both = abs(D)
         return sparse.csr_matrix(3.0 * (both.T @ h @ both) + D.T @ h @ D)
 
     def _masses(self, k: int) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-        """Of hats and bubbles along x_k, with themselves and with constants on cells."""
+        """Mass matrices along x_k of hats and bubbles, and of these with constants on cells."""
         h, both = self.widths[k], abs(self._difference(k))
         mixed = both.T @ sparse.diags(h / 3.0)
         own = sparse.bmat([[self._linear_mass(k), mixed], [mixed.T, sparse.diags(8.0 / 15.0 * h)]])

@@ -1,4 +1,4 @@
-"""A guaranteed bound of the error: of mesh and solver together, by a stress in equilibrium.
+"""A guaranteed bound of the error of mesh and solver together, by a stress in equilibrium.
 
 For the energy J(v) = ½ a(v,v) - l(v) on the admissible set K = {v = u_D on D, v·n ≤ g on C} and any
 stress σ with div σ + f = 0, σn = t where loaded or free, and on C no shear and a pressure p ≥ 0,
@@ -9,15 +9,16 @@ every û in K obeys
 
 (W. Prager & J. L. Synge, Quart. Appl. Math. 5, 1947, the contact taken into the dual problem). Both
 terms of the last line are non-negative: they are summed without cancellation, and by a quadrature
-that is exact. û is the admissible neighbour of the answer that the certificate has, σ comes from
-`equilibrated`. All is exact but for rounding: what rounding leaves of equilibrium is measured by
-the correction it would need, whose norm is added.
+that is exact. û is the admissible displacement near the solution that the certificate uses; σ comes
+from `equilibrated`. Only rounding errors are left: the residual that they leave in equilibrium is
+measured by the norm of the correction it would need, and this norm is added.
 
 It holds for the scene as it is modelled: small strain, loads and conditions on whole facets,
 obstacles flat and parallel to the face they meet, where gaps at nodes are gaps everywhere; other
 scenes are refused (`box_surface`).
 
-The stress of a body is sought on rank 0, which holds its grid; all else is where the cells are.
+The stress of a body is computed on rank 0, which holds its grid; all other data stay on the ranks
+of the cells.
 """
 
 from __future__ import annotations
@@ -51,16 +52,17 @@ from solver.vectors import largest_magnitude
 Array = NDArray[np.float64]
 
 RULE = 4
-"""Degree of the quadrature along each axis: squares of what is quadratic along it."""
+"""Degree of the quadrature along each axis: integrands are squares of quadratic functions."""
 
 TOUCHES = 1e-9
-"""Gap that is closed, over the largest displacement."""
+"""Gap, relative to the largest displacement, that counts as closed."""
 
 STRAINLESS = 1e-18
-"""a(u,u) over Σ K_ii u_i² below which strains are round-off: a body that only moves."""
+"""a(u,u) relative to Σ K_ii u_i² below which strains are rounding errors of a rigid motion."""
 
 ROUNDED = 1e-12
-"""Penetration and jumps of û, over the largest displacement, that are rounding."""
+"""Penetration and jumps of û, relative to the largest displacement, that count as rounding
+errors."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,13 @@ class Guarantee:
     Attributes
     ----------
     bound
-        ‖û - u‖ is at most this, relative to ‖û‖ (energy norms); None where there is none.
+        Bound of ‖û - u‖ relative to ‖û‖ (energy norms); None if there is no bound.
     missing
         The reason why there is no bound.
     norm
         ‖û‖ itself.
     residual
-        Largest force left in a cell, over the largest sum of magnitudes that cancel in one.
+        Largest unbalanced force of a cell, relative to the largest sum of magnitudes of its terms.
     steps
         Conjugate gradient steps spent on the stresses.
     """
@@ -106,7 +108,7 @@ def guarantee(model: Model, solution: Solution) -> Guarantee:
 
 
 def with_guarantee(summary: dict[str, Any], found: Guarantee) -> dict[str, Any]:
-    """`summary.json` with what is guaranteed."""
+    """`summary.json` with the guaranteed bound."""
     certificate = summary["certificate"]
     if found.missing:
         certificate = {**certificate, "warnings": [*certificate["warnings"], str(found)]}
@@ -167,7 +169,7 @@ class _Answer:
             self.displacements.append(admissible)
 
     def _refuse_jumps(self, interface: Array) -> None:
-        """Refuse û where subdomains are not glued, or held nodes not where they should be.
+        """Refuse û if it jumps between subdomains or from prescribed displacements.
 
         Raises
         ------
@@ -201,7 +203,7 @@ class _Answer:
         return Guarantee(bound, "", norm**0.5, residual, sum(one.steps for one in found))
 
     def _scale(self) -> float:
-        """Σ K_ii u_i², beside which strains that are rounding are small."""
+        """Σ K_ii u_i², a scale in comparison with which rounding errors of strains are small."""
         parts = zip(self.problem.classes, self.displacements, strict=True)
         own = sum(float(np.sum(cls.stiffness.diagonal()[:, None] * u**2)) for cls, u in parts)
         return float(self.comm.allreduce(own))
@@ -241,7 +243,7 @@ class _Answer:
     def _means(self) -> list[Array]:
         """Means of C ε(û) over the cells of each grid, components as its stresses have them.
 
-        On rank 0; elsewhere those of this rank's cells.
+        Complete on rank 0; other ranks have the means of their own cells.
         """
         d = self.dimension
         count = d + len(self.pairs)
@@ -269,7 +271,7 @@ class _Answer:
         Raises
         ------
         NoAdmissibleStressError
-            There is none.
+            No stress is in equilibrium with the data.
         """
         found: Found | str = ""
         if self.comm.rank == 0:

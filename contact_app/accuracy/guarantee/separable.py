@@ -6,8 +6,8 @@ the dual widths W_k, and a sum of these is inverted by the eigenvectors of each,
     (Σ_k c_k T_k)⁻¹ = Q (Σ_k c_k Λ_k)⁻¹ Qᵀ,      Q = Q_x ⊗ Q_y ⊗ Q_z
 
 (R. E. Lynch, J. R. Rice & D. H. Thomas, Numer. Math. 6, 1964): a few products with small dense
-matrices, on any grid. The equations of equilibrium B diag⁻¹ Bᵀ are close to that, one such sum for
-each component of the multiplier (Korn's inequality), and conjugate gradients make up for the rest.
+matrices on any grid. The matrix of equilibrium B diag⁻¹ Bᵀ is spectrally close to one such sum for
+each component of the multiplier (Korn's inequality). The sums precondition conjugate gradients.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from contact_app.accuracy.guarantee.grid_stress import GridStresses
 Array = NDArray[np.float64]
 
 SOFTEST = 0.1
-"""Least eigenvalue, over the least along any axis that is not zero: nothing else holds a body that
-is free."""
+"""Smallest eigenvalue, relative to the smallest nonzero one along any axis: it regularises a body
+without supports."""
 
 DIVERGED = 1e3
-"""Residual, over the first, of equations that have no solution."""
+"""Residual, relative to the first, that shows that equations have no solution."""
 
 
 class EquilibriumPreconditioner:
@@ -36,7 +36,7 @@ class EquilibriumPreconditioner:
     Parameters
     ----------
     inverse : (size,)
-        The diagonal, zero where a value is known.
+        The diagonal of the inverse; zero where a value is known.
     """
 
     def __init__(self, space: GridStresses, inverse: Array) -> None:
@@ -70,7 +70,7 @@ class EquilibriumPreconditioner:
         return vectors, np.maximum(sums, SOFTEST * softest)
 
     def __call__(self, right: Array) -> Array:
-        """Apply it to (d · cells,)."""
+        """Apply the preconditioner to a vector (d · cells,)."""
         result = np.empty(self._shape)
         for part, (vectors, sums), out in zip(
             right.reshape(self._shape), self._parts, result, strict=True
@@ -89,8 +89,8 @@ def conjugate_gradients(
 ) -> Array:
     """Solve to a residual relative to the right-hand side; the matrix may be singular.
 
-    Where there is no solution, or rounding keeps the residual from falling, it ends early, with
-    what had the least residual.
+    If there is no solution, or rounding errors keep the residual from falling, it ends early and
+    returns the iterate with the smallest residual.
     """
     x, residual = np.zeros_like(right), right.copy()
     start = least = float(np.linalg.norm(right))
@@ -125,7 +125,7 @@ def _dual(widths: Array) -> Array:
 
 
 def _transformed(values: Array, matrices: Sequence[Array]) -> Array:
-    """A matrix along each axis."""
+    """Apply one matrix along each axis."""
     for axis, matrix in enumerate(matrices):
         values = np.moveaxis(np.tensordot(matrix, values, (1, axis)), 0, axis)
     return values

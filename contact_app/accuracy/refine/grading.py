@@ -1,12 +1,13 @@
-"""Where along each axis of a box the cells should be small, from the error of the last mesh.
+"""Graded grid lines of a box along each axis, from the error of the last mesh.
 
 Along an axis the error of a layer of cells, η_i², is about C h_i³ with C the density of the error
-for cells of unit length. For a given number of layers the sum is least where all of them have the
-same, so the new grid lines cut the sum of (η_i²)^(1/3), laid out over the old layers, into equal
-parts. A layer is at most `RATIO` times as thick as its neighbour and `THICKEST` times the mean.
+for cells of unit length. For a given number of layers the sum is smallest if all layers have the
+same error. The new grid lines therefore cut the integral of (η_i²)^(1/3) over the old layers into
+equal parts. A layer is at most `RATIO` times as thick as its neighbour and `THICKEST` times the
+mean.
 
-For degree 2 the density is of fifth order in h. Yet next to the singularities that grading is for
-it is no higher than for degree 1, the same cut serves, and layers may grow faster.
+For degree 2 the density is of fifth order in h. Grading, however, serves singularities, and next to
+these the order is no higher than for degree 1. The same rule is used, and layers may grow faster.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ def layer_errors(solved: SolvedScene, grids: Sequence[Sequence[Array]]) -> list[
 
 
 def evenness(squares: Sequence[Sequence[Array]]) -> float:
-    """Least error that new grid lines alone could leave, over the present one: 1 where none do.
+    """Smallest error that new grid lines alone could reach, relative to the present one: at most 1.
 
-    By the law above, and along the one axis of each body that gains most.
+    It follows from the law above, along the one axis of each body that gains most.
 
     Parameters
     ----------
@@ -63,13 +64,13 @@ def evenness(squares: Sequence[Sequence[Array]]) -> float:
 
 
 def axis_evenness(squares: Array) -> float:
-    """Error of the layers of one axis."""
+    """Smallest error of the layers of one axis, relative to the present one."""
     total = float(squares.sum())
     return float(np.sqrt(_least(squares) / total)) if total > 0.0 else 1.0
 
 
 def _least(squares: Array) -> float:
-    """Least η² that as many layers as these could leave."""
+    """Smallest η² that the same number of layers could reach."""
     return float(np.cbrt(squares).sum() ** 3 / len(squares) ** 2)
 
 
@@ -83,9 +84,9 @@ def graded(grid: Array, squares: Array, layers: int, fixed: Array, degree: int =
     squares : (n,)
         η² of each layer.
     layers
-        Layers wanted; no fewer than there are intervals between fixed coordinates.
+        Number of new layers, at least the number of intervals between fixed coordinates.
     fixed
-        Coordinates that stay, the ends among them.
+        Coordinates that stay grid lines, including both ends.
     degree
         Of the displacement.
     """
@@ -96,7 +97,7 @@ def graded(grid: Array, squares: Array, layers: int, fixed: Array, degree: int =
         weights = thickness.copy()
     density = weights / thickness
     density = np.maximum(density, density @ thickness / length / THICKEST)
-    # from one end to the other and back, so that thickness grows by no more than the ratio
+    # a sweep to the end and back, so that thickness grows by no more than the ratio
     for order in (range(1, len(density)), range(len(density) - 2, -1, -1)):
         for i in order:
             before = i - 1 if order.step > 0 else i + 1

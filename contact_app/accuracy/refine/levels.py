@@ -1,4 +1,4 @@
-"""The levels of a refinement: what each mesh gave and what it cost."""
+"""The levels of a refinement: result and cost of each mesh."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Level:
     discretisation, algebraic, total
         Relative errors in energy norm.
     hessian_multiplications, seconds
-        The price: operator applications, and wall-clock time from the scene to its summary.
+        The cost: operator applications, and wall-clock time from the scene to its summary.
     calibration
-        What the energies of the levels so far made of the estimate: `discretisation` over it, below
-        1 where they lowered it, above 1 where they raised it.
+        `discretisation` relative to the uncorrected estimate: below 1 if the energies of the levels
+        lowered it, above 1 if they raised it.
     warm
-        Whether it began with the answer of the last.
+        Whether the solve began with the solution of the last level.
     guaranteed
-        Bound of the error, where one was asked for and found.
+        Bound of the error, if the scene requests one and it was found.
     """
 
     cells: int
@@ -44,16 +44,16 @@ class Level:
 
     @property
     def error(self) -> float:
-        """The error that is compared with the target: the bound if there is one."""
+        """The error compared with the target: the bound if there is one, else the estimate."""
         return self.total if self.guaranteed is None else self.guaranteed
 
     @property
     def estimate(self) -> float:
-        """The estimate by stresses alone, before energies lowered it."""
+        """The estimate from stresses alone, before its correction by energies."""
         return self.discretisation / self.calibration
 
     def as_dict(self) -> dict[str, Any]:
-        """As `summary.json` holds it: null where nothing can be said."""
+        """The level as in `summary.json`; null where a number is unknown."""
         found = {key: value for key, value in asdict(self).items() if value is not None}
         return {
             key: None if isinstance(value, float) and math.isnan(value) else value
@@ -74,9 +74,9 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The finest answer and the levels that led to it; `missed` says why it is not enough.
+    """The finest solution and all levels; `missed` tells why the target is not met.
 
-    Coarser meshes that were solved only to confirm an estimate come first.
+    Coarser meshes that were solved only to confirm an estimate come first in the list.
     """
 
     solved: SolvedScene
@@ -85,13 +85,13 @@ class Refined:
 
 
 def comparable(levels: Sequence[Level]) -> list[float]:
-    """Errors of levels, all raised as the last one is: what two of them tell is a rate."""
+    """Errors of levels, all raised by the factor of the last one so that they give a rate."""
     last = max(levels[-1].calibration, 1.0)
     return [level.error / max(level.calibration, 1.0) * last for level in levels]
 
 
 def with_levels(summary: dict[str, Any], refined: Refined) -> dict[str, Any]:
-    """`summary.json` with the accuracy asked for and the price of each level."""
+    """`summary.json` with the target accuracy and the cost of each level."""
     target = refined.solved.model.scene.accuracy
     found = refined.solved.accuracy.as_dict()
     accuracy = {**summary["accuracy"], **found, "target": target, "met": not refined.missed}

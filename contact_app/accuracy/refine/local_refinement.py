@@ -1,11 +1,11 @@
-"""The next mesh where bodies come from files: cells that carry the error are refined.
+"""The next mesh of bodies from files: cells with a large share of the error are refined.
 
-Of triangles and tetrahedra with straight edges as few as carry a share θ of η² are halved along
-every edge (`meshes.bisect`); other cells cannot be refined one by one, and a body of theirs is
-refined as a whole where it carries more than its part of what may be left. With r the wanted over
-the present η², and q what halving leaves of a cell's, θ = (1 - r)/(1 - q), but no more than
-`MOST`, so that an estimate of coarse cells is not trusted far (W. Dörfler, *A convergent adaptive
-algorithm for Poisson's equation*, SINUM 33, 1996).
+Triangles and tetrahedra with straight edges are marked, as few as possible, until they hold a share
+θ of η², and are halved along every edge (`meshes.bisect`). Other cells cannot be refined one by
+one; a body of such cells is refined as a whole if it has more than its part of the remaining η².
+Let r be the target over the present η², and q the factor by which halving reduces η² of a cell.
+Then θ = (1 - r)/(1 - q), but at most `MOST`, since an estimate on coarse cells is uncertain (W.
+Dörfler, *A convergent adaptive algorithm for Poisson's equation*, SINUM 33, 1996).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOST = 0.8
 """Largest share of η² that is refined at once."""
 
 LEAST = 0.3
-"""Smallest: a mesh that adds next to nothing costs a solve."""
+"""Smallest share: a mesh with few new cells costs a solve and gains little."""
 
 
 def locally_refined(scene: Scene, solved: SolvedScene, wanted: float) -> Scene:
@@ -39,9 +39,9 @@ def locally_refined(scene: Scene, solved: SolvedScene, wanted: float) -> Scene:
     Parameters
     ----------
     scene
-        As it was solved.
+        The scene of the last solve.
     wanted
-        Error asked for, over the present one.
+        Target of the error relative to the present error.
     """
     squares = cell_errors(solved)
     total = sum(float(part.sum()) for part in squares)
@@ -69,7 +69,7 @@ def locally_refined(scene: Scene, solved: SolvedScene, wanted: float) -> Scene:
 
 
 def cell_errors(solved: SolvedScene) -> list[Array]:
-    """η² of the cells of each body's mesh, in its order; of a box in no order (collective)."""
+    """η² of the cells of each body in the order of its mesh; of a box in any order (collective)."""
     model = solved.model
     partition = model.partition
     by_class = solved.estimator.cell_squares(solved.solution)

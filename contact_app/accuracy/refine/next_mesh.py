@@ -1,7 +1,8 @@
-"""How fine the next mesh of a refinement is, and the scene on it.
+"""Choice of the next mesh of a refinement, and the scene on it.
 
-The error falls as a power of the cell size, e ~ s^-p with s cells for one of the start; p is the
-best that cells of the degree attain at first, and then what the last two levels showed.
+The error falls as a power of the cell size, e ~ s^-p, where the first mesh is refined by the factor
+s along each edge. The rate p is at first the best rate of the degree, and then the rate between the
+last two levels.
 """
 
 from __future__ import annotations
@@ -19,36 +20,37 @@ from contact_app.scene.scene import Decomposition, Scene
 from meshes.graded import graded_box
 
 FARTHEST = 2.0
-"""Largest step from one mesh to the next, in cells along an edge."""
+"""Largest refinement factor from one mesh to the next, along an edge."""
 
 SLOWEST, FASTEST = 0.4, {1: 1.0, 2: 1.5}
-"""Rates that are believed, the fastest by degree."""
+"""Smallest rate, and largest rate by degree, that are accepted."""
 
 GRADED = {1: 1.0, 2: 2.0}
-"""The fastest on graded cells."""
+"""Largest accepted rate on graded cells."""
 
 PATIENT = 1.5
-"""Largest step between graded meshes of degree 2: their grid lines follow the error."""
+"""Largest refinement factor between graded meshes of degree 2, whose grid lines follow the
+error."""
 
 WHOLE = {2: 500_000, 3: 80_000}
 """Nodes by dimension up to which graded bodies are not cut into subdomains."""
 
 LEAST = 1.04
-"""Smallest step between graded meshes whose grid lines have settled."""
+"""Smallest refinement factor between graded meshes whose grid lines hardly move any more."""
 
 SETTLED = 0.85
-"""Error that new grid lines are expected to leave from which on they have."""
+"""Predicted relative error after new grid lines from which on grid lines hardly move."""
 
 PROMISE, KEPT = 0.75, 0.3
-"""Power of the evenness that new grid lines are expected to leave of the error: at first, and at
-least from then on, when it is what the last ones left."""
+"""Exponent of the evenness in the predicted relative error after new grid lines: at first, and the
+smallest later, when the exponent observed with the last grid lines is used."""
 
 Grids = list[list[NDArray[np.float64]]]
 """Coordinates of grid lines, by body and axis."""
 
 
 def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float:
-    """p of e ~ s^-p between the last two meshes, between 0.4 and the best, which it is of one."""
+    """Rate p of e ~ s^-p from the last two meshes, within limits; the best for one mesh."""
     fastest = FASTEST[degree]
     if len(factors) < 2:
         return fastest
@@ -65,14 +67,14 @@ def next_factor(
     whole: bool = False,
     degree: int = 1,
 ) -> float:
-    """How many cells for one of the start the next mesh has along an edge.
+    """Refinement factor of the next mesh along an edge, relative to the first mesh.
 
     Parameters
     ----------
     factors, errors
-        Of the meshes so far; the last error is above the target.
+        Refinement factors and errors of the meshes so far; the last error is above the target.
     whole
-        Whether only whole numbers will do.
+        Whether the factor has to be a whole number.
     degree
         Of the cells.
 
@@ -90,14 +92,14 @@ def next_factor(
 
 
 def graded_step(error: float, left: float, target: float, degree: int) -> float:
-    """How many layers for one of the last the next graded mesh has.
+    """Factor on the number of layers for the next graded mesh.
 
     Parameters
     ----------
     error
-        Of the last, above the target.
+        Error of the last mesh, above the target.
     left
-        Of the error by new grid lines alone, as far as foreseen.
+        Predicted factor on the error by new grid lines alone.
 
     Examples
     --------
@@ -112,7 +114,7 @@ def graded_step(error: float, left: float, target: float, degree: int) -> float:
 
 
 def kept(before: float, even: float, step: float, after: float, degree: int) -> float:
-    """Power of the evenness that new grid lines left of the error, beyond what more layers took.
+    """Observed exponent of the evenness in the error, without the effect of more layers.
 
     Examples
     --------
@@ -142,7 +144,7 @@ def has_even_cells(scene: Scene) -> bool:
 
 
 def refined(scene: Scene, factor: float) -> Scene:
-    """The scene with that many cells for one along every edge of its boxes."""
+    """The scene with the cells along every edge of its boxes multiplied by a factor."""
     bodies = []
     for body in scene.bodies:
         assert isinstance(body.mesh, Box)
@@ -163,10 +165,10 @@ def equal_lines(scene: Scene) -> Grids:
 
 
 def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple[float, Grids]:
-    """New grids with so many layers for one of the start, by the η² of the last ones' layers.
+    """New grids, refined by a factor relative to the first mesh, from η² of the present layers.
 
-    As many cells as that makes, no more than whole layers ask for; how many layers for one they
-    are is returned beside them.
+    The number of cells follows from the factor, rounded up to whole layers. The factor that results
+    from this rounding is returned as well.
     """
     starts = equal_lines(scene)
     whole = needs_multiples(scene)
@@ -185,7 +187,7 @@ def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple
 
 
 def whole_layers(factor: float, cells: Sequence[int], even: Sequence[float]) -> list[int]:
-    """Layers along each axis, so many for one of the start over all: the least even have more.
+    """Layers along each axis for a mean factor; axes with less even errors get more.
 
     Examples
     --------
@@ -203,7 +205,7 @@ def whole_layers(factor: float, cells: Sequence[int], even: Sequence[float]) -> 
 
 
 def layers_for_one(grids: Grids, starts: Grids) -> float:
-    """How many layers for one of the start along an axis on the average, at most."""
+    """Largest mean refinement factor along an axis over all bodies, relative to the first mesh."""
     cells = ([math.prod(len(x) - 1 for x in axes) for axes in each] for each in (grids, starts))
     return max(
         (now / start) ** (1.0 / len(axes)) for now, start, axes in zip(*cells, grids, strict=True)
@@ -211,7 +213,10 @@ def layers_for_one(grids: Grids, starts: Grids) -> float:
 
 
 def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
-    """The scene with graded boxes; slivers cut at random converge slowly, so bodies stay whole."""
+    """The scene with graded boxes.
+
+    Flat cells in irregular subdomains converge slowly, so small bodies are not decomposed.
+    """
     bodies = tuple(
         replace(body, mesh=graded_box(body.mesh.cell, axes))
         for body, axes in zip(scene.bodies, grids, strict=True)
@@ -224,7 +229,7 @@ def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
 
 
 def needs_multiples(scene: Scene) -> bool:
-    """Whether a condition or contact names a boundary that an expression picks."""
+    """Whether a condition or contact names a boundary given by an expression."""
     named = {(c.body, c.boundary) for c in scene.displacements}
     named |= {(c.body, c.boundary) for c in scene.tractions}
     named |= {(c.body, c.boundary) for c in scene.pressures}

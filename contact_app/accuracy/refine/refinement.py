@@ -1,32 +1,31 @@
 """Accuracy as the input: meshes are refined until the estimated error is small enough.
 
-All boxes are refined alike. The error falls as a power of the cell size, e ~ s^-p with s cells for
-one of the start; p is the best that cells of the degree attain at first, and then what the last
-two levels showed. The next mesh is the one on which that law meets the target, but at most twice
-as fine as the last, so that a rate seen on coarse meshes is not trusted far. Boundaries given by
-an expression pick nodes, and only meshes whose cells are whole multiples of the start's have the
-same: where a scene uses one, only those are taken.
+All boxes are refined alike. The error falls as a power of the cell size, e ~ s^-p, where the first
+mesh is refined by the factor s along each edge. The rate p is at first the best rate of the degree,
+and then the rate between the last two levels. The next mesh is the one on which this law meets the
+target. It is at most twice as fine as the last one, since a rate observed on coarse meshes is
+uncertain. Boundaries given by an expression select nodes, and only refinement by whole numbers
+preserves these nodes: a scene with such a boundary is refined by whole numbers only.
 
-Where the file names no degree, meshes after the first are of degree 2: smooth answers converge
-faster, singular ones have less error on as many nodes, graded cells far less
-(docs/guide/accuracy.md).
+If the file names no degree, meshes after the first have degree 2: smooth solutions converge faster,
+singular ones have a smaller error for the same number of nodes, and a far smaller one on graded
+cells (docs/guide/accuracy.md).
 
-Where the layers of cells of degree 2 have shares of the error that are far from even, or two levels
-show that a singularity holds the rate down, equal cells are given up: from then on the grid lines
-of each box are laid by the error of the last mesh (`grading`), and the error falls at the rate of
-smooth answers again. New lines alone, no more of them, take off part of what they could at best,
-since each set shows better where the error is: how much is foreseen from what the last ones did.
-Only what is missing beyond that makes a mesh larger, and by no more cells than are missing: axes
-need not have equally many. Coordinates of the start stay grid lines where a scene picks nodes by an
-expression.
+Cells are graded if the layers of cells of degree 2 have very unequal errors, or if two levels show
+that a singularity reduces the rate. From then on the grid lines of each box are placed by the error
+of the last mesh (`grading`), and the error falls at the rate of smooth solutions again. New grid
+lines without more layers reach only part of the best possible gain, since each mesh shows better
+where the error is. The gain is predicted from that of the last grid lines, and the mesh gets more
+cells only for the rest; the number of cells may differ between axes. If a scene selects nodes by an
+expression, coordinates of the first mesh stay grid lines.
 
-Where energies of the levels tell by what the estimate exceeds the error, it is lowered
+If energies of the levels tell by how much the estimate exceeds the error, it is lowered
 (`calibration`).
 
-Where a body comes from a file, the cells that carry the error are refined
-(`local_refinement`), and the degree stays.
+In a body from a file the cells with a large share of the error are refined (`local_refinement`),
+and the degree stays.
 
-Each level is solved to a tenth of its own error and begins with the answer of the last
+Each level is solved to a tenth of its own error and begins with the solution of the last one
 (`warm_start`).
 """
 
@@ -73,8 +72,8 @@ from contact_app.scene.scene import Scene
 from solver import Reason
 
 MARGIN = 0.97
-"""Share of the target that meshes are predicted to reach, and that an estimate, which may be a
-little below the error, has to."""
+"""Meshes are chosen to reach this share of the target, and estimates have to reach it, since an
+estimate may be a little below the error."""
 
 CONFIRMING = 1.5
 """Factor by which the next mesh lowers an error that is below the target but not confirmed yet."""
@@ -83,26 +82,26 @@ SINGULAR = {1: 0.75, 2: 1.1}
 """Rates by degree below which cells are graded."""
 
 UNEVEN = 0.7
-"""Least error of the best grid lines over that of equal ones, from which on those of degree 2 are
-kept."""
+"""Predicted error of the best grid lines relative to the present ones; equal cells of degree 2 are
+kept if it is larger."""
 
 SURE = 0.5
-"""Evenness below which new grid lines are relied on, however large the mesh."""
+"""Evenness below which a mesh of any size is solved again with new grid lines alone."""
 
 LARGE = 10_000
-"""Nodes from which on a level that new grid lines alone might save costs more than it saves."""
+"""Number of nodes from which on a level with new grid lines alone costs more than it saves."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Where a refinement ends although its target is not met.
+    """Limits at which a refinement ends although its target is not met.
 
     Attributes
     ----------
     levels
-        Meshes that are solved.
+        Largest number of meshes.
     memory
-        Bytes a rank may take; what the machine has left unless given.
+        Bytes that a rank may use; the available memory of the machine unless given.
     """
 
     levels: int = 12
@@ -113,10 +112,10 @@ NO_STRAINS = "the bodies are not strained beyond rounding errors: a relative err
 
 
 class Solve(Protocol):
-    """Solves a scene."""
+    """Function that solves a scene."""
 
     def __call__(self, scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
-        """Begin with the answer on another mesh where there is one."""
+        """Solve, beginning with the solution on another mesh if there is one."""
 
 
 def solve_to_accuracy(
@@ -132,7 +131,7 @@ def solve_to_accuracy(
     Parameters
     ----------
     solve
-        Solves one level, beginning with the answer of the last.
+        Solves one level, beginning with the solution of the last one.
     tell
         Called with a sentence on each level.
     """
@@ -155,27 +154,27 @@ def solve_to_accuracy(
             return levels.refined(heard.solved, missed)
         current, start = following, LastLevel.of(heard.solved)
         finished = heard.solved.without_factors()
-        del solved, heard  # its factors make room for the next
+        del solved, heard  # free the memory of its factors for the next level
 
 
 def _interrupted(solved: SolvedScene) -> bool:
-    """Whether an answer is what a stopped solve had reached."""
+    """Whether a solution is the partial result of an interrupted solve."""
     solution = solved.solution
     return solution.reason is Reason.STOPPED and not solution.converged
 
 
 @dataclass(frozen=True, eq=False)
 class _Heard:
-    """A level, with what the others say of it.
+    """A level with its verdict.
 
     Attributes
     ----------
     solved
-        Its answer, with the corrected estimate.
+        Its solution with the corrected estimate.
     sure
-        Whether its error is below the target, and that is confirmed.
+        Whether its error is below the target and another mesh confirms this.
     doubt, why
-        That and why it is not, where it is below.
+        The reason why an error below the target is not confirmed, as a sentence and as a clause.
     """
 
     solved: SolvedScene
@@ -185,14 +184,14 @@ class _Heard:
 
 
 class _Levels:
-    """The levels of a run to an accuracy so far, and where the next one comes from.
+    """The levels of a run to an accuracy so far, and the choice of the next one.
 
     Attributes
     ----------
     levels, checks
         Levels in their order, and coarser meshes that were solved to confirm one.
     factors
-        How fine the levels of one degree were, in units of the scene's own mesh.
+        Refinement factors of the levels of one degree, relative to the scene's own mesh.
     """
 
     def __init__(
@@ -213,27 +212,27 @@ class _Levels:
         self._even, self._step, self._promise = 1.0, 1.0, PROMISE
 
     def refined(self, solved: SolvedScene, missed: str) -> Refined:
-        """The product of the run, as it ends."""
+        """The result at the end of the run."""
         return Refined(solved, (*self.checks, *self.levels), missed)
 
     def interrupted(self) -> str:
-        """That a level after the last finished one was given up."""
+        """Message that the run was interrupted after the last finished level."""
         done = len(self.levels)
         return (
-            f"the run was interrupted in level {done + 1}; what is written is level {done}, the "
-            "last that was finished"
+            f"the run was interrupted in level {done + 1}; the results are those of level {done}, "
+            "the last that was finished"
         )
 
-    # ------------------------------------------------------------------ what a level is worth
+    # ------------------------------------------------------------------ verdict on a level
 
     def hear(self, current: Scene, solved: SolvedScene) -> _Heard:
-        """Correct the estimate of a level by the others, and see whether it is believed."""
+        """Correct the estimate of a level by the others, and decide whether it is accepted."""
         estimate = solved.accuracy
         share, verdict = self._judge.hear(
             _measured(solved), estimate.discretisation, self._grids is not None
         )
         unseen = slipped_through(solved.model, solved.solution, UNFELT)
-        if unseen:  # what no mesh so coarse shows no two can agree on
+        if unseen:  # contact is not resolved: two such meshes cannot confirm an estimate
             verdict = Verdict(1.0, unseen[0])
             self._judge.forget()
         solved = replace(solved, accuracy=estimate.calibrated(share))
@@ -259,11 +258,11 @@ class _Levels:
         return _Heard(solved, below and self._sure(verdict), doubt, verdict.doubt)
 
     def _sure(self, verdict: Verdict) -> bool:
-        """Whether the last level's error is a bound, or is confirmed."""
+        """Whether the last level's error is a bound or is confirmed by another level."""
         return self._scene.guaranteed or verdict.confirms(self.levels[-1].error, self._enough)
 
     def ended(self, heard: _Heard) -> str | None:
-        """Why the run ends with this level: empty where its target is met, None to go on."""
+        """Why the run ends with this level: empty if the target is met, None to continue."""
         solution = heard.solved.solution
         if math.isnan(self.levels[-1].error):
             return NO_STRAINS
@@ -309,11 +308,11 @@ class _Levels:
 
     @staticmethod
     def _degree(scene: Scene) -> int:
-        """The lowest of its bodies."""
+        """The lowest degree of the bodies."""
         return min(body.degree for body in scene.bodies)
 
     def _finer_box(self, current: Scene, solved: SolvedScene, aim: float) -> tuple[float, Scene]:
-        """More cells of boxes, equal ones or graded by the error; the factor and the scene."""
+        """Refinement factor, and the scene with more cells in boxes, equal or graded."""
         degree, scene = self._degree(current), self._scene
         factors = self.factors
         errors = comparable(self.levels[-len(factors) :]) if factors else []
@@ -321,7 +320,7 @@ class _Levels:
         squares = layer_errors(solved, lines)
         slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
         if self._grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):
-            self._tell("the error is in few places: cells are graded from here on")
+            self._tell("the error is concentrated: cells are graded from here on")
             self._grids, self._last = lines, layers_for_one(lines, equal_lines(scene))
         if self._grids is None:
             factor = next_factor(factors, errors, aim, self._whole, degree)
@@ -331,7 +330,7 @@ class _Levels:
     def _graded_box(
         self, solved: SolvedScene, squares: Grids, aim: float, degree: int
     ) -> tuple[float, Scene]:
-        """Grid lines laid anew by the errors of layers."""
+        """The scene with new grid lines, placed by the errors of layers."""
         assert self._grids is not None
         scene, level = self._scene, self.levels[-1]
         if self._even < 1.0:
@@ -347,7 +346,7 @@ class _Levels:
 
 
 def _no_room(following: Scene, heard: _Heard, memory: float | None) -> str:
-    """That the next mesh needs more memory than there is, if so (collective)."""
+    """Message that the next mesh exceeds the memory; empty if it fits (collective)."""
     dofs = sum(body.nodes for body in following.bodies) * following.dimension
     needed = needed_bytes(dofs)
     available = heard.solved.model.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
@@ -361,14 +360,14 @@ def _no_room(following: Scene, heard: _Heard, memory: float | None) -> str:
 
 
 def unconfirmed(error: float, verdict: Verdict) -> str:
-    """Why a level whose estimate is below the target is not enough."""
+    """The reason why a level with an estimate below the target is not accepted."""
     return f"its error is estimated at {100 * error:.2g} %, but {verdict.doubt}"
 
 
 def _measured(solved: SolvedScene) -> Measured:
     """The estimated error of an answer before any correction (collective).
 
-    With friction of given limits an answer minimises J(u) + Σ s |w|: the work of friction counts.
+    With Tresca friction the solution minimises J(u) + Σ s |w|, which includes the work of friction.
     """
     energy, scene = solved.solution.measures.energy, solved.model.scene
     if scene.has_friction:
@@ -383,11 +382,11 @@ def _crossed(solved: SolvedScene) -> float:
 
 
 def _solved_coarser(scene: Scene | None, solve: Solve) -> SolvedScene | None:
-    """The answer on a coarser mesh; None where it has none."""
+    """The solution on a coarser mesh; None if there is no solution."""
     if scene is None:
         return None
     try:
         solved = solve(scene, start=None)
-    except ContactError:  # a boundary without a facet, say
+    except ContactError:  # for instance a boundary without a facet
         return None
     return solved if solved.solution.converged else None

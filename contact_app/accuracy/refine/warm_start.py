@@ -1,19 +1,18 @@
-"""The answer on one mesh as the start on the next.
+"""Initial multipliers on the next mesh from the solution on the last one.
 
-What the solver looks for are forces of rows, of contact, of held nodes and of gluing, and each mesh
-and decomposition has its own; what meshes have in common are tractions. Those of the last answer
-are known at its nodes:
+The unknowns of the solver are forces of constraint rows: of contact, of held nodes and of gluing.
+They differ between meshes and decompositions, while tractions do not. The tractions of the last
+solution are known at its nodes:
 
-- the contact pressure, and with friction the traction along the surface, which also tells where
-  the next mesh begins with sticking and sliding points;
-- the traction that holds held nodes, their reactions over their share of the boundary, which has in
-  it what a clamped edge makes singular;
-- inside, where subdomains of the next mesh may meet, that of the recovered stress, which is
-  continuous: what one side is given the other is given the opposite of.
+- the contact pressure, and with friction the tangential traction, which also decides the initial
+sticking and sliding points on the next mesh; - the traction on held boundaries, i.e. the reactions
+of nodes over their share of the boundary, which includes the singularity of a clamped edge; -
+inside a body, where subdomains of the next mesh may meet, the traction of the recovered stress:
+since this is continuous, both sides get opposite tractions.
 
-They are interpolated to the next mesh and integrated against its shape functions. As rows are
-orthonormal, B takes the forces to multipliers; what they lack to equilibrium is left to whoever
-begins with them. Their error in energy norm is about that of the mesh they come from.
+The tractions are interpolated to the next mesh and integrated against its shape functions. As rows
+are orthonormal, B maps the forces to multipliers. The multipliers need not be in equilibrium; the
+solver corrects that. Their error in energy norm is about that of the mesh they come from.
 """
 
 from __future__ import annotations
@@ -36,21 +35,22 @@ from solver.tfeti.dual_operator import interface_slices
 Array = NDArray[np.float64]
 
 INSIDE = 0.51
-"""Where what is 1 at nodes that touched and 0 at others ends the contact: half-way between them,
-where a pressure interpolated to zero still pushes."""
+"""Level at which the interpolated indicator of contact (1 at nodes in contact, 0 at others) ends
+the contact: half-way between nodes. The interpolated pressure is positive as far as the next
+node."""
 
 NONE = 1e-12
-"""Share of a boundary, over the largest, that is none."""
+"""Share of a boundary, relative to the largest share, that counts as zero."""
 
 
 class LastLevel:
-    """Tractions of a solved mesh; making and using it are collective.
+    """Tractions of a solved mesh; construction and calls are collective.
 
     Parameters
     ----------
     values
-        At nodes: recovered stress, with friction its traction, traction on what is held, contact
-        pressure.
+        At nodes: recovered stress, friction traction if there is friction, traction on held
+        boundaries, contact pressure.
     """
 
     def __init__(self, values: PointValues) -> None:
@@ -71,7 +71,7 @@ class LastLevel:
         )
 
     def on(self, model: Model) -> Array:
-        """Multipliers on another mesh of the scene, (dual,); contact rows push."""
+        """Multipliers on another mesh of the scene, (dual,); none is tensile."""
         problem, contact = model.problem, model.problem.contact
         multiplier = np.zeros(problem.size)
         if problem.coarse is not None:
@@ -82,7 +82,7 @@ class LastLevel:
         force = np.where(pressed > INSIDE, np.maximum(pressure, 0.0), 0.0) * areas
         multiplier[problem.inequality] = force / contact.spread
         friction = problem.system.friction
-        if friction is not None:  # the laws cut it to its limits
+        if friction is not None:  # contact laws cut it to its limits
             d = model.scene.dimension
             rows, place = friction.rows, friction.places(contact)
             along = np.einsum("ki,ki->k", at[place, -2 - 2 * d : -2 - d], rows.normals[:, :d])
@@ -104,7 +104,7 @@ class LastLevel:
         points = [s.points()[n] for s, n in zip(subdomains, nodes, strict=True)]
         bodies = [np.full(len(n), s.body) for s, n in zip(subdomains, nodes, strict=True)]
         numbers = [s.nodes[n] for s, n in zip(subdomains, nodes, strict=True)]
-        # where subdomains meet a node is asked for once
+        # values at a node that subdomains share are requested once
         _, one, back = np.unique(
             np.concatenate([np.zeros(0, np.int64), *numbers]),
             return_index=True,
@@ -140,7 +140,7 @@ class LastLevel:
 
 
 def _tractions(values: Array, normals: Array) -> Array:
-    """σ n at the nodes of facets, (facets, nodes, d), of the stress that values begin with."""
+    """σ n at the nodes of facets, (facets, nodes, d); values begin with the stress."""
     d = normals.shape[2]
     result = values[..., :d] * normals
     for row, (i, j) in enumerate(SHEARS[: d * (d - 1) // 2], d):
@@ -162,7 +162,7 @@ def _held(model: Model, subdomain: Subdomain) -> Array:
 
 
 def _reactions(solved: SolvedScene) -> list[Array]:
-    """Traction on what is held, at nodes: (nodes, members, d) of each class."""
+    """Traction on held boundaries, at nodes: (nodes, members, d) of each class."""
     model, problem = solved.model, solved.model.problem
     d, exchange = model.scene.dimension, model.node_exchange
     contact = problem.constraint_forces(
@@ -199,13 +199,13 @@ def _friction(solved: SolvedScene) -> list[Array]:
 
 
 def _pressures(solved: SolvedScene) -> list[Array]:
-    """Contact pressure at nodes, (nodes, members, 2) of each class, and 1. where there is some."""
+    """Contact pressure and indicator of contact (1 or 0), (nodes, members, 2) of each class."""
     pressure = solved.nodes.contact_pressure
     return _spread(solved.model, np.column_stack([pressure, pressure > 0.0]))
 
 
 def _spread(model: Model, values: Array) -> list[Array]:
-    """Bring values (owned, width) of nodes to (nodes, members, width) of each class."""
+    """Distribute values (owned, width) of nodes to (nodes, members, width) of each class."""
     exchange = model.node_exchange
     copies = exchange.from_owners(values[exchange.nodes - exchange.first])
     result = [
@@ -220,7 +220,7 @@ def _spread(model: Model, values: Array) -> list[Array]:
 
 
 def _areas(model: Model) -> Array:
-    """Area on which a pressure acts, of each contact row: its own, or its node's share."""
+    """Area of each contact row on which its pressure acts: its own, or the share of its node."""
     contact, surface = model.problem.contact, SurfaceNodes.of(model)
     at = np.searchsorted(surface.owned, contact.nodes)
     areas = contact.areas.copy()

@@ -304,7 +304,7 @@ def test_an_interrupted_run_keeps_the_last_finished_level(tmp_path: Path) -> Non
         assert record["certificate"]["passed"]
         assert not record["accuracy"]["met"]
         assert (
-            "interrupted in level 2; what is written is level 1"
+            "interrupted in level 2; the results are those of level 1"
             in (record["certificate"]["warnings"][-1])
         )
     assert all(path.is_file() for path in files if path.suffix in (".xdmf", ".json"))
