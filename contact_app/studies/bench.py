@@ -1,13 +1,13 @@
-"""Ours and the peers side by side in one run: tables, CSV and figures.
+"""This application and PETSc's solvers side by side in one run: tables, CSV and figures.
 
-Every method runs in a process of its own (or on one rank a core where that is faster for it), one
-after another. Seconds count from the mesh to the certified solution, without start-up and without
-writing files; memory is the largest resident set, summed over ranks. A method that needs more than
-the time limit is left out on larger meshes, which is said.
+The methods run one after another, each in a process of its own (or in one rank per core if that is
+faster). Seconds count from the mesh to the certified solution, without start-up and without writing
+files; memory is the largest resident set, summed over ranks. A method that exceeds the time limit
+is left out on larger meshes, and the table says so.
 
-Two series: the cube of hexahedra, and a cube of tetrahedra from a mesh file whose inner nodes are
-moved at random (`perturbed`), where every subdomain has a factor of its own. Its file is read and
-checked before seconds count, for all methods.
+There are two series: the cube of hexahedra, and a cube of tetrahedra from a mesh file whose inner
+nodes are moved at random (`perturbed`), so that every subdomain has a factor of its own. For all
+methods this file is read and checked before the clock starts.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ TEXTS = ("series", "method", "note")
 
 OURS = "contact-app"
 ONE_FACTOR = "one-factor"
-"""One CHOLMOD factor of the whole body and MPRGP on its contact rows: ours, not decomposed."""
+"""This application without decomposition: one CHOLMOD factor of the body and MPRGP on its contact
+rows."""
 
 CONTACT = (ONE_FACTOR, *(name for name, m in METHODS.items() if m.contact))
 LINEAR = tuple(name for name, m in METHODS.items() if not m.contact)
@@ -54,11 +55,11 @@ class Series:
     Attributes
     ----------
     mesh
-        Overrides of the scene for so many cells along an edge; a file goes to the directory.
+        Overrides of the scene for a number of cells along an edge; mesh files go to the directory.
     decomposition
-        Of ours, from the number of unknowns.
+        Decomposition in this application, from the number of unknowns.
     parallel
-        Whether ranks are faster for ours than threads: where dense products are rare.
+        Whether this application is faster on ranks than with threads, i.e. dense products are rare.
     """
 
     name: str
@@ -105,7 +106,7 @@ def bench(
     methods: Sequence[str] | None = None,
     run: Run | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Run every method on every size, yield its row; write ``bench.csv``, ``.md``, ``.png``.
+    """Run every method on every size and yield rows; write ``bench.csv``, ``.md``, ``.png``.
 
     Rows that an earlier run left in ``bench.csv`` stay there unless they are measured again.
 
@@ -115,13 +116,13 @@ def bench(
         Cells along an edge of each cube of hexahedra and of each cube of tetrahedra, whose files
         are written beside the table.
     tolerance
-        Of all methods, each in its own terms (ours: the certificate's).
+        Tolerance of all methods by their own tests; for this application by the certificate.
     limit
         Seconds a run may take, start-up included.
     methods
-        Those to run; all of them unless given.
+        Methods to run; all of them unless given.
     run
-        Makes the row of one run in place of `run_method`.
+        Function that makes the row of one run, in place of `run_method`.
     """
     run = run or run_method
     output.mkdir(parents=True, exist_ok=True)
@@ -132,7 +133,8 @@ def bench(
         for series, sizes in zip(SERIES, (cells, unstructured), strict=True):
             if sizes:
                 mesh = series.mesh(2, output)
-                for method in chosen:  # compiled forms are kept on disk: no timing compiles any
+                # compile all forms into the cache on disk before anything is timed
+                for method in chosen:
                     _attempt(run, method, series, 2, mesh, tolerance, limit)
             out: dict[str, str] = {}
             for n in sorted(sizes):
@@ -145,7 +147,7 @@ def bench(
                 rows |= {_key(row): row for row in found}
                 alike = [row for row in rows.values() if _key(row)[:2] == (series.name, n)]
                 rows |= {_key(row): row for row in with_energy_error(alike)}
-                write(_ordered(rows), COLUMNS, table)  # whatever stops the next mesh
+                write(_ordered(rows), COLUMNS, table)  # rows are saved even if the next mesh fails
                 yield from (rows[_key(row)] for row in found)
     finally:
         ordered = _ordered(rows)
@@ -178,7 +180,7 @@ def _attempt(
     limit: float,
     failed: str = "",
 ) -> dict[str, Any]:
-    """Row of one run, or of why there is none."""
+    """Row of one run, or a row with the reason why it was not run."""
     dofs = 3 * (n + 1) ** 3
     row = {"series": series.name, "method": method, "cells": n, "dofs": dofs, "note": ""}
     if failed:
@@ -200,9 +202,10 @@ def run_method(
 
 
 def with_energy_error(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Add to the rows of one mesh how far each energy is from the most direct method's.
+    """Add to the rows of one mesh the difference of each energy from the most direct method's.
 
-    Relative; methods with contact and linear ones have an answer each.
+    Differences are relative. Methods with contact are compared with each other, and so are linear
+    methods.
     """
     energy = {row["method"]: row["energy"] for row in found if not row["note"]}
     result = []

@@ -1,8 +1,9 @@
-"""The best mesh of a sweep: what an accuracy takes at least, of equal and of graded cells.
+"""The smallest mesh of a sweep that reaches an accuracy, with equal and with graded cells.
 
-Equal cells of degree 1 and 2 come from the sweeps of `effectivity`. Graded ones of degree 2 are
-made for every number of layers from equal ones, by laying the grid lines anew by the error of the
-last mesh, again and again: the best of these lines, not those of one way through the levels.
+Equal cells of degree 1 and 2 come from the sweeps of `effectivity`. Graded meshes of degree 2 are
+made for every number of layers: they begin with equal cells, and the grid lines are placed again
+and again by the error of the last mesh. These lines are better than those of a single run through
+the levels.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from contact_app.scene.bodies import Box
 from contact_app.scene.scene import Scene
 
 REGRADES = 5
-"""How often grid lines are laid anew; after five they hardly move."""
+"""Number of times that grid lines are placed anew; after five they hardly move."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """A mesh of a sweep: what it is, unknowns, and its errors, measured and estimated."""
+    """A mesh of a sweep: description, number of unknowns, measured and estimated error."""
 
     name: str
     dofs: int
@@ -36,16 +37,16 @@ class Mesh:
 def graded_meshes(
     start: Scene, scene: Scene, cells: int, error: Callable[[SolvedScene], float]
 ) -> list[Mesh]:
-    """Meshes of one number of cells along an edge with grid lines laid anew.
+    """Meshes of one number of cells along an edge with grid lines placed by the error.
 
     Parameters
     ----------
     start
-        The scene on the mesh whose grid lines stay where it picks nodes by an expression.
+        The scene on the first mesh, whose grid lines stay if it selects nodes by an expression.
     scene
-        The same on equal cells of degree 2, so many along an edge.
+        The same scene on equal cells of degree 2 with that number along an edge.
     error
-        Measures an answer.
+        Function that measures the error of a solution.
     """
     box = start.bodies[0].mesh
     assert isinstance(box, Box)
@@ -67,7 +68,7 @@ def smallest(meshes: Iterable[Mesh], target: float, by_estimate: bool = False) -
     Raises
     ------
     ValueError
-        There is none.
+        No mesh has an error at most the target.
     """
     fitting = [m for m in meshes if (m.estimate if by_estimate else m.error) <= target]
     return min(fitting, key=lambda m: m.dofs)

@@ -3,16 +3,16 @@
     python -m contact_app.studies.calculix [NAME …] [--mesh FILE] [--penalty K] [-o DIR]
 
 CalculiX (G. Dhondt, *The Finite Element Method for Three-Dimensional Thermomechanical
-Applications*, 2004; Debian's calculix-ccx) takes the nodes and tetrahedra of the mesh file as they
-are, of first or second order. Contact is its surface-to-surface penalty, p = K · penetration. What
-`hold` keeps in place here hangs on weak springs there, and a body that only contact will hold is
-first pushed into contact by a displacement that is then taken away. Both use one thread.
+Applications*, 2004; Debian's calculix-ccx) uses the same nodes and tetrahedra of the mesh file, of
+first or second order. Contact is its surface-to-surface penalty, p = K · penetration. Motions that
+`hold` prevents here are resisted by weak springs there. A body that only contact holds is first
+pushed into contact by a displacement, which is then removed. Both programs use one thread.
 
-The displacements are compared at all nodes of the mesh, but for the slide of bodies that nothing
-holds: the largest, and ‖u - u_ccx‖ over ‖u‖ in the root mean square; and the same without the rigid
-motion of each body in u - u_ccx, which a contact with play hardly resists. The turn is that of the
-first body in each program, about the axis about which they differ most. Where there is no `ccx`,
-nothing is done.
+The displacements are compared at all nodes of the mesh, without the free sliding of bodies that
+nothing holds: the largest displacement, and ‖u - u_ccx‖ over ‖u‖ in the root mean square. A second
+comparison removes the rigid motion of each body from u - u_ccx, since a contact with clearance
+hardly resists it. The turn is the rotation of the first body in each program, about the axis about
+which they differ most. Without `ccx` nothing is done.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ROOT = Path(__file__).parents[2]
 COMMAND = "ccx"
 
 PENALTY = 5e6
-"""K, force per volume: 25 E for steel in mm; 100 MPa enter by 2e-5 mm."""
+"""K, force per volume: 25 E for steel in mm; a pressure of 100 MPa penetrates by 2e-5 mm."""
 
 SPRING = 1.0
 """Stiffness of a weak spring at each node of a body that nothing else holds, force per length."""
@@ -66,13 +66,13 @@ class Part:
     Attributes
     ----------
     factors
-        Of named conditions, for scenes with load cases.
+        Factors of named conditions, for scenes with load cases.
     degree
-        Other than in the file; None to leave it.
+        Degree in place of the file's; None to keep it.
     push
-        What CalculiX needs to begin with.
+        The displacement with which CalculiX has to begin.
     mesh
-        Another mesh file than the scene's.
+        A mesh file in place of the scene's.
     """
 
     scene: str
@@ -149,7 +149,7 @@ class Mesh:
         facets = self.facets[boundary.split(".")[1]]
         x = self.points[facets[:, :3]]
         area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
-        at = facets if facets.shape[1] == 3 else facets[:, 3:]  # of second order: amid edges
+        at = facets if facets.shape[1] == 3 else facets[:, 3:]  # second order: midside nodes
         share = np.bincount(at.ravel(), np.repeat(area / 3.0, 3), len(self.points)) / area.sum()
         for node in np.flatnonzero(share):
             for axis, value in enumerate(total):
@@ -227,7 +227,7 @@ def measured(command: Sequence[str], directory: Path) -> dict[str, float]:
     Raises
     ------
     RuntimeError
-        It failed.
+        The command failed.
     """
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CCX_NPROC_EQUATION_SOLVER": "1"}
     begin = time.perf_counter()
@@ -270,9 +270,9 @@ def printed_force(dat: Path) -> float:
 def differences(
     made: dict[str, Any], mesh: Mesh, ours: Array, theirs: Array
 ) -> tuple[float, float, float]:
-    """Of the largest displacements, ‖u - u_ccx‖, and that without rigid parts; each over ours.
+    """Relative differences of the largest displacement, of all, and of all without rigid motions.
 
-    All without the rigid motions of bodies that are held on request.
+    All are without the rigid motions that `hold` prevents.
     """
     ours, theirs = ours.copy(), theirs.copy()
     for body in made["bodies"]:
@@ -290,7 +290,7 @@ def differences(
 
 
 def turns(made: dict[str, Any], mesh: Mesh, ours: Array, theirs: Array) -> tuple[float, float]:
-    """Of the first body, about the axis about which they differ most."""
+    """Rotations of the first body, about the axis about which the programs differ most."""
     nodes = np.unique(mesh.cells[made["bodies"][0]["name"]])
     one, other = (_rigid_motion(mesh.points[nodes], u[nodes])[1][3:] for u in (ours, theirs))
     axis = int(np.abs(one - other).argmax())
@@ -304,7 +304,7 @@ def _rigid_part(points: Array, u: Array) -> Array:
 
 
 def _rigid_motion(points: Array, u: Array) -> tuple[Array, Array]:
-    """Shifts and turns about the middle, (nodes, 3, 6), and those nearest to u, (6,)."""
+    """Basis of rigid motions about the centre, (nodes, 3, 6), and coefficients nearest to u."""
     x = points - points.mean(axis=0)
     about = [np.cross(axis, x) for axis in np.eye(3)]
     motions = np.stack([*(np.broadcast_to(e, x.shape) for e in np.eye(3)), *about], axis=2)
@@ -348,7 +348,7 @@ def compared(
     turn, other_turn = turns(made, mesh, u, other)
     contact = summary["contacts"][0]
     force = float(np.linalg.norm(contact["force"]))
-    balanced = force < 1e-2 * contact["max_pressure"] * contact["area"]  # all around a shaft
+    balanced = force < 1e-2 * contact["max_pressure"] * contact["area"]  # around a shaft
     return {
         "dofs": 3.0 * len(used), "largest": largest, "every": every,
         "strained": strained, "turn": turn, "turn ccx": other_turn,

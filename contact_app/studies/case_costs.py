@@ -2,9 +2,9 @@
 
     python -m contact_app.studies.case_costs [NAME …] [-o DIR]
 
-Each run is a process of its own. One case alone is solved in two runs, of the first and of the last
-of the ten, and their mean is taken. Processor time is told: it does not depend on what else the
-machine does as much as seconds on a clock.
+Each run is a process of its own. The cost of one case is the mean of two runs, with the first and
+with the last of the ten cases. The table holds processor time, which depends less on other work of
+the machine than wall-clock time.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ class Loaded(NamedTuple):
     Attributes
     ----------
     limit
-        How many times the cost of one case ten may take.
+        Largest cost of ten cases relative to one.
     loads
         Conditions with a name, in place of the tractions, pressures and forces of the file.
     first, last
         Factors of the first and of the last case; the others lie between them.
     cells
-        Of the box of the first body, other than in the file.
+        Cells of the first body's box, in place of the file's.
     """
 
     scene: str
@@ -89,7 +89,7 @@ SCENES = {
 
 
 def with_cases(loaded: Loaded, numbers: Sequence[int]) -> dict[str, Any]:
-    """The mapping of a scene with those of its ten cases."""
+    """The mapping of a scene with the given ones of its ten cases."""
     path = ROOT / loaded.scene
     made = read(path)[0]
     for body in made["bodies"]:

@@ -1,12 +1,12 @@
-"""Speed against accuracy: which settings of a scene nothing beats.
+"""Speed against accuracy: settings of a scene that no other setting beats in both.
 
 Every point is a real run in a process of its own; seconds count from the mesh to the certified
-solution. Meshes are those of the scene's boxes with cells halved and doubled, and those of files
-with edges halved; on them vary the degree, the cell, the tolerance, the expansion, the
-decomposition and, as peers, PETSc's bound-constrained solvers. From the coarsest the scene is
-refined to accuracies. What the schema of a scene does not allow is left out and said, so a new
-option of the schema takes part as soon as it is there. Errors are measured against the extrapolated
-answer of `reference`.
+solution. Boxes have the scene's cells, halved and doubled; meshes from files have halved edges. On
+these meshes the degree, the cell, the tolerance, the expansion and the decomposition vary, and
+PETSc's bound-constrained solvers run for comparison. From the coarsest mesh the scene is also
+refined to given accuracies. Settings that the schema of a scene refuses are left out with a
+message, so that a new option of the schema takes part at once. Errors are measured against the
+extrapolated answer of `reference`.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ COLUMNS = ("method", "degree", "cell", "dofs", "tolerance", "subdomains", "secon
            "peak_rss_gb", "error_energy", "error_displacement", "error_pressure")  # fmt: skip
 DEGREES = (1, 2)
 TOLERANCES = ("auto", 1e-2, 1e-4, 1e-8, 1e-10)
-"""Swept beside `USUAL` on the two finest meshes; auto is a tenth of the mesh's estimated error."""
+"""Further tolerances on the two finest meshes; auto is a tenth of the mesh's estimated error."""
 USUAL = 1e-6
 LOOSE = 1e-3
-"""Of peers on their finest mesh, beside `USUAL`."""
+"""Further tolerances of PETSc's solvers on their finest mesh."""
 EXPANSIONS = ("fixed", "projcg", "gfgf-opt")
-"""Swept beside the scene's own on the finest mesh."""
+"""Further expansions on the finest mesh."""
 PARTS = (1, 2, 4)
-"""Subdomains along each axis, swept beside the scene's own decomposition on the finest mesh."""
+"""Further decompositions on the finest mesh, as subdomains along each axis."""
 ACCURACIES = (0.2, 0.1, 0.05, 0.03)
-"""Errors in energy norm that scenes are refined to."""
+"""Target errors in energy norm for refinement."""
 SMALLEST, LARGEST = Fraction(1, 8), 8
 EVEN, UNEVEN = 2_500_000, 700_000
 """Most degrees of freedom of a reference: of boxes, and of meshes from files."""
@@ -62,11 +62,11 @@ class Variant:
     factor
         Cells along each axis relative to the scene's.
     decomposition, expansion
-        None: the scene's own.
+        None for the scene's own.
     degree
-        None: left to the scene and its refinement.
+        None leaves it to the scene and its refinement.
     accuracy
-        Error to which the scene is refined from this mesh on; None: it is not.
+        Target error for refinement from this mesh on; None without refinement.
     """
 
     factor: Fraction
@@ -80,22 +80,22 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """Method as the CSV has it."""
+        """Name of the method in the CSV."""
         kind = self.expansion or (f"accuracy {self.accuracy:g}" if self.accuracy else "")
         return f"{self.method} {kind}".strip()
 
     @property
     def kind(self) -> Variant:
-        """Key of a series: if it takes too long on one mesh, finer meshes are left out."""
+        """Key of a series; if a run takes too long, finer meshes of its series are left out."""
         return replace(self, factor=Fraction(1), tolerance=USUAL)
 
     @property
     def halvings(self) -> int:
-        """How often edges of meshes from files are halved."""
+        """Number of times that edges of meshes from files are halved."""
         return int(math.log2(self.factor))
 
     def overrides(self, scene: Scene, refine: Sequence[int] = ()) -> list[str]:
-        """Changes of the scene's file, whose bodies have edges halved so often."""
+        """Changes of the scene's file; `refine` is the scene's own number of halvings by body."""
         result = []
         for number, body in enumerate(scene.bodies):
             if isinstance(body.mesh, Box):
@@ -118,7 +118,7 @@ class Variant:
         return result
 
     def describe(self, scene: Scene) -> str:
-        """In a few words."""
+        """A short description."""
         mesh = scene.bodies[0].mesh
         if isinstance(mesh, Box):
             cells = "x".join(str(n) for n in scaled(mesh.cells, self.factor))
@@ -135,7 +135,7 @@ def scaled(cells: Sequence[int], factor: Fraction) -> tuple[int, ...]:
     Raises
     ------
     ValueError
-        One of them is no whole number.
+        A product is not a whole number.
     """
     result = [n * factor for n in cells]
     if any(n.denominator != 1 for n in result):
@@ -152,13 +152,13 @@ class Sweep:
     variants
         In the order they run.
     references
-        Three of them, cells halved from one to the next.
+        Three references; cells are halved from one to the next.
     left_out
-        What the scene does not allow, a sentence each.
+        Sentences on settings that the scene does not allow.
     refine
-        How often the scene itself halves the edges of each body's mesh from a file.
+        Number of times that the scene itself halves the edges of each mesh from a file.
     parallel
-        Give this application a rank on each core, not the threads of BLAS.
+        Whether this application runs with a rank on each core instead of threads of BLAS.
     """
 
     scene: Scene
@@ -176,7 +176,7 @@ class Sweep:
 def plan(
     config: Path, overrides: Sequence[str] = (), largest: int = 250_000, peers: bool = True
 ) -> Sweep:
-    """Find out what a scene allows and what is worth running.
+    """Choose the runs that a scene allows and that are worth their time.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def _levels(scene: Scene, largest: int) -> list[Fraction]:
 
 
 def _dofs(scene: Scene, factor: Fraction, degree: int) -> int:
-    """Unknowns of a mesh of the sweep; of files that are halved twice or more about so many."""
+    """Unknowns of a mesh of the sweep; approximate for files halved twice or more."""
     nodes, d = 0, scene.dimension
     for body in scene.bodies:
         mesh = body.mesh
@@ -291,14 +291,14 @@ def _dofs(scene: Scene, factor: Fraction, degree: int) -> int:
 def _reference_mesh(
     scene: Scene, levels: Sequence[Fraction], degrees: Sequence[int], most: int
 ) -> tuple[Fraction, int]:
-    """Finest mesh of the reference and its degree: two levels of nodes beyond the sweep, or one.
+    """Finest mesh of the reference and its degree: nodes of one or two halvings beyond the sweep.
 
-    A quarter of its cells are whole numbers, too, and no fewer than the coarsest mesh's.
+    A quarter of its cells along each axis is a whole number, at least that of the coarsest mesh.
 
     Raises
     ------
     ConfigurationError
-        It has too many unknowns.
+        The mesh has too many unknowns.
     """
     for degree in reversed(degrees):
         least = max(2 * levels[-1] / degree, 4 * levels[0])
@@ -330,16 +330,16 @@ def chart(
 ) -> Iterator[Progress]:
     """Run a sweep; write ``frontier.csv`` as it grows and ``frontier.png`` at its end.
 
-    Interrupted, it leaves what it had.
+    An interrupted sweep leaves its results so far.
 
     Parameters
     ----------
     limit
-        Seconds a point may take; what takes longer is not tried on finer meshes.
+        Time limit of a point in seconds; a series beyond it is not continued on finer meshes.
     resume
         Keep the reference and the points that an earlier run left in the directory.
     runs
-        What runs the reference and the points.
+        Functions that run the reference and the points.
     """
     runs = runs or Runs()
     told = [variant.describe(sweep.scene) for variant in sweep.references]
@@ -348,7 +348,7 @@ def chart(
     for sentence in sweep.left_out:
         yield Progress(f"left out: {sentence}")
     if stored.points:
-        yield Progress(f"{len(stored.points)} points of an earlier run are kept")
+        yield Progress(f"{len(stored.points)} points of an earlier run are reused")
     sentence = ""
     try:
         with tempfile.TemporaryDirectory() as scratch:

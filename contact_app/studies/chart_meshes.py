@@ -1,9 +1,10 @@
-"""Speed against accuracy on meshes of one part that a mesher drew, one directory a mesh.
+"""Speed against accuracy on given meshes of one part, one directory for each mesh.
 
-The same chart as that of halved cells (`contact_app.studies.chart`), for parts whose shape no
-halving keeps. Both degrees run on each mesh, PETSc's contact solvers beside, all with a rank on
-each core. At degree 2 PETSc's solvers bound nodes, where this application keeps gaps in the mean
-about vertices. The reference has degree 2 on three meshes, cells half as long from one to the next.
+The same chart as with halved cells (`contact_app.studies.chart`), for parts whose shape halving
+does not preserve. This application at both degrees and PETSc's contact solvers run on each mesh,
+all with a rank on each core. At degree 2 PETSc's solvers bound the gaps at nodes, while this
+application bounds averages of gaps around vertices. The reference has degree 2 on three meshes,
+cells half as long from one to the next.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class MeshVariant(Variant):
 
     @property
     def kind(self) -> MeshVariant:
-        """Key of a series: if it takes too long on one mesh, finer meshes are left out."""
+        """Key of a series; if a run takes too long, finer meshes of its series are left out."""
         return replace(self, settings=(), mesh="")
 
     def overrides(self, scene: Scene, refine: Sequence[int] = ()) -> list[str]:
@@ -49,7 +50,7 @@ class MeshVariant(Variant):
         return list(self.settings)
 
     def describe(self, scene: Scene) -> str:
-        """In a few words."""
+        """A short description."""
         return f"{self.name}, degree {self.degree}, mesh {self.mesh}, {self.tolerance}"
 
 
@@ -66,16 +67,16 @@ def plan_meshes(
     Parameters
     ----------
     meshes
-        Directories with the meshes of the scene, named as there.
+        Directories with the mesh files of the scene, with the file names of the scene.
     references
-        Three of them, cells half as long from one to the next.
+        Three such directories; cells are half as long from one to the next.
     largest
-        Unknowns up to which a mesh is solved with a degree.
+        Largest number of unknowns of a mesh with a degree.
 
     Raises
     ------
     ConfigurationError
-        There are not three references, a directory is missing, or no mesh is small enough.
+        The references are not three, a directory is missing, or no mesh is small enough.
     """
     if len(references) != REFERENCES:
         raise ConfigurationError(f"a chart of meshes needs {REFERENCES} references, coarse to fine")

@@ -1,8 +1,8 @@
 """Stored results of a chart, so that a stopped study can go on.
 
-``runs.json`` has the row of each point, or why there is none, and what the chart was made of: with
-another scene, other changes or another reference it begins anew. ``reference-0.npz`` and so on are
-the fields of the reference, the finest first.
+``runs.json`` has the row of each point, or the reason why it has none, and the input of the chart.
+With another scene, other changes or another reference the chart begins anew. ``reference-0.npz``
+and so on are the fields of the reference, the finest first.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ class StoredPoints:
     made_of
         Texts that say which chart this is.
     resume
-        Take what an earlier run of the same chart left there.
+        Whether to load the results of an earlier run of the same chart.
 
     Attributes
     ----------
     points
-        Rows, or reasons why there is none, by what was run.
+        Rows, or reasons for missing rows, by the name of the run.
     """
 
     def __init__(self, directory: Path, made_of: Sequence[str], resume: bool) -> None:
@@ -56,7 +56,7 @@ class StoredPoints:
         return True
 
     def add(self, name: str, point: Row | str) -> None:
-        """Keep a row, or why there is none."""
+        """Store a row, or the reason why it is missing."""
         self.points[name] = point
         self.save()
 
@@ -68,7 +68,7 @@ class StoredPoints:
         new.replace(self._path)
 
     def reference(self, number: int) -> Path:
-        """Where the fields of a reference are, or go."""
+        """File with the fields of a reference."""
         return self._directory / f"reference-{number}.npz"
 
     def rows(self) -> list[Row]:

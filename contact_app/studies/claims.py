@@ -7,8 +7,8 @@ of the runs that claim to have met their target (exit code 0), how many exceed i
 ``spatial 60`` does so in space. ``--first`` is the first seed, ``--targets`` the accuracies,
 ``--limit`` the seconds after which a run is given up, ``--cache`` the directory of references.
 
-Scenes without equilibrium, with contradictory conditions, or whose reference does not converge are
-left out and counted, and so are targets below three times the error of the reference.
+Scenes without equilibrium, with contradictory conditions, or with a reference that does not
+converge are left out and counted. So are targets below three times the error of the reference.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ from solver import QPError
 
 TARGETS = (0.3, 0.15, 0.08)
 LIMIT = {2: 60.0, 3: 240.0}
-"""Seconds after which a run or a reference is given up, by dimension."""
+"""Time limit of a run or a reference in seconds, by dimension."""
 
 SLIGHT, GROSS = 1.05, 1.25
-"""Measured error over the target: what one claim in twenty may exceed, and what none may."""
+"""Ratios of measured error and target: one claim in twenty may exceed the first, no claim the
+second."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,9 @@ class Claim:
     Attributes
     ----------
     claimed, measured
-        Relative errors in energy norm: what the run says and what it is.
+        Relative errors in energy norm: as reported by the run, and as measured.
     missed
-        Why the target was not met as the run says; empty where it claims to have met it.
+        The run's reason why the target was not met; empty if it claims to have met it.
     """
 
     seed: int
@@ -75,7 +76,7 @@ class Claim:
         return self.measured / self.target
 
     def row(self, words: str) -> str:
-        """Of the table."""
+        """The row of the table."""
         said = "met" if self.met else self.missed
         return (
             f"| {self.seed} | {words} | {100 * self.target:g} % | {100 * self.claimed:.2f} % | "
@@ -85,7 +86,7 @@ class Claim:
 
 
 HEADER = (
-    "| seed | scene | asked for | claimed | measured | measured / asked | exit | levels | unknowns "
+    "| seed | scene | target | claimed | measured | measured / target | exit | levels | unknowns "
     "| seconds |\n|---|---|---|---|---|---|---|---|---|---|"
 )
 

@@ -2,15 +2,15 @@
 
 The reference has quadrilaterals or hexahedra of degree 2 between grid lines that are finer than the
 start by `FINER` at least, and halve again and again towards the sides of the box and towards places
-where a load, a support or a contact begins, where stresses may be singular. Where its estimated
-error is above 2 %, its lines are laid anew by that error, more of them, up to three times. An
-answer is not held against a reference whose own error is above a third of the target: the distance
-of two answers of equal error says little of either. What it then lacks to the exact answer, η_f²,
-is added to the square of each error.
+where a load, a support or a contact begins, where stresses may be singular. If its estimated error
+is above 2 %, more grid lines are placed by that error, up to three times. A reference with an error
+above a third of the target is not used, since the distance of two solutions of equal error tells
+little about either. The estimated squared error of the reference, η_f², is added to the square of
+each error.
 
 The error of an answer u_h is the larger of two: its distance ‖u_f - u_h‖ in energy norm, summed by
-quadrature on the cells of both meshes together (`grid_fields`), and beside flat obstacles also
-that of energies, 2 (J(u_h) - J(u_f)); both with η_f² and relative to ‖u_h‖, as
+quadrature on the cells of both meshes together (`grid_fields`), and, with flat obstacles, the
+difference of energies, 2 (J(u_h) - J(u_f)). Both include η_f² and are relative to ‖u_h‖, as
 docs/guide/accuracy.md defines the relative error.
 """
 
@@ -36,7 +36,7 @@ from meshes.graded import graded_box
 Array = NDArray[np.float64]
 
 FINER = {2: 8, 3: 4}
-"""Equal cells of the reference for one of the start along an edge, by dimension; cells beside the
+"""Equal cells of the reference per cell of the first mesh along an edge, by dimension; cells at the
 ends of edges are `2 ** HALVINGS` times finer still."""
 
 HALVINGS = {2: 6, 3: 2}
@@ -48,20 +48,21 @@ LONGEST = 4.0
 """Largest ratio of the edges of the equal cells of the reference."""
 
 TOLERANCE = 1e-8
-"""Of the solve of the reference."""
+"""Tolerance of the reference's solve."""
 
 EXACT = 0.02
-"""Estimated relative error of a reference from which on it is good enough."""
+"""Estimated relative error below which a reference is accurate enough."""
 
 ROUNDS, MORE = 3, 1.5
-"""How often the lines of a reference are laid anew where it is not, and how many more they are."""
+"""Number of times that the lines of an inaccurate reference are placed anew, and the factor on
+their number."""
 
 LARGEST = {2: 100_000, 3: 120_000}
-"""Unknowns of a reference."""
+"""Largest number of unknowns of a reference."""
 
 TRUSTED = 1.0 / 3.0
-"""Largest estimated error of a reference over the target that an answer is held against: what the
-reference lacks then adds at most 6 % to the measured error."""
+"""Largest estimated error of a reference relative to the target: it adds at most 6 % to the
+measured error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +76,9 @@ class Truth:
     square
         a(u_f, u_f).
     missing
-        η_f², the estimated square of what the fine mesh lacks.
+        η_f², the estimated squared error of the fine mesh.
     dofs, seconds
-        Its size and price.
+        Its size and cost.
     """
 
     field: GridField
@@ -88,11 +89,11 @@ class Truth:
     seconds: float
 
     def judges(self, target: float) -> bool:
-        """Whether it is exact enough to hold an answer of a target against it."""
+        """Whether it is accurate enough to judge a run to a target."""
         return self.missing <= (TRUSTED * target) ** 2 * self.square
 
     def relative_error(self, solved: SolvedScene) -> float:
-        """Of an answer to the same scene on any mesh."""
+        """Relative error of a solution of the same scene on any mesh."""
         scene = solved.model.scene
         (body,) = scene.bodies
         material = body.materials[0]
@@ -101,7 +102,7 @@ class Truth:
         if all(isinstance(contact.obstacle, Plane) for contact in scene.contacts):
             energy = float(solved.summary["solution"]["energy"])
             found = max(found, 2.0 * (energy - self.energy))
-        if square == 0.0:  # the obstacles carry the loads where they act: nothing is strained
+        if square == 0.0:  # obstacles carry the loads directly: the body has no strains
             return float(np.sqrt(found / self.square)) if self.square > 0.0 else 0.0
         return float(np.sqrt((found + self.missing) / square))
 
@@ -130,7 +131,7 @@ def reference_lines(claim: ClaimScene, dimension: int) -> list[Array]:
 
 
 def _finer_lines(claim: ClaimScene, solved: SolvedScene) -> list[Array]:
-    """Half as many lines again, laid by the error of the last reference."""
+    """Half as many lines again, placed by the error of the last reference."""
     lines = list(GridField.of(solved).lines)
     (squares,) = layer_errors(solved, [lines])
     limit = LARGEST[len(lines)] / solved.model.dofs
@@ -166,7 +167,7 @@ def _solved(scene: Scene, lines: list[Array]) -> SolvedScene:
 
 
 def _with(line: Array, wanted: Array, size: float) -> Array:
-    """The lines, the nearest to each wanted coordinate moved to it."""
+    """The lines; for each wanted coordinate the nearest line is moved there."""
     for x in wanted:
         line[np.argmin(np.abs(line - x))] = x
     line[-1] = size
@@ -174,7 +175,7 @@ def _with(line: Array, wanted: Array, size: float) -> Array:
 
 
 def truth(claim: ClaimScene, scene: Scene, cache: Path) -> Truth:
-    """The answer on the fine mesh, solved once and kept in a directory."""
+    """The solution on the fine mesh, solved once and stored in a directory."""
     path = cache / f"reference-{scene.dimension}d-{claim.seed}.pickle"
     if path.is_file():
         with path.open("rb") as file:

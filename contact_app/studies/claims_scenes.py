@@ -1,4 +1,4 @@
-"""Random scenes on which `contact_app.studies.claims` holds claims of accuracy against errors.
+"""Random scenes on which `contact_app.studies.claims` compares claims of accuracy with errors.
 
 Any seed gives one scene, always the same. A scene is one box, plane or spatial, of any cell type,
 that begins with 1 to 8 cells along an edge (3 in space), often unequal ones. One body in three is
@@ -23,7 +23,8 @@ Config = dict[str, Any]
 
 YOUNG = 1000.0
 STRAIN = 1e-3
-"""Strain that loads make, about: small, so that bodies stay linear; slender ones bend more."""
+"""Approximate strain under the loads: small, so that bodies stay linear; slender bodies bend
+more."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class ClaimScene:
     Attributes
     ----------
     config
-        As a user would write it, without `accuracy`.
+        The scene as a user would write it, without `accuracy`.
     breaks
         Coordinates by axis where a load, a support or a contact begins or ends inside a side.
     """
@@ -134,7 +135,7 @@ class _Draw:
         return float(np.round(self.random.uniform(0.0, 0.45), 3))
 
     def side(self, name: str, share: float) -> str:
-        """The whole side, or with that chance a part of it that facets of the start make up."""
+        """The whole side, or with probability `share` a part made of facets."""
         axis = "xyz".index(name[0])
         along = [a for a in range(self.dimension) if a != axis and self.cells[a] > 1]
         if not along or not self.chance(share):
@@ -151,7 +152,7 @@ class _Draw:
         return f"b.{part}"
 
     def hold(self, conditions: list[Config]) -> list[str]:
-        """Hold the body so that it cannot move; the sides that stay free."""
+        """Hold the body so that it cannot move; return the sides that stay free."""
         d = self.dimension
         faces = [f"{axis}{side}" for axis in "xyz"[:d] for side in "-+"]
         if self.chance(0.7):
@@ -181,14 +182,14 @@ class _Draw:
             conditions.append({"on": on, kind: loaded})
 
     def touch(self, contacts: list[Config], free: list[str]) -> None:
-        """No, one or two obstacles."""
+        """Add no, one or two obstacles."""
         count = int(self.choice((0, 1, 2), [0.25, 0.5, 0.25]))
         sides = [free[i] for i in self.random.permutation(len(free))][:count]
         for face in sides:
             contacts.append({"on": self.side(face, 0.15), "obstacle": self.obstacle(face)})
 
     def obstacle(self, face: str) -> Config:
-        """One that the side touches, nearly touches or overlaps by a little."""
+        """An obstacle that the side touches, nearly touches or overlaps slightly."""
         d, axis = self.dimension, "xyz".index(face[0])
         outward = np.zeros(d)
         outward[axis] = 1.0 if face[1] == "+" else -1.0

@@ -1,8 +1,8 @@
 """Cost of the coarse problem for many subdomains: measured on cubes of 2³ cells each.
 
-The size and pattern of an active set's G W Gᵀ depend on the number of subdomains alone, not on
-what is inside them, so the smallest subdomains serve that have nodes within their faces.
-``python -m contact_app.studies.coarse`` prints the table of docs/benchmarks/scaling.md.
+The size and pattern of an active set's G W Gᵀ depend only on the number of subdomains, not on their
+cells. The study therefore uses the smallest subdomains that have nodes inside their faces. ``python
+-m contact_app.studies.coarse`` prints the table of docs/benchmarks/scaling.md.
 """
 
 from __future__ import annotations

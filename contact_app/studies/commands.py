@@ -1,4 +1,4 @@
-"""Commands of the studies: ``svm``, ``reproduce``, ``bench``, ``effectivity`` and more."""
+"""Commands of the studies: ``svm``, ``reproduce``, ``bench``, ``effectivity`` and others."""
 
 from __future__ import annotations
 
@@ -36,13 +36,15 @@ OutputOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("svm")(svm)
-    reproduce = typer.Typer(help="The paper's tables and figures, ours beside theirs.")
+    reproduce = typer.Typer(help="Reproduce the paper's tables and figures.")
     reproduce.command("svm")(reproduce_svm)
     reproduce.command("cube")(reproduce_cube)
     reproduce.command("figure1")(reproduce_figure1)
     reproduce.command("rules")(reproduce_rules)
     app.add_typer(reproduce, name="reproduce")
-    measured = typer.Typer(help="Ours and PETSc's solvers side by side: cubes, or parts.")
+    measured = typer.Typer(
+        help="This application and PETSc's solvers side by side: cubes, or parts."
+    )
     measured.callback(invoke_without_command=True)(bench)
     measured.command("parts")(bench_parts)
     app.add_typer(measured, name="bench")
@@ -59,7 +61,7 @@ def verify(
     ] = None,
     output: OutputOption = None,
 ) -> None:
-    """Solve contact problems with known answers on rows of meshes: tables, rates, a figure."""
+    """Solve contact problems with known solutions on series of meshes: tables, rates, a figure."""
     from contact_app.studies.verification_report import verify as run
 
     for line in run(cases or [], output or Path("results/verify")):
@@ -116,13 +118,14 @@ def reproduce_cube(
         typer.Option(help="Small scale: only the rows of this expansion, e.g. projcg."),
     ] = None,
     settings: Annotated[
-        str, typer.Option(help="Paper scale: whose rules, of paper and ours, comma-separated.")
+        str, typer.Option(help="Paper scale: rules to run, comma-separated: paper, ours.")
     ] = "paper,ours",
 ) -> None:
     """Run the paper's contact benchmark.
 
     Small: its 73 rows, CSV, Figure 3, a summary.json for each. Paper: its own problem of 81,812,703
-    unknowns, under its rules and under ours; stopped, it goes on where it was when run again.
+    unknowns, with its rules and with ours. An interrupted run continues when the command is run
+    again.
     """
     from contact_app.studies.cube import cube_scene, reproduce_cube
     from contact_app.studies.paper_run import PAPER_CELLS, Settings, paper_run
@@ -142,7 +145,9 @@ def reproduce_cube(
 
 
 def reproduce_rules(
-    subdomains: Annotated[int, typer.Option(help="Along an edge of the cube.", min=2)] = 10,
+    subdomains: Annotated[
+        int, typer.Option(help="Subdomains along an edge of the cube.", min=2)
+    ] = 10,
 ) -> None:
     """Print the multiplications of SMALBE's rules, the published ones and ours, on the cube."""
     from contact_app.studies.rules import compare_rules, table
@@ -166,7 +171,8 @@ def bench(
         str, typer.Option(help="Cells along an edge of each cube of hexahedra; none leaves it out.")
     ] = "10,20,30,40,60",
     unstructured: Annotated[
-        str, typer.Option(help="The same for tetrahedra of a file, inner nodes moved at random.")
+        str,
+        typer.Option(help="The same for tetrahedra from a file with inner nodes moved at random."),
     ] = "10,20,30,36",
     tolerance: Annotated[float, typer.Option(help="Relative tolerance of all methods.")] = 1e-8,
     limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 60.0,
@@ -174,7 +180,7 @@ def bench(
         str, typer.Option(help="Methods to run, separated by commas; all unless given.")
     ] = "",
 ) -> None:
-    """Run ours and PETSc's solvers on the paper's cube, side by side: table, CSV and figure.
+    """Run this application and PETSc's solvers on the paper's cube: table, CSV and figure.
 
     `bench parts` takes the parts of the tutorials instead.
     """
@@ -220,7 +226,7 @@ def bench_parts(
         str, typer.Option(help="Methods to run, separated by commas; the usual ones unless given.")
     ] = "",
 ) -> None:
-    """Run ours, one linear solve and PETSc's solvers on parts from a mesher: table, CSV, figure."""
+    """Compare contact with one linear solve and PETSc's solvers on parts: table, CSV, figure."""
     from contact_app.studies import parts as study
     from contact_app.studies.part_run import OURS
     from contact_app.studies.peers import METHODS
@@ -249,7 +255,7 @@ def _part(name: str, configs: Path, known: tuple[str, ...]) -> Path:
 def _part_meshes(
     sizes: str | None, directories: list[Path], to: Path, drawable: bool
 ) -> list[Meshes]:
-    """The meshes that options of `bench parts` ask for; says so where they are the shipped ones."""
+    """The meshes of the options of `bench parts`; prints a note if they are the shipped ones."""
     from contact_app.studies.parts_meshes import SHIPPED, Meshes, can_draw, drawn
 
     if directories:
@@ -283,7 +289,7 @@ def growth(
     ] = "14,20,30,40,60,80,100",
     summaries: Annotated[
         list[Path] | None,
-        typer.Option(help="summary.json of further runs, or directories of them."),
+        typer.Option(help="summary.json of further runs, or directories with such files."),
     ] = None,
     tolerance: Annotated[float, typer.Option(help="Tolerance of the runs.")] = 1e-6,
     limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 600.0,
@@ -322,8 +328,8 @@ def chart(
     largest: Annotated[
         int, typer.Option(help="Degrees of freedom of the finest mesh of the sweep.")
     ] = 250_000,
-    limit: Annotated[float, typer.Option(help="Seconds a point may take.")] = 30.0,
-    peers: Annotated[bool, typer.Option(help="Run PETSc's solvers, too.")] = True,
+    limit: Annotated[float, typer.Option(help="Time limit of a point, in seconds.")] = 30.0,
+    peers: Annotated[bool, typer.Option(help="Run PETSc's solvers as well.")] = True,
     meshes: Annotated[
         list[Path] | None,
         typer.Option(
@@ -341,10 +347,10 @@ def chart(
         ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep the points of an earlier run and go on.")
+        bool, typer.Option("--resume", help="Reuse the points of an earlier run and continue.")
     ] = False,
 ) -> None:
-    """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, peers."""
+    """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, solvers."""
     from contact_app.studies import chart as study
     from contact_app.studies.chart_meshes import plan_meshes
 
@@ -400,7 +406,7 @@ def _refuse(message: str) -> NoReturn:
 
 
 def stability(output: OutputOption = None) -> None:
-    """Run ours and PETSc's solvers where methods fail: a table of verdicts (some minutes)."""
+    """Run this application and PETSc's solvers on hard scenes: verdicts (some minutes)."""
     from contact_app.studies.stability import stability as run
 
     for path in run(output or Path("results/stability"), typer.echo):
@@ -408,7 +414,7 @@ def stability(output: OutputOption = None) -> None:
 
 
 def effectivity(output: OutputOption = None) -> None:
-    """Compare the error estimate with known errors, and runs to an accuracy with what they met."""
+    """Compare the error estimate with known errors, and runs to an accuracy with their errors."""
     from contact_app.studies.effectivity import effectivity as run
 
     for line in run(output or Path("results/effectivity")):

@@ -1,15 +1,15 @@
-"""How fast errors fall where the edge of contact lies within a boundary, for degree 1 and 2.
+"""Rates of convergence if the edge of contact lies within a boundary, for degree 1 and 2.
 
 A block slides along its plane of symmetry and is pushed by its foot against a round rigid obstacle
-(Signorini's problem with smooth data): nothing in the answer is singular but the pressure at the
-edge of contact, which falls to zero like a root. The displacement is in H^s for all s < 5/2, so
-that errors in energy norm fall like h for degree 1, and for degree 2 like h^1.5 at best on uniform
+(Signorini's problem with smooth data). The only singularity is at the edge of contact, where the
+pressure falls to zero like a square root. The displacement is in H^s for all s < 5/2, so that
+errors in energy norm fall like h for degree 1, and for degree 2 like h^1.5 at best on uniform
 meshes (P. Hild, P. Laborde, *Quadratic finite element methods for unilateral contact problems*,
 Appl. Numer. Math. 41, 2002).
 
-Errors are distances from the answer of degree 2 on a mesh several times finer. Where the edge of
-contact falls within a cell makes single errors erratic; told is the geometric mean over several
-depths of pushing.
+Errors are distances from the solution of degree 2 on a mesh several times finer. Single errors are
+erratic, since they depend on the place of the edge of contact within a cell. The table therefore
+holds the geometric mean over several depths of pushing.
 
     python -m contact_app.studies.contact_rates
 """
@@ -95,7 +95,7 @@ def errors(
 def _solved(
     cell: str, n: int, degree: int, depth: float
 ) -> tuple[Fields, tuple[Material, ...], str | None]:
-    """An answer at the nodes; materials and plane of its scene."""
+    """Nodal values of a solution; materials and plane of its scene."""
     made = build_scene(Configuration.model_validate(scene(cell, n, degree, depth)))
     found = fields_of(solve_scene(made, MPI.COMM_SELF))
     assert found is not None

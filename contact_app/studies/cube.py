@@ -2,9 +2,9 @@
 
 Every row solves the same dual problem with SMALBE-M under the paper's rule, ρ = 1.1‖F‖,
 M = 100‖F‖ divided by 10, to 1e-6 relative to the right-hand side, counted as the paper counts: one
-Hessian multiplication an outer iteration. The small scale has 4³ elements a subdomain where the
-paper has 30³, and the rows of B are orthonormal where the paper's are scaled by multiplicity, so
-counts are compared in shape, not number by number. One more solve shows this solver's own
+Hessian multiplication an outer iteration. The small scale has 4³ elements in each subdomain, the
+paper 30³; and the rows of B are orthonormal here and scaled by multiplicity in the paper. Therefore
+the curves of counts are compared, not single numbers. One more solve shows this solver's own
 defaults.
 """
 
@@ -71,7 +71,7 @@ def reproduce_cube(
     Yields
     ------
     str
-        A sentence for each row, and what was written.
+        A sentence for each row and each written file.
     """
     rows = [r for r in paper_rows("contact") if expansion in (None, r.expansion)]
     if not rows:
@@ -121,7 +121,7 @@ def _name(row: Row) -> str:
 
 
 class _Study:
-    """One model for all rows, and what does not change from row to row."""
+    """The model and all other data that the rows share."""
 
     def __init__(self, model: Model, output: Path, timings: Timings) -> None:
         self.model, self.output, self.timings = model, output, timings
@@ -129,7 +129,7 @@ class _Study:
         self._squares: NDArray[np.float64] | None = None
 
     def run(self, solver: SMALBE, name: str) -> Counts:
-        """Solve, certify, and leave a summary."""
+        """Solve, certify, and write a summary."""
         model, problem = self.model, self.model.problem
         clock = self.timings.branched(self._modelled)
         with clock.measure("solve"):
@@ -151,14 +151,14 @@ class _Study:
         return result.counts
 
     def _accuracy(self, solution: Solution) -> Accuracy:
-        """The mesh's error is that of the first answer, from which others differ by the gap."""
+        """The mesh error of the first solution; others differ from it by the duality gap."""
         if self._squares is None:
             self._squares = ErrorEstimator(self.model).squares(solution)
         return accuracy_of(self._squares, solution)
 
 
 def equality(model: Model) -> ProjectorEquality:
-    """Gλ = 0 as the solver takes it."""
+    """The equality constraints Gλ = 0."""
     if model.problem.coarse is None:
         raise ValueError("the benchmark needs more than one subdomain")
     return ProjectorEquality(model.problem.coarse)

@@ -1,21 +1,21 @@
-"""Quality of the error estimate: effectivity on scenes with known error, and targets met.
+"""Quality of the error estimate: effectivity on scenes with known error, and runs to targets.
 
-Two ways to the error ‖u - u_h‖ in energy norm. Where every admissible displacement of the mesh is
-admissible in the continuum (flat obstacles), from energies,
+The error ‖u - u_h‖ in energy norm is computed in two ways. If every admissible displacement of the
+mesh is admissible in the continuum (flat obstacles), it follows from energies,
 
     ‖u - u_h‖² ≤ 2 (J(u_h) - J(u)),
 
-J(u) extrapolated (Aitken) from the three finest meshes; by how much the value from the three
-before differs is the accuracy of the reference. On a curved obstacle the gap holds at nodes alone,
-and energies approach theirs from either side: there from the difference to the finest mesh f,
-which contains the others,
+with J(u) extrapolated (Aitken) from the three finest meshes. The difference from the value of the
+three meshes before is the accuracy of the reference. On a curved obstacle the gap condition holds
+only at nodes, and energies approach their limit from either side. There the error follows from the
+difference to the finest mesh f, which contains the others,
 
     ‖u - u_h‖² = ‖u_f - u_h‖² + ‖u - u_f‖²,
 
-the last term being what makes the errors of the two finest meshes differ by the rate of the two
-before. Triangles and tetrahedra of a box refine into themselves as quadrilaterals and hexahedra do.
-With mean dilatation the energy is not that of u_h; there it is the distance of the stresses,
-∫ (σ_f - σ_h) : C⁻¹ : (σ_f - σ_h) dx.
+with the last term chosen so that the errors of the two finest meshes have the rate of the two
+meshes before. The meshes of a box are nested, also those of triangles and tetrahedra. With mean
+dilatation the energy is not that of u_h, and the distance of the stresses is used, ∫ (σ_f - σ_h) :
+C⁻¹ : (σ_f - σ_h) dx.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ from meshes.unstructured import CellMesh
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
-"""Of the solves: their algebraic error is nothing beside that of the mesh."""
+"""Tolerance of the solves: their algebraic error is negligible compared with that of the mesh."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A sweep: a packaged scene, its cell, cells along an edge, and what is asked of it.
+    """A sweep: a packaged scene, its cell, its numbers of cells along an edge, and its targets.
 
-    `conforming` says how its error is found, `targets` which accuracies are asked for. With mean
-    dilatation the material is nearly incompressible.
+    `conforming` chooses the way to its error, and `targets` are the accuracies of its runs. With
+    mean dilatation the material is nearly incompressible.
     """
 
     scene: str
@@ -77,7 +77,7 @@ class Case:
 
     @property
     def element(self) -> str:
-        """The cell and what is done in it, in words."""
+        """The cell, its degree and its treatment of the volume, in words."""
         return (
             self.cell
             + (" of degree 2" if self.degree == 2 else "")
@@ -85,7 +85,7 @@ class Case:
         )
 
     def scene_of(self, cells: int, *overrides: str) -> Scene:
-        """The scene with that many cells along every edge."""
+        """The scene with a number of cells along every edge."""
         with as_file(files("contact_app.studies").joinpath(f"data/{self.scene}.yaml")) as path:
             dimension = 3 if self.cell in ("hexahedron", "tetrahedron") else 2
             made = [
@@ -197,7 +197,7 @@ class AnswerOnMesh:
         return fine.product(fine.displacement - self.on(fine)) ** 0.5
 
     def stresses(self, field: Array, cells: int) -> Array:
-        """Stresses on this mesh of a field of one with that many cells along an edge.
+        """Stresses on this mesh of a field on a mesh with a number of cells along an edge.
 
         B-bar: div u is averaged over the cells of that mesh. Squares add up to ∫ σ : C⁻¹ : σ.
 
@@ -248,7 +248,7 @@ def errors_from_differences(differences: list[float]) -> tuple[list[float], floa
 
 @dataclass(frozen=True)
 class Sweep:
-    """Rows of a case, and what they tell of other meshes: J(u), and the rate of the error."""
+    """Rows of a case, and the data for other meshes: J(u) and the rate of the error."""
 
     rows: tuple[Row, ...]
     energy: float
@@ -282,7 +282,7 @@ def sweep(case: Case) -> Sweep:
 
 
 def estimated_answer(case: Case, cells: int) -> AnswerOnMesh:
-    """The solved case on a mesh of so many cells, with what its error is measured by."""
+    """The solved case on a mesh with a number of cells, with the data that measure its error."""
     scene = case.scene_of(cells, f"solver.tolerance={TOLERANCE}")
     return AnswerOnMesh(case, cells, solve_scene(scene, MPI.COMM_SELF))
 
@@ -291,9 +291,10 @@ def estimated_answer(case: Case, cells: int) -> AnswerOnMesh:
 class Reached:
     """A run to an accuracy: `error` is measured.
 
-    `best_dofs` is what the best mesh of the sweep takes whose measured error meets the target,
-    `knowable_dofs` of those whose estimate by stresses alone does; `equal_dofs` what
-    equal cells of degree 1 need, by the rate of their sweep. `all_dofs` is the sum over the levels.
+    `best_dofs` are the unknowns of the smallest mesh of the sweep whose measured error meets the
+    target, `knowable_dofs` of the smallest whose estimate from stresses alone meets it.
+    `equal_dofs` are the unknowns that equal cells of degree 1 need by the rate of their sweep.
+    `all_dofs` is the sum over the levels.
     """
 
     scene: str
@@ -315,7 +316,7 @@ class Reached:
 
 
 START = {2: 8, 3: 4}
-"""Cells along an edge where runs to an accuracy begin, by dimension."""
+"""Cells along an edge at the start of runs to an accuracy, by dimension."""
 
 LAYERS = {
     2: (3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 28, 32),
@@ -327,8 +328,8 @@ LAYERS = {
 def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
     """Relative error of an answer on any mesh of a case.
 
-    On curved obstacles it is that to a mesh twice as fine, which leaves out a part that the rate
-    of such cells tells.
+    On curved obstacles it is the distance to a mesh twice as fine, raised by the part that this
+    leaves out according to the rate of such cells.
     """
     degree = solved.model.scene.bodies[0].degree
     answer = AnswerOnMesh(replace(case, degree=degree), 0, solved)
@@ -342,7 +343,7 @@ def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
 
 
 def all_meshes(case: Case, sweeps: dict[Case, Sweep]) -> list[Mesh]:
-    """Equal cells of degree 1 and 2 that were swept, and graded ones of degree 2."""
+    """The meshes of equal cells of degree 1 and 2 of the sweeps, and graded ones of degree 2."""
     meshes = [
         Mesh(f"{row.cells} {row.element}s", row.dofs, row.error, row.estimate)
         for other, found in sweeps.items()
@@ -358,7 +359,7 @@ def all_meshes(case: Case, sweeps: dict[Case, Sweep]) -> list[Mesh]:
 
 
 def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> Reached:
-    """Ask for an accuracy, measure what came out, and compare with the best of all meshes."""
+    """Run to an accuracy, measure the error, and compare with the best of all meshes."""
     dimension = case.scene_of(2).dimension
     scene = case.scene_of(START[dimension], f"accuracy={target}")
     found = solve_to_accuracy(scene, partial(solve_scene, comm=MPI.COMM_SELF))
@@ -379,7 +380,7 @@ def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> Reache
 
 
 def _halved_cells(scene: Scene) -> Scene:
-    """The scene, equal or graded cells of its box halved, solved to far below the mesh's error."""
+    """The scene with halved cells of its box, solved to far below the mesh's error."""
     (body,) = scene.bodies
     if isinstance(body.mesh, Box):
         mesh: BodyMesh = replace(body.mesh, cells=tuple(2 * n for n in body.mesh.cells))
@@ -412,7 +413,7 @@ def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[st
             )
     yield ""
     yield (
-        "| scene | asked for | levels | unknowns | best by estimate | ratio | best by error | "
+        "| scene | target | levels | unknowns | best by estimate | ratio | best by error | "
         "ratio | equal cells of degree 1 | estimate | error | unknowns of all levels | "
         "Hessian multiplications | seconds |"
     )

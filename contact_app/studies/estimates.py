@@ -1,8 +1,8 @@
-"""Estimates of `contact-app check` beside what runs take.
+"""Estimates of `contact-app check` compared with measured runs.
 
 ``python -m contact_app.studies.estimates`` runs every scene of a directory (``configs``) and the
 paper's cube of 20³ to 120³ hexahedra, each in a process of its own, and prints seconds and
-memory, estimated over measured. Seconds are those of the whole run but for start-up and writing
+memory, estimated over measured. Seconds are those of the whole run without start-up and writing
 files.
 """
 

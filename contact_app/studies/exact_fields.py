@@ -1,7 +1,8 @@
-"""How far an answer is from exact fields: L2 errors of displacement and stress over the bodies.
+"""L2 errors of displacement and stress over the bodies, compared with exact fields.
 
-Integrated cell by cell with the cells as they are, curved edges included; where a mesh leaves the
-true body the exact fields are those their formulas continue to. For meshes of any cell and degree.
+Errors are integrated over the cells of the mesh, including curved edges. Where a mesh extends
+beyond the true body, the formulas of the exact fields are continued. Meshes may have any cell and
+degree.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Field = Callable[[Array], Array]
 def relative_errors(
     solved: SolvedScene, displacement: Field, stresses: Field
 ) -> tuple[float, float]:
-    """‖u - u_h‖/‖u‖ and ‖σ - σ_h‖/‖σ‖ in L2, of this process's subdomains.
+    """‖u - u_h‖/‖u‖ and ‖σ - σ_h‖/‖σ‖ in L2 over the subdomains of this process.
 
     Parameters
     ----------
@@ -64,9 +65,9 @@ def lame_ring(
     Parameters
     ----------
     radii
-        Inner and outer.
+        Inner and outer radius.
     pressure
-        On the inner side.
+        Pressure on the inner side.
     inwards
         Displacement of the outer side towards the axis.
 

@@ -1,9 +1,9 @@
 """Scenes with friction on which methods fail, each named after the failure (`failing_scenes`).
 
-Every one is solved by `auto` in subdomains and whole, by multigrid on the undecomposed body
-(`primal`) and by SMALBE-M with MPRGP on discs of friction forces (`smalbe`), which knows no
-statuses of points. What is right is a run without decomposition at tolerance 1e-10; the tests hold
-it against Gauss-Seidel sweeps over contact points, which share no code with this application.
+Every scene is solved by `auto` with and without decomposition, by multigrid on the undecomposed
+body (`primal`), and by SMALBE-M with MPRGP on discs of friction forces (`smalbe`), which has no
+statuses of points. The reference is a run without decomposition at tolerance 1e-10. The tests
+compare it with Gauss-Seidel sweeps over contact points, which share no code with this application.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def smooth() -> Config:
 
 
 def floating(share: float) -> Config:
-    """A block that friction alone keeps in place, pushed by a share of what it carries."""
+    """A block held by friction alone, pushed by a share of the load at which it slides."""
     return scene_of(
         [box_body("block", [0.0, 0.0], [2.0, 0.25], [32, 4])],
         [{"on": "block.y+", "traction": [share * LIMIT * PRESS, -PRESS]}],
@@ -121,9 +121,9 @@ FRICTION_CASES = (
         lambda: held(1.0, push=90.0), mild=lambda: held(0.3, push=90.0),
     ),
     Case(
-        "at 0.999 of the load that slides", "nearly all points slide: what is left to hold the "
-        "body is nearly singular", "statics decide before anything is solved; a body's rigid "
-        "motions are in the coarse problem", lambda: floating(0.999), (4, 1),
+        "at 0.999 of the load that slides", "nearly all points slide: the stiffness that holds the "
+        "body is nearly singular", "equilibrium is decided before anything is solved; the rigid "
+        "motions of a body are in the coarse problem", lambda: floating(0.999), (4, 1),
         mild=lambda: floating(0.5),
     ),
     Case(
@@ -132,7 +132,7 @@ FRICTION_CASES = (
         lambda: floating(1.001), (4, 1), expected=REFUSED,
     ),
     Case(
-        "kept by friction alone", "no displacement is held: the stiffness is singular, and stays "
+        "held by friction alone", "no displacement is held: the stiffness is singular, and stays "
         "so in each set where points slide", "sticking points hold the body like conditions; its "
         "rigid motions are kept in equilibrium", lambda: floating(0.1), (4, 1),
     ),
@@ -142,8 +142,8 @@ FRICTION_CASES = (
         "halved", alternating,
     ),
     Case(
-        "a node in two frictional planes", "what sticks at one plane would have to stay where the "
-        "other closes; forces are not determined", "such points give way by a small compliance "
+        "a node in two frictional planes", "a point that sticks to one plane cannot stay on the "
+        "other; forces are not determined", "such points have a small compliance "
         "that vanishes at rest (proximal points)", lambda: two_floors(2),
     ),
     Case(
@@ -151,7 +151,7 @@ FRICTION_CASES = (
         "the same", lambda: two_floors(3), (2, 2, 2),
     ),
     Case(
-        "an edge in contact", "few points carry all, without area on most facets",
+        "an edge in contact", "few points carry all loads, and most facets have no area in contact",
         "forces stand at nodes; each has its own disc", edge, (2, 2, 1),
     ),
 )  # fmt: skip

@@ -18,7 +18,7 @@ Data = tuple[Any, Any, Any, Any, Any]
 
 @dataclass(frozen=True)
 class QPCase:
-    """A problem, what goes wrong, and the guard; `refused` where an error must name the cause."""
+    """A problem, its failure, and the guard; `refused` if an error has to name the cause."""
 
     name: str
     failure: str
@@ -49,7 +49,7 @@ def _dense(qp: Any) -> np.ndarray:
 
 
 def _box(n: int = 60, **changes: Any) -> Data:
-    """A random box, with some of its data replaced: (index, value) of b, lower or upper."""
+    """A random box with replaced data: (index, value) of b, lower or upper."""
     data = dict(zip(("A", "b", "lower", "upper", "x0"), _of(random_box(n, 100.0)), strict=True))
     for name, (index, value) in changes.items():
         data[name] = data[name].copy()
@@ -84,15 +84,15 @@ QP_CASES = (
     QPCase(
         "projected CG step raises the cost (Figure 1)",
         "the cost after the step is higher than before",
-        "the way ends at its minimum, or the standard expansion is taken", _figure_1,
+        "the step ends at the minimum along it, or the standard expansion is used", _figure_1,
     ),
     QPCase(
         "projected CG steps cycle", "seven steps repeat for ever",
-        "every expansion descends by a fixed part of what the proof asks", _cycle,
+        "every expansion decreases the cost by a part of what the proof requires", _cycle,
     ),
     QPCase(
         "semidefinite Hessian", "opt lengths are chaotic: 2322 multiplications in the paper",
-        "lengths come from the way that is taken, never from another gradient",
+        "the step length belongs to the step's own direction, never to another gradient",
         lambda: _of(support_vector_machine("l1", 300)),
     ),
     QPCase(
@@ -129,8 +129,8 @@ QP_CASES = (
         refused=True,
     ),
     QPCase(
-        "indefinite Hessian in a finite box", "a point that is no minimum",
-        "none where negative curvature is not met on the way: a stationary point is all there is",
+        "indefinite Hessian in a finite box", "the result is a stationary point but no minimum",
+        "no guard if the iteration meets no negative curvature: it finds a stationary point only",
         lambda: _indefinite(True),
     ),
     QPCase(

@@ -1,7 +1,7 @@
 """Scenes on which contact methods fail, each named after the failure it provokes.
 
-A case says what goes wrong without care and what guards this application; where a milder twin of
-the scene is known, the growth of the work from the twin to the case is part of the answer.
+A case names the failure without a guard and the guard of this application. If a milder variant of
+the scene is known, the growth of work from the variant to the case is measured as well.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ class Case:
     Attributes
     ----------
     failure, guard : str
-        What goes wrong without care, and what is done about it.
+        The failure without a guard, and the guard.
     make : callable
         The scene as a configuration, without decomposition.
     subdomains : list of int or int, of the decomposed run
-    expected : "holds" or "refused"; what must happen
+    expected : "holds" or "refused", the required outcome
     energy : float, optional; exact
     scale : float, optional
-        What the energy is compared with where it is zero.
+        Scale of the comparison if the energy is zero.
     mild : callable, optional
-        A twin without the difficulty, of about as many unknowns.
+        A variant without the difficulty, with about the same number of unknowns.
     """
 
     name: str
@@ -70,7 +70,7 @@ def plane_contact(on: str, point: list[float], normal: list[float]) -> Config:
 
 
 def scene_of(bodies: list[Any], conditions: list[Config], contacts: list[Config]) -> Config:
-    """The whole configuration but for its decomposition."""
+    """The whole configuration without its decomposition."""
     return {
         "title": "",
         "dimension": len(bodies[0]["mesh"]["box"]["cells"]),
@@ -211,7 +211,7 @@ def squeezed() -> Config:
 
 
 def slender(ratio: float, cells: list[int]) -> Config:
-    """A cantilever that bends down onto a plane some way below it."""
+    """A cantilever that bends down onto a plane at a distance below it."""
     length, height = 1.0, 1.0 / ratio
     return scene_of(
         [box_body("beam", [0.0, 0.0], [length, height], cells)],
@@ -247,7 +247,7 @@ def contrast(ratio: float) -> Config:
 
 
 def weak_beside_strong(ratio: float) -> Config:
-    """A cantilever bent down onto a plane, and a block that is pulled and has no part in it.
+    """A cantilever bent down onto a plane, and a pulled block that is independent of it.
 
     Loads and gap of the cantilever are proportional to a ratio; those of the block are not.
     """
@@ -309,7 +309,7 @@ def overlapping_cells() -> Config:
 
 @cache
 def _tangled() -> Path:
-    """A mesh file of the unit square with one node far from its place, kept while Python runs."""
+    """A temporary mesh file of the unit square with one node far from its place."""
     shape = BoxShape((0.0, 0.0), (1.0, 1.0), (8, 8), "triangle").cell_mesh()
     points = np.pad(shape.points, ((0, 0), (0, 1)))
     place = np.abs(points - [0.5, 0.5, 0.0]).max(axis=1).argmin()
@@ -345,7 +345,7 @@ def far_away(distance: float) -> Config:
 
 
 def overlap() -> Config:
-    """Nothing but an obstacle that starts inside the body."""
+    """A body without loads whose obstacle starts inside it."""
     made = wall(12)
     made["conditions"] = [{"on": "block.x-", "displacement": [0.0, 0.0]}]
     made["contacts"] = [plane_contact("block.x+", [0.99, 0.0], [-1.0, 0.05])]
@@ -379,7 +379,7 @@ CASES = (
         "quadratic elements, uniform pressure",
         "nodal forces of a constant pressure are zero or negative at vertices: λ ≥ 0 at nodes "
         "cannot hold it",
-        "rows that can hold a constant pressure",
+        "rows that can represent a constant pressure",
         quadratic_patch, energy=_PATCH_ENERGY,
     ),
     Case(
@@ -388,8 +388,8 @@ CASES = (
         lambda: eccentric(1.0),
     ),
     Case(
-        "load at the edge of the support", "few rows carry all; augmented Lagrangians stall",
-        "each active set has a coarse problem of its own, and nothing is left to augment",
+        "load at the edge of the support", "few rows carry all loads; augmented Lagrangians stall",
+        "each active set has a coarse problem of its own and needs no augmentation",
         lambda: eccentric(0.76), mild=lambda: eccentric(1.0),
     ),
     Case(
@@ -406,12 +406,12 @@ CASES = (
     ),
     Case(
         "free to slide", "the solution is unique only up to a rigid motion: singular systems",
-        "motions that nothing sees and nothing drives are held by rows without force",
+        "motions that no contact resists and no load drives are held by rows without force",
         lambda: floating([0.0, -50.0]), energy=-0.5 * 50.0 * 50.0 * (1.0 - 0.3**2) / 1000.0,
     ),
     Case(
         "held and touching at one node", "redundant rows: a singular coarse problem",
-        "contact rows are cut to the components that are free",
+        "contact rows are restricted to the free components",
         held_and_touching,
     ),
     Case(
@@ -420,19 +420,19 @@ CASES = (
     ),
     Case(
         "the same plane thrice", "parallel rows: multipliers are not unique, F is singular",
-        "of parallel rows the tightest stays, of nearly parallel ones too, as long as the answer "
-        "keeps to the others; it is solved again with those it crosses",
+        "of parallel or nearly parallel rows only the tightest is used, if the solution "
+        "satisfies the others; it is solved again with the violated rows",
         same_plane_thrice, mild=wall,
     ),
     Case(
         "held nodes inside an obstacle", "no displacement satisfies both: multipliers grow",
-        "found when the rows are written", held_inside, expected=REFUSED,
+        "detected when the rows are assembled", held_inside, expected=REFUSED,
     ),
     Case(
         "squeezed between two obstacles",
         "held components leave one direction, in which two obstacles overlap: thousands of steps "
         "to forces of 1e16",
-        "opposite rows at a node are compared when they are written", squeezed, expected=REFUSED,
+        "opposite rows at a node are compared when they are assembled", squeezed, expected=REFUSED,
     ),
     Case(
         "parts of a few cells", "parts that hang by a corner have more zero-energy modes than "
@@ -454,20 +454,20 @@ CASES = (
     ),
     Case(
         "weak body beside a strong one",
-        "relative to loads and energy of the whole scene any answer of the weak body is right",
+        "relative to loads and energy of the whole scene any solution of the weak body passes",
         "certificates are relative to each body",
         lambda: weak_beside_strong(1e-8), subdomains=(4, 2), mild=lambda: weak_beside_strong(1.0),
     ),
     Case(
         "soft beside stiff: steel between walls on rubber",
-        "the rubber has all the energy: any stress of the steel is right",
-        "the same; what carries a load is measured by its own strains",
+        "the rubber has all the energy: any stress of the steel passes",
+        "the same; a body that carries a load is measured by its own strains",
         lambda: between_walls(2e5), subdomains=(2, 2), mild=lambda: between_walls(1.0),
     ),
     Case(
         "overlapping cells",
         "cells that are inside out are turned, to make all volumes positive; the body then fills "
-        "some places twice and the answer is that of another body",
+        "some places twice and the solution is that of another body",
         "cells on the same side of a facet, and facets on the surface that cross, are found when "
         "the file is read",
         overlapping_cells, expected=REFUSED,
@@ -476,8 +476,9 @@ CASES = (
         "slender body 1:100",
         "bending modes are 1e8 times softer than compression, and one of 200 nodes after the other "
         "peels off the plane",
-        "active sets on every eighth row first, then on more and more; in parts, search directions "
-        "are recycled on later sets; whole, each set is solved exactly, for an application a row",
+        "active sets begin with every eighth row, then take more and more; with subdomains, search "
+        "directions are recycled on later sets; without, each set is solved exactly, with one "
+        "application per row",
         lambda: slender(100.0, [200, 2]), subdomains=(10, 1), mild=lambda: slender(5.0, [45, 9]),
     ),
     Case(
@@ -490,7 +491,7 @@ CASES = (
     ),
     Case(
         "a million lengths from the origin", "gaps and kernels lose ten digits",
-        "kernels are taken about the centre of each subdomain", lambda: far_away(1e6), mild=wall,
+        "kernels are computed about the centre of each subdomain", lambda: far_away(1e6), mild=wall,
     ),
     Case(
         "overlap alone", "no load: relative tests divide by zero",

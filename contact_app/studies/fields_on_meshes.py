@@ -1,12 +1,12 @@
-"""Fields of different meshes of one body, brought to the nodes of the finest of them.
+"""Fields of different meshes of one body, evaluated at the nodes of the finest mesh.
 
-The answers are compared in the space of the finest reference: a field of another mesh is evaluated
-at its nodes, and squares are integrated over its cells as they are, curved edges included. Where
-the other mesh is a coarser one that the finest refines that is exact; of a mesh refined here and
-there it is the interpolant, and what such a mesh has between two nodes of the finest is not seen.
+Solutions are compared in the space of the finest reference: a field of another mesh is evaluated at
+its nodes, and squares are integrated over its cells, including curved edges. This is exact if the
+finest mesh refines the other one. For a locally refined mesh the comparison uses the interpolant
+and misses the field between two nodes of the finest mesh.
 
-dolfinx's trees of bounding boxes find the cell that holds a point, or the nearest one, and Newton's
-method its place in the cell.
+dolfinx's trees of bounding boxes find the cell that contains a point, or the nearest one. Newton's
+method finds the local coordinates of the point in the cell.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 BATCH = 4_000
-"""Cells worked on at once: some 100 MB of hexahedra of degree 2."""
+"""Number of cells processed at once: some 100 MB for hexahedra of degree 2."""
 
 KEPT = 4
-"""Meshes whose interpolation is kept: a hundred megabytes each where the finest has 10⁶ nodes."""
+"""Number of meshes with a stored interpolation: 100 MB each for a finest mesh of 10⁶ nodes."""
 
 SHARES = {2: (1, 1), 3: (1, 1, 2), (3, 3): (1, 1, 1), 6: (1, 1, 1, 3, 3, 3),
           4: (1, 1, 1, 1), 9: (1, 1, 1, 1, 2, 2, 2, 2, 4)}  # fmt: skip
-"""Parts of a facet's area by its nodes: those of the first-order facets between all of them."""
+"""Shares of a facet's area at its nodes, from the first-order facets between these nodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class PointsOfMesh:
 
     @cached_property
     def areas(self) -> Array:
-        """Area of the contact boundary that falls to each point, (points,)."""
+        """Share of the contact boundary's area at each point, (points,)."""
         finest, d = self._finest, self._finest.dimension
         result = np.zeros(len(finest.points))
         facets = finest.facets
@@ -137,7 +137,7 @@ class PointsOfMesh:
 def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> sparse.csr_matrix:
     """Evaluation of functions on a mesh at points (n, 3), (n, nodes).
 
-    Of first order they are linear, or linear along each axis, between vertices.
+    First-order functions are linear, or linear along each axis, between vertices.
     """
     d, corners = mesh.dimension, VERTICES[mesh.cell]
     vertices, local = np.unique(mesh.cells[:, :corners], return_inverse=True)
@@ -160,7 +160,7 @@ def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> spar
 
 
 def _corners(dimension: int, nodes: int) -> int:
-    """Vertices of a facet with so many nodes."""
+    """Number of vertices of a facet with a number of nodes."""
     return 2 if dimension == 2 else 3 if nodes in (3, 6) else 4
 
 

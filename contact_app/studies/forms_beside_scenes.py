@@ -2,13 +2,14 @@
 
 ``python -m contact_app.studies.forms_beside_scenes [CELLS]`` presses a cube beside a rigid wall,
 CELLS bricks along each edge (28 unless given) cut into tetrahedra whose inner nodes are moved at
-random. It prints processor seconds by turns, so that other work on the machine does not count: of
-the form, of a second solve of the same form, of the scene by its default method and by multigrid.
-Forms compiled before are not counted, nor is the mesh of dolfinx; a scene reads its mesh from a
-file and estimates the error of the mesh, too. Further tables: degree 2 on half as many cells along
-an edge; friction at the wall; a cube on a cube of half as many cells, with friction; the bricks
-themselves, a regular mesh, of which both take congruent sub-boxes, without and with friction. Under
-``mpirun`` there are the last two alone, with the processor seconds of all ranks.
+random. It prints processor seconds of the form, of a second solve of the same form, and of the
+scene by its default method and by multigrid. The runs take turns, so that other work on the machine
+affects all of them alike. The compilation of forms and the creation of dolfinx's mesh are not
+counted; a scene in addition reads its mesh from a file and estimates the error of the mesh. Further
+tables have degree 2 and half as many cells along an edge; friction at the wall; a cube on a cube of
+half as many cells, with friction; and the bricks themselves, a regular mesh that both cut into
+congruent sub-boxes, without and with friction. Under ``mpirun`` only the last two are printed, with
+the processor seconds of all ranks.
 """
 
 from __future__ import annotations
@@ -146,9 +147,9 @@ def _body(
 def measure(
     cells: int, turns: int = TURNS, degree: int = 1, friction: dict[str, float] | None = None
 ) -> dict[str, dict[str, float]]:
-    """Processor seconds (the fewest of some turns), operator applications and energies.
+    """Processor seconds (the minimum over all turns), operator applications and energies.
 
-    On one rank.
+    This runs on one rank.
     """
     cube = perturbed_cube(cells)
     mesh = dolfinx_compat.create_mesh(cube.cells, cube.points, cube.cell)
@@ -214,7 +215,7 @@ def _by_turns(
     }
     found: dict[str, dict[str, float]] = {}
     for way in ways.values():
-        way()  # compiles what is missing
+        way()  # compiles the forms
     for _ in range(turns):
         for name, way in ways.items():
             began = time.process_time()

@@ -1,19 +1,19 @@
 """Friction beside CalculiX and GetFEM: ``python -m contact_app.studies.friction_beside [-o DIR]``.
 
-Two scenes (`rough_scenes`) on rows of meshes that all programs share, each run a process on one
-thread, measured as a whole. Errors are against this application's own answer on the finest mesh
-with degree 2:
+Two scenes (`rough_scenes`) are solved on series of meshes that all programs share. Each run is a
+process on one thread and is measured as a whole. Errors are relative to this application's solution
+on the finest mesh with degree 2:
 
 * displacements at the nodes of the coarsest mesh, ‖u - u_ref‖ / ‖u_ref‖ in the root mean square;
-* the resultant contact force, and its component along x alone, which of the block is friction and
-  of the roller also what normals lean;
-* of the roller the slip and the friction traction over 0 ≤ x ≤ `END`, likewise. The slip is taken
-  from displacements, along the tangents of the roller: what its nodes have moved beside the block.
-  Tractions that CalculiX prints do not add up to its resultant, and are left out.
+* the resultant contact force, and its component along x. For the block this is friction; for the
+roller it also contains normal forces, whose directions are inclined; * for the roller also the slip
+and the friction traction over 0 ≤ x ≤ `END`. The slip is the displacement of the roller's nodes
+relative to the block along the tangents of the roller. Tractions that CalculiX prints do not add up
+to its resultant and are left out.
 
-A program that is not installed is left out, with the reason; one that does not converge, or takes
-more than `LIMIT` seconds, has a row that says so. Writes ``friction.csv`` and ``friction.png``, and
-prints the tables.
+A program that is not installed is left out with the reason. A run that does not converge, or takes
+more than `LIMIT` seconds, has a row that says so. The study writes ``friction.csv`` and
+``friction.png`` and prints the tables.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ Array = NDArray[np.float64]
 OURS, CALCULIX, GETFEM = "contact-app", "CalculiX", "GetFEM"
 
 LIMIT = 420
-"""Seconds by the clock that a run may take."""
+"""Time limit of a run in wall-clock seconds."""
 
 END, RADIUS = 5.0, 50.0
-"""How far along the roller's contact profiles are compared, within it on all meshes; its radius."""
+"""Length over which profiles of the roller's contact are compared, and the roller's radius."""
 
 COLUMNS = (
     "scene", "program", "degree", "level", "unknowns", "cpu", "clock", "displacement", "force",
@@ -55,7 +55,7 @@ COLUMNS = (
 
 
 def missing(program: str) -> str:
-    """Why a program cannot be asked; empty where it can."""
+    """The reason why a program cannot run; empty if it can."""
     if program == CALCULIX and shutil.which(COMMAND) is None:
         return f"there is no {COMMAND} (Debian: calculix-ccx)"
     if program == GETFEM and importlib.util.find_spec("getfem") is None:
@@ -71,7 +71,7 @@ def run(
     Raises
     ------
     RuntimeError
-        It fails.
+        The program fails.
     """
     directory.mkdir(parents=True, exist_ok=True)
     file, scene_file = directory / "outcome.pickle", directory / "scene.pickle"
@@ -106,7 +106,7 @@ class Judge:
         self.scene: PlainScene = plain(name, ROUGH[name].levels[0], 1)
 
     def errors(self, found: Outcome) -> dict[str, float]:
-        """Of one outcome, by the columns of the table."""
+        """Errors of one outcome, by the columns of the table."""
         moved = [np.concatenate(self._at_nodes(o)) for o in (self.known, found)]
         result = {
             "displacement": relative(*moved),
@@ -142,7 +142,7 @@ class Judge:
 
     @staticmethod
     def _slip(outcome: Outcome) -> Array:
-        """Of the nodes of the roller beside the block, along its tangents."""
+        """Slip of the nodes of the roller along the block, along the roller's tangents."""
         (roller, block), (u, v) = outcome.points, outcome.displacement
         on = np.abs(np.hypot(roller[:, 0], roller[:, 1] - RADIUS) - RADIUS) < 1e-6 * RADIUS
         on &= (roller[:, 0] < 2.0 * END) & (roller[:, 1] < RADIUS)
@@ -203,7 +203,7 @@ def _row(
 
 
 def table(found: Sequence[dict[str, Any]], name: str) -> Iterator[str]:
-    """The rows of one scene for a page."""
+    """The rows of one scene for the page in docs/benchmarks."""
     last = ["slip", "friction traction"] if name == "roller" else []
     heads = ["program", "degree", "mesh", "unknowns", "processor s", "clock s", "displacements",
              "contact force", "along x", *last, ""]  # fmt: skip

@@ -3,13 +3,13 @@
     python -m contact_app.studies.friction_cost [NAME …] [--methods active-set,primal] [--sets]
 
 Each scene is solved without and with friction to its own tolerance. The limit is three times the
-applications of the frictionless solve with Tresca's law, six times with Coulomb's, or 60 where that
-is more; a scene without equilibrium where nothing rubs has the limit 60. Of a history, ten
-increments together may take twelve times the applications of one that goes to the same loads.
+applications of the frictionless solve with Tresca's law and six times with Coulomb's law, but at
+least 60. A scene without equilibrium in the absence of friction has the limit 60. Ten increments of
+a load history may take twelve times the applications of a single increment to the same loads.
 
 The rows of a scene begin with the method that `solver.method: auto` takes.
 
-``--sets`` tells of each active set of a scene what it took and how many rows were active.
+``--sets`` prints the iterations and the number of active rows of each active set.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 METHODS = ("active-set", "primal")
 
 ENOUGH = 60
-"""Applications that a scene with friction may take, whatever it takes without."""
+"""Applications that every scene with friction may take."""
 
 TIMES = {"tresca": 3, "coulomb": 6}
-"""Times those of the frictionless scene that one with friction may take."""
+"""Largest applications of a scene with friction, relative to the frictionless scene."""
 
 TEN = 12
-"""Times those of one increment that ten may take."""
+"""Largest applications of ten increments, relative to one increment."""
 
 
 class Rubbed(NamedTuple):
@@ -54,9 +54,9 @@ class Rubbed(NamedTuple):
     scene
         A mapping, or the name of a shipped scene.
     friction
-        Of all contacts; None where the scene has its own.
+        Friction of all contacts; None if the scene has its own.
     settings
-        As of ``--set``.
+        Overrides, as in ``--set``.
     """
 
     scene: dict[str, Any] | str
@@ -202,9 +202,9 @@ class Counted:
     Attributes
     ----------
     applications
-        Of the operator; None where there is no equilibrium.
+        Applications of the operator; None without equilibrium.
     passed
-        Whether all answers are certified.
+        Whether all solutions are certified.
     sets
         Iterations and active rows of each active set.
     """
@@ -222,7 +222,7 @@ def scene_of(
     Parameters
     ----------
     increments
-        In place of N in the settings.
+        The number N of increments in the settings.
     """
     made: dict[str, Any]
     if isinstance(rubbed.scene, str):
@@ -267,7 +267,7 @@ def counted(scene: Scene) -> Counted:
 
 
 def row(name: str, method: str) -> str:
-    """Of one scene in the table."""
+    """The row of one scene in the table."""
     if name in HISTORIES:
         one, ten = (counted(scene_of(HISTORIES[name], method, increments=n)) for n in (1, 10))
         most: float = TEN * (one.applications or 0)
@@ -300,7 +300,7 @@ def _cells(name: str, method: str, before: Counted, after: Counted, most: float)
 
 def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
     """Rows of a table for a page."""
-    yield "| scene | method | without, or one | with, or ten | limit | ratio | sets |"
+    yield "| scene | method | frictionless / one | friction / ten | limit | ratio | active sets |"
     yield "|---|---|---:|---:|---:|---:|---:|"
     for name in names:
         for method in sorted(methods, key=lambda m: m != taken_by_auto(name)):
@@ -308,7 +308,7 @@ def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
 
 
 def taken_by_auto(name: str) -> str:
-    """The method that `auto` stands for."""
+    """The method that `auto` chooses."""
     method = chosen(scene_of((SCENES | HISTORIES)[name], "auto")).solver.method
     return "active-set" if method == "auto" else method
 
@@ -330,7 +330,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(known)}; all unless given")
     parser.add_argument("--methods", default=",".join(METHODS))
-    parser.add_argument("--sets", action="store_true", help="tell of each active set")
+    parser.add_argument("--sets", action="store_true", help="print each active set")
     given = parser.parse_args()
     unknown = sorted(set(given.names) - set(known))
     if unknown:

@@ -1,4 +1,4 @@
-"""Which runs nothing beats: the Pareto frontier of seconds and error."""
+"""The Pareto frontier of seconds and error."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 
 def frontier(seconds: ArrayLike, errors: ArrayLike) -> list[int]:
-    """Points that no other point beats in both: none is as fast or faster with a smaller error.
+    """Points of the frontier: no other point is at least as fast with a smaller error.
 
-    Of points equal in both the first is taken; those with a value that is not finite are no
-    points.
+    Of points equal in both values only the first counts; points with a value that is not finite are
+    left out.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""The bodies of a scene fused into one: the linear problem beside which pairs are measured.
+"""The bodies of a scene fused into one: the linear problem with which pairs are compared.
 
-One mesh goes through both bodies (``meshes/samples/make_parts.py --fused``). What the bodies are
-made of, held by and loaded with is the scene's; they touch nowhere, since they are one. A part that
-only its interference loads gets a weight instead: a load of zero would be no problem.
+One mesh goes through both bodies (``meshes/samples/make_parts.py --fused``). Materials, supports
+and loads are those of the scene; there is no contact. A part that is loaded only by its
+interference gets its weight as a load instead, since without loads the solution would be zero.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LOADS = {"traction", "pressure", "force", "total_force", "total_moment"}
 
 
 def mesh_of(mesh: Path) -> Path:
-    """Where the fused mesh of a part lies whose bodies' mesh is given."""
+    """Path of the fused mesh of a part, given the mesh of its bodies."""
     return mesh.parent / NAME / mesh.name
 
 
@@ -52,7 +52,7 @@ def fused_scene(path: Path, mesh: Path, degree: int) -> Scene:
 
 
 def _moved(condition: dict[str, Any]) -> dict[str, Any]:
-    """A condition on a boundary of one of the bodies, on that of the fused one."""
+    """The condition on a boundary of one body, moved to that boundary of the fused body."""
     moved = dict(condition)
     if "on" in moved:
         moved["on"] = f"{NAME}.{moved['on'].partition('.')[2]}"

@@ -1,10 +1,10 @@
-"""Bodies glued where they may touch: the linear problem beside which contact is measured.
+"""Bodies glued at their contacts: the linear problem with which contact is compared.
 
-Without contact a part may not be held at all. An unknown with a bound is held at its bound instead.
-Of bodies against each other every contact row Σ w_j n·u_j with its normal n ties all components,
-Σ w_j u_j = 0, by springs as stiff as the bodies are there: with T the tied rows,
-A = K + Tᵀ diag(s) T. Springs instead of constraints leave a matrix that any solver takes, with the
-rigid motions of the whole as near-null space.
+Without contact a part may have no support at all. Therefore an unknown with a bound is held at its
+bound. Between bodies every contact row Σ w_j n·u_j with its normal n is replaced by ties of all
+components, Σ w_j u_j = 0, through springs as stiff as the bodies are there: with T the tied rows, A
+= K + Tᵀ diag(s) T. With springs instead of constraints the matrix suits any solver; the near-null
+space is that of the rigid motions of all bodies as one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from solver.tfeti.subdomain.kernels import rigid_motions
 
 
 def hold_bounds(system: WholeSystem) -> None:
-    """Hold the unknowns with a bound at it, in place (collective)."""
+    """Hold unknowns with a bound at the bound, in place (collective)."""
     x = system.load.duplicate()
     upper, lower = system.upper.array, system.lower.array
     x.array[:] = np.where(upper < 1e300, upper, np.where(lower > -1e300, lower, 0.0))

@@ -3,7 +3,7 @@
 The meshes of a box are products of grid lines, of equal or graded cells of degree 1 or 2;
 triangles and tetrahedra cut each cell of the grid along the diagonals that ascend along all axes.
 Two such fields are both polynomials on the cells that the lines of both make together (up to the
-diagonals), so that a Gauss rule on those cells integrates the energy of their difference.
+diagonals), so that a Gauss rule on these cells integrates the energy of their difference.
 """
 
 from __future__ import annotations

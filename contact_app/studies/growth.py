@@ -1,7 +1,7 @@
-"""How time and memory of this application grow with the unknowns, on the cube of hexahedra.
+"""Growth of time and memory of this application with the unknowns, on the cube of hexahedra.
 
-Each size is a run in a process of its own. Runs made elsewhere, such as the paper's cube of
-81,812,703 unknowns, join by their ``summary.json``. The slope is that of the straight line through
+Each size is a run in a process of its own. Further runs, such as the paper's cube of 81,812,703
+unknowns, are added by their ``summary.json``. The slope is that of the straight line through
 log(seconds) against log(unknowns): 1 where time grows as the unknowns do.
 """
 
@@ -69,7 +69,7 @@ def growth(
 
 
 def read_summaries(paths: Sequence[Path]) -> list[dict[str, Any]]:
-    """Rows of runs made elsewhere, those that were certified."""
+    """Rows of further certified runs."""
     rows = []
     for path in paths:
         files = sorted(path.rglob("summary.json")) if path.is_dir() else [path]
@@ -87,7 +87,7 @@ def read_summaries(paths: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def slope(dofs: ArrayLike, values: ArrayLike) -> float:
-    """Of the least-squares line through logarithms.
+    """Slope of the least-squares line through logarithms.
 
     >>> round(slope([1e4, 1e5, 1e6], [1.0, 10.0, 100.0]), 6)
     1.0

@@ -3,8 +3,8 @@
     python -m contact_app.studies.guaranteed
 
 The error is 2 (J(u_h) - J(u)) as in `effectivity`, J(u) extrapolated from the three finest meshes;
-the bound knows nothing of that. Its effectivity is at least 1 by proof. Seconds are those of the
-whole solve and of the bound alone.
+the bound does not use it. The effectivity of the bound is proved to be at least 1. Seconds are
+those of the whole solve and of the bound alone.
 """
 
 from __future__ import annotations

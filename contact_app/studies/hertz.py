@@ -1,4 +1,4 @@
-"""Hertz's contact of a ball and of a cylinder with a rigid plane, ours beside the theory.
+"""Hertz's contact of a ball and of a cylinder with a rigid plane, compared with the theory.
 
 Measured are the half-width of the contact a, the peak pressure p0 and, in space, the approach δ of
 the loaded equator. a and p0 follow from all touching nodes: the squares of the theory's pressures
@@ -6,8 +6,8 @@ the loaded equator. a and p0 follow from all touching nodes: the squares of the 
     p² = p0² (1 - r²/a²),   a = (3FR/(4E*))^(1/3), p0 = 3F/(2πa²), δ = a²/R   in space,
                             a = √(4F'R/(πE*)),     p0 = 2F'/(πa)              in the plane,
 
-lie on a line over r², which is fitted to ours (H. Hertz, *Über die Berührung fester elastischer
-Körper*, 1882; K. L. Johnson, *Contact Mechanics*, 1985, chapter 4).
+lie on a line over r², which is fitted to the computed pressures (H. Hertz, *Über die Berührung
+fester elastischer Körper*, 1882; K. L. Johnson, *Contact Mechanics*, 1985, chapter 4).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of ours beside the theory's."""
+    """A computed number and the number of the theory."""
 
     name: str
     ours: float
@@ -30,7 +30,7 @@ class Quantity:
 
     @property
     def error(self) -> float:
-        """Relative to the theory's."""
+        """Error relative to the theory."""
         return self.ours / self.theory - 1.0
 
 

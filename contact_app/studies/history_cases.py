@@ -1,16 +1,18 @@
 """Load histories of `contact-app verify`, and the mesh of one of them.
 
-* Rod: u of the end where the force is back at zero and where it pushes, and the work that friction
-  takes in a cycle, s the slip limit per area, b the width, A the section:
+* Rod: displacement u of the end when the force is back at zero and when it pushes, and the work
+dissipated by friction in a cycle, with s the slip limit per area, b the width and A the section:
   u(F → 0) = F²/(4 E A s b), u(-F) = -F²/(2 E A s b), loss 2 F³/(3 E A s b).
-* Cattaneo and Mindlin: an incompressible block, which normal and tangential tractions do not
-  couple in, pressed against a rigid cylinder and pushed: nodes within c = a √(1 - Q/(μ P)) stick.
+* Cattaneo and Mindlin: an incompressible block, in which normal and tangential tractions do not
+couple, is pressed against a rigid cylinder and pushed tangentially: nodes within c = a √(1 - Q/(μ
+P)) stick.
   Unloaded from Q* to Q, those within b = a √(1 - (Q* - Q)/(2 μ P)) stick (R. D. Mindlin, H.
-  Deresiewicz, 1953; K. L. Johnson, *Contact Mechanics*, 1985, section 7.3). P, Q and a are those
-  of the answer: a by a line through p² over x².
+  Deresiewicz, 1953; K. L. Johnson, *Contact Mechanics*, 1985, section 7.3). P, Q and a are taken
+  from the solution, a from a line fitted to p² over x².
 
-Tractions are held against q = μ p0 (√(1 - x²/a²) - (c/a) √(1 - x²/c²)) at all nodes, as a root mean
-square relative to μ p0. Their even part is: pressing a block of finite size leaves small odd ones.
+Tractions are compared with q = μ p0 (√(1 - x²/a²) - (c/a) √(1 - x²/c²)) at all nodes, as a root
+mean square relative to μ p0. Only their even part is compared, since pressing a block of finite
+size causes small odd tractions.
 """
 
 from __future__ import annotations
@@ -51,7 +53,7 @@ def _end(increment: SolvedIncrement) -> float:
 
 
 def cattaneo(found: Sequence[SolvedIncrement]) -> list[Quantity]:
-    """A block pressed, pushed, and released half-way and to the end: see the module."""
+    """A block pressed, pushed, released half-way and released completely: see the module."""
     ends = [increment for increment in found if increment.place.share == 1]
     pushed, last = _Strip.of(ends[1]), _Strip.of(ends[2])
     stick = np.sqrt(1.0 - pushed.share)
@@ -75,9 +77,9 @@ class _Strip:
     Attributes
     ----------
     x, traction : (n,)
-        Of the nodes in contact; the traction over μ p0.
+        Coordinates and traction of the nodes in contact; the traction relative to μ p0.
     a, sticking
-        Half-width, and that of the nodes that stick over it.
+        Half-width of the contact, and that of the sticking nodes relative to it.
     share, side
         |Q| / (μ P), and the sign of Q.
     """
@@ -112,18 +114,18 @@ class _Strip:
 
 
 GROWTH, FINE = 1.3, 1.4
-"""Factor from cell to cell beside the contact, and how far out cells are equal."""
+"""Growth factor of cells outside the contact, and distance up to which cells are equal."""
 
 
 def graded_block(path: Path, cells: int, size: float = 100.0) -> Path:
-    """Write a block whose cells are smallest about the middle of its top, (0, 0).
+    """Write a block whose cells are smallest around the middle of its top, (0, 0).
 
     Parameters
     ----------
     cells
-        In a unit of length there.
+        Number of cells per unit of length there.
     size
-        Half its width, and its height.
+        Half the width, and the height of the block.
     """
     step = 1.0 / cells
     inner = np.arange(0.0, FINE + 0.5 * step, step)

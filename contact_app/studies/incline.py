@@ -1,11 +1,11 @@
 """Statics of a block on an incline, as `contact-app verify` measures it.
 
 A block rests on an incline as long as tan α < μ, and slides up it under a level force F from
-F/G = (tan α + μ)/(1 - μ tan α) on. Both limits are found by bisection over what is decided before
-solving, whether there is an equilibrium: the first one by turning the weight, the second one by
-the run's own search for the factor at which a step has none. A third number is the friction force
-over the normal one just below the second limit, of the answer:
-(F/G cos α - sin α)/(cos α + F/G sin α).
+F/G = (tan α + μ)/(1 - μ tan α) on. Whether equilibrium exists is decided before solving. Both
+limits follow from this decision by bisection: the first one by turning the weight, the second one
+by the run's own search for the load factor at which a step has no equilibrium. A third number is
+the ratio of friction force and normal force in the solution just below the second limit: (F/G cos α
+- sin α)/(cos α + F/G sin α).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DIGITS = 1e-6
 
 
 def incline(found: Sequence[SolvedIncrement]) -> list[Quantity]:
-    """A block that rests and is pushed up to just below its limit."""
+    """A block that rests on an incline and is pushed up to just below its limit."""
     scene = found[-1].solved.model.scene
     friction = scene.contacts[0].friction
     assert friction is not None
@@ -60,7 +60,7 @@ def _steepest(scene: Scene) -> float:
 
 
 def _pushed(scene: Scene, push: float) -> float:
-    """F/G from which on a step with twice the push has no equilibrium."""
+    """F/G at which a step to twice the push has no equilibrium any more."""
     start = (("weight", 1.0), ("push", 0.0))
     steps = (LoadStep(start, 1), LoadStep((("weight", 1.0), ("push", 2.0)), 1))
     history = replace(scene, steps=steps, in_step=False)

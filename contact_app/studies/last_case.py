@@ -1,4 +1,4 @@
-"""The scene that a study solves where a file has load cases: its last one."""
+"""The scene that a study solves if a file has load cases: the last case."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ from contact_app.scene.scene import Scene
 
 
 def scene_of(path: Path, overrides: Sequence[str] = (), comm: MPI.Intracomm | None = None) -> Scene:
-    """A scene; with load cases its last one (collective where ranks are given)."""
+    """The scene of a file; with load cases its last case (collective if ranks are given)."""
     scene = build_scene(load(path, overrides), comm=comm)
     return scene.under(scene.cases[-1]) if scene.cases else scene

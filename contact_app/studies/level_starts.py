@@ -1,9 +1,9 @@
-"""Savings by beginning each level of a run to an accuracy with the answer of the last.
+"""Savings in a run to an accuracy when each level begins with the solution of the last one.
 
     python -m contact_app.studies.level_starts
 
-Every level is solved twice, from the contact on a Winkler foundation (or, where bodies
-are whole and held, from columns of F) and from the last level's tractions.
+Every level is solved twice: from the initial active set of a Winkler foundation (or from columns of
+F if bodies are undecomposed and held), and from the last level's tractions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Case(NamedTuple):
-    """A scene by its file and what is changed in it, with a name for the table."""
+    """A scene by its file and its overrides, with a name for the table."""
 
     name: str
     path: str
@@ -73,7 +73,7 @@ def applications(solved: SolvedScene) -> int:
 
 
 def compared(case: Case, tolerance: str) -> list[tuple[int, int]]:
-    """Operator applications of each level, anew and from the last."""
+    """Operator applications of each level, from the initial active set and from the last level."""
     changes = [f"accuracy={case.accuracy}", f"solver.tolerance={tolerance}", *case.changes]
     found: list[tuple[int, int]] = []
 
@@ -95,8 +95,8 @@ def compared(case: Case, tolerance: str) -> list[tuple[int, int]]:
 def table() -> Iterator[str]:
     """Rows of a table for a page, and the sums."""
     yield (
-        "| scene | accuracy | tolerance | applications of the levels, anew | from the last | "
-        "all, anew | from the last |"
+        "| scene | accuracy | tolerance | applications by level, anew | from the last level | "
+        "sum, anew | from the last level |"
     )
     yield "|---|---|---|---|---|---|---|"
     for tolerance in TOLERANCES:

@@ -1,8 +1,8 @@
 """Locking and its remedies: a slender cantilever and a block of nearly incompressible material.
 
-Prints two tables: the tip deflection of a cantilever 1:100 (ν = 0) over the F L³ / 3 E I of Euler
-and Bernoulli, and the sinking of a block of ν = 0.4999 between walls that is pushed on half of its
-top, over that of a fine mesh of degree 2.
+Prints two tables: the tip deflection of a cantilever 1:100 (ν = 0) relative to F L³ / 3 E I of
+Euler and Bernoulli, and the largest settlement of a block of ν = 0.4999 between walls that is
+pushed on half of its top, relative to that of a fine mesh of degree 2.
 
     python -m contact_app.studies.locking
 """

@@ -1,8 +1,8 @@
 """Speed of the machine for several ranks: dense products and memory bandwidth.
 
 ``mpirun -n N python -m contact_app.studies.machine_speed`` prints the sum over ranks of both in a
-line of JSON, in 10⁹ operations and 10⁹ bytes per second. Nothing made of the two scales better than
-they do.
+line of JSON, in 10⁹ operations and 10⁹ bytes per second. No program limited by these two scales
+better than they do.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from mpi4py import MPI
 
 REPEATS = 20
 ORDER, COLUMNS = 1806, 108
-"""Of the product: a dense block of a subdomain of 10³ cells, for as many of them."""
+"""Size of the product: a dense block of a subdomain of 10³ cells times as many vectors."""
 
 ENTRIES = 4_000_000
-"""Of each of three vectors, 32 MB."""
+"""Length of each of three vectors, 32 MB."""
 
 
 def rate(comm: MPI.Intracomm, work: float, do: Callable[[], object]) -> float:
-    """Work a second over all ranks, while all do it; the fastest of `REPEATS`."""
+    """Work per second of all ranks together; the fastest of `REPEATS`."""
     do()
     best = np.inf
     for _ in range(REPEATS):

@@ -6,8 +6,8 @@
 
 Each run is a process of its own on one rank (`contact_app.studies.part_run`), to a tolerance of
 1e-8. The table holds CPU seconds from the mesh file to the solution and applications of the
-operator. "over the better" is what `auto` takes over the lesser of the other two. ``--friction``
-gives all contacts Coulomb friction of that coefficient.
+operator. "over the better" is the ratio of `auto` to the faster of the other two. ``--friction``
+gives all contacts Coulomb friction with this coefficient.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from contact_app.studies.processes import RunError, python
 METHODS = ("auto", "primal", "active-set")
 Row = dict[str, Any]
 Run = Callable[[Path, str, int, float], Row]
-"""Scene, method, degree and seconds it may take; the measured values. Raises `RunError`."""
+"""Function of scene, method, degree and time limit that returns the measured values. It raises
+`RunError`."""
 
 
 def run_once(
@@ -87,10 +88,10 @@ def table(scenes: Sequence[Path], degree: int, limit: float, run: Run = run_once
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="What auto takes beside what it chooses from.")
+    parser = argparse.ArgumentParser(description="Time of auto beside the methods it chooses from.")
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("--degree", type=int, choices=(1, 2), default=1)
-    parser.add_argument("--limit", type=float, default=120.0, help="seconds that a run may take")
+    parser.add_argument("--limit", type=float, default=120.0, help="time limit of a run in seconds")
     parser.add_argument("--friction", type=float, help="Coulomb's coefficient at all contacts")
     given = parser.parse_args()
     run = partial(run_once, friction=given.friction)

@@ -6,14 +6,15 @@ Hertz's, nodes within c = a (1 - Q/(μ P))^(1/3) stick, and the tractions are al
     q = μ p0 (√(1 - r²/a²) - (c/a) √(1 - r²/c²)),   the second root zero beyond c
 
 (R. D. Mindlin, *Compliance of elastic bodies in contact*, J. Appl. Mech. 16, 1949; K. L. Johnson,
-*Contact Mechanics*, 1985, section 7.2). P, Q, and a by a line through p² over r², are those of the
-answer. c is the radius of a circle of the area of the nodes that stick, each node having the area
-of the cells about it. Half of the block is modelled, symmetric about y = 0.
+*Contact Mechanics*, 1985, section 7.2). P, Q and a are taken from the solution, a from a line
+fitted to p² over r². c is the radius of a circle with the area of the sticking nodes, where each
+node has its share of the cells around it. Half of the block is modelled, symmetric about y = 0.
 
-The theory's pressure is normal to a plane. Normals of the ball lean by up to a/R, and friction
-carries what the pressure pushes aside by that: tractions of a/(μ R) of its limit, towards the
-middle, which no mesh removes. With R = 20 a they were 9 % in the root mean square of 11 % on six
-cells over a, odd in x; with R = 200 a all is 6 %, which falls with the cells.
+The theory's pressure is normal to a plane. Normals of the ball are inclined by up to a/R, and
+friction balances the tangential part of the pressure: tractions of a/(μ R) of their limit, towards
+the middle, on any mesh. With R = 20 a and six cells over a these tractions, which are odd in x,
+were 9 % in the root mean square out of a total difference of 11 %. With R = 200 a the total is 6 %,
+and it falls with the size of cells.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ from contact_app.studies.history_cases import growing
 Array = NDArray[np.float64]
 
 SIZE = 10.0
-"""Half the width of the block, and its height, where the ball touches it over a radius of 1."""
+"""Half the width of the block, and its height, for a contact radius of 1."""
 
 GROWTH, FINE = 1.6, 1.4
-"""Factor from cell to cell beside the contact, and how far out cells are equal."""
+"""Growth factor of cells outside the contact, and distance up to which cells are equal."""
 
 
 def mindlin(found: Sequence[SolvedIncrement]) -> list[Quantity]:
@@ -73,25 +74,25 @@ def _root(r2: Array, radius: float) -> Array:
 
 
 def _areas(points: Array) -> Array:
-    """Of the cells about each node of the top of a grid of boxes, a quarter of each."""
+    """Area of each node of the top of a grid of boxes: a quarter of each adjacent cell."""
     x, y = (_lengths(points[:, i]) for i in (0, 1))
     return x * y
 
 
 def _lengths(values: Array) -> Array:
-    """Half of the intervals beside each of the grid's coordinates (n,)."""
+    """Half the length of the intervals on both sides of each coordinate (n,) of the grid."""
     grid, number = np.unique(np.round(values, 9), return_inverse=True)
     steps = np.pad(np.diff(grid), 1)
     return np.asarray(0.5 * (steps[1:] + steps[:-1])[number])
 
 
 def graded_half_block(path: Path, cells: int) -> Path:
-    """Write half of a block whose cells are smallest about (0, 0, 0) in the middle of its top.
+    """Write half of a block whose cells are smallest around (0, 0, 0), the middle of its top.
 
     Parameters
     ----------
     cells
-        In a unit of length there.
+        Number of cells per unit of length there.
     """
     step = 1.0 / cells
     inner = np.arange(0.0, FINE + 0.5 * step, step)

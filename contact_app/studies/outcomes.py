@@ -1,4 +1,4 @@
-"""How a method did on a scene on which methods fail (`stability`)."""
+"""Result of a method on a scene on which methods fail (`stability`)."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ OURS, WHOLE = "contact-app", "contact-app, whole"
 
 @dataclass(frozen=True)
 class Outcome:
-    """How one method did on one case.
+    """Result of one method on one case.
 
     Attributes
     ----------
     verdict : str
-        One of those of `stability`.
+        One of the verdicts of `stability`.
     detail : str
     applications : int
-        Hessian multiplications; of peers, multiplications with the stiffness or factors.
+        Hessian multiplications; for PETSc's solvers multiplications with the stiffness, or factors.
     energy, penetration : float
         The penetration relative to the largest displacement.
     growth : float
-        Products over those of the milder twin; 0 without one.
+        Work relative to the milder variant; 0 without a variant.
     strains : tuple of float
-        Twice the strain energy of each body; empty for peers, which take one body.
+        Twice the strain energy of each body; empty for PETSc's solvers, which take one body.
     """
 
     verdict: str
@@ -48,13 +48,13 @@ class Outcome:
 
 
 def built(made: dict[str, Any], subdomains: Any) -> Scene:
-    """The scene, cut into so many subdomains."""
+    """The scene, cut into a number of subdomains."""
     decomposition = {"subdomains": subdomains}
     return build_scene(Configuration.model_validate({**made, "decomposition": decomposition}))
 
 
 def shortened(text: str, most: int = 240) -> str:
-    """The first sentence or so, without what only this study's scenes are called."""
+    """The first sentence or so, without the names of this study's scenes."""
     text = " ".join(text.split()).removeprefix("scene: ").replace("|", "/")
     text = re.sub(r"/\S*/(\S+\.vtu)", r"\1", text)
     return text if len(text) <= most else text[: most - 1].rsplit(" ", 1)[0] + " …"

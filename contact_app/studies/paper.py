@@ -1,4 +1,4 @@
-"""The paper's counts (Appendix A), and how ours are set beside them."""
+"""The paper's counts (Appendix A), and their comparison with ours."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COLUMNS = (
 )
 
 
-#: Counts that a figure leaves out, as the paper does with its 2322.
+#: Counts above this are left out of figures, as the paper leaves out its 2322.
 OUTLIER = 2000
 
 
@@ -31,8 +31,8 @@ class Row:
 
     benchmark: str
     expansion: str
-    alpha_u: float | None  # None: the expansion has none
-    outer: int | None  # None: no outer iterations
+    alpha_u: float | None  # None if the expansion has no multiple
+    outer: int | None  # None without outer iterations
     hessian: int
     cg: int
     expansion_steps: int
@@ -46,7 +46,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Our row beside the paper's."""
+    """Our row and the paper's."""
 
     ours: Row
     paper: Row
@@ -103,7 +103,7 @@ def plotting() -> Any:
 
 
 def draw(path: Path, title: str, comparisons: Sequence[Comparison]) -> None:
-    """Hessian multiplications over α_u: ours drawn, theirs dashed (paper, Figures 3 to 6)."""
+    """Hessian multiplications over α_u: ours solid, the paper's dashed (Figures 3 to 6)."""
     pyplot = plotting()
     figure, axes = pyplot.subplots(figsize=(8.0, 5.5), layout="constrained")
     names = list(dict.fromkeys(pair.paper.expansion for pair in comparisons))

@@ -1,9 +1,10 @@
 """The paper's own problem: 300³ hexahedra, 81,812,703 unknowns, in 10×10×10 subdomains.
 
-It is solved twice, under the paper's rule (projcg, SMALBE-M with ρ = 1.1‖F‖ and M = 100‖F‖ divided
-by 10) and under this solver's own, and certified both times. All subdomains share one stiffness,
-and its reflections split the inverse on the interface into eight small blocks, so no mesh of the
-whole is ever built. The surface is written. A stopped run goes on from its last outer iteration.
+It is solved twice and certified both times: with the paper's rule (projcg, SMALBE-M with ρ = 1.1‖F‖
+and M = 100‖F‖ divided by 10) and with this solver's own rule. All subdomains share one stiffness
+matrix, whose reflections split the inverse on the interface into eight small blocks. No mesh of the
+whole cube is built. The solution on the surface is written. An interrupted run continues from its
+last outer iteration.
 """
 
 from __future__ import annotations
@@ -53,14 +54,14 @@ def paper_run(
     settings: tuple[Settings, ...],
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Iterator[str]:
-    """Solve the scene under each rule; a directory for each.
+    """Solve the scene with each rule and write a directory for each.
 
-    Where a directory holds a checkpoint of the same problem the run goes on from it.
+    If a directory holds a checkpoint of the same problem, the run continues from it.
 
     Yields
     ------
     str
-        A sentence for each run, and what was written; on rank 0.
+        A sentence for each run and each written file; on rank 0.
     """
     timings = Timings()
     with Progress(comm.rank == 0) as progress:

@@ -1,23 +1,25 @@
-"""One part solved by one method, in a process of its own: where its seconds go.
+"""One part solved by one method in a process of its own: seconds of each stage.
 
     python -m contact_app.studies.part_run METHOD SCENE.yaml [--set KEY=VALUE …] [--tolerance T]
 
 Prints one line of JSON. METHOD is ``primal``, ``active-set`` or ``auto`` for this application,
 or one of `peers.METHODS`. Seconds count from the mesh file to the solution, without start-up and
-without what follows a solution (error estimate, stresses, files):
+without later stages (error estimate, stresses, files):
 
 ``read``
-    Ours: the scene with its meshes, checked and repaired. Peers: meshio reads the files, no more.
+    This application: the scene with its meshes, checked and repaired. PETSc's methods: meshio reads
+    the files only.
 ``assembly``
-    Everything up to the first iteration but the preconditioner. Peers: dolfinx makes the mesh and
-    assembles stiffness, load and bounds; a first assembly, which compiles forms, is left out.
+    Everything up to the first iteration without the preconditioner. PETSc's methods: dolfinx makes
+    the mesh and assembles stiffness, load and bounds; a first assembly, which compiles forms, is
+    not counted.
 ``solve``
     Preconditioners and iterations.
 
-Linear methods solve the part glued where it may touch (`contact_app.studies.glued`). Of several
-bodies they take one mesh through both where there is one (``fused/`` beside their mesh,
-`contact_app.studies.fused`), else our assembly with springs between them. No other peer takes
-several bodies.
+Linear methods solve the part glued at its contacts (`contact_app.studies.glued`). For several
+bodies they use one mesh through both bodies if it exists (``fused/`` beside their mesh,
+`contact_app.studies.fused`), else this application's assembly with springs between bodies. No other
+method of PETSc takes several bodies.
 """
 
 from __future__ import annotations
@@ -50,7 +52,7 @@ OURS = ("primal", "active-set", "auto")
 
 
 class _Clock:
-    """Wall and CPU seconds since it was made; the CPU seconds are summed over ranks."""
+    """Wall and CPU seconds since its creation; CPU seconds are summed over ranks."""
 
     def __init__(self) -> None:
         self._wall, self._cpu = time.perf_counter(), time.process_time()
@@ -64,7 +66,7 @@ class _Clock:
 def ours(
     path: Path, overrides: Sequence[str], method: str, tolerance: float, once: bool = False
 ) -> dict[str, Any]:
-    """This application on a scene; unless told to solve once, again with the contact known."""
+    """Solve a scene with this application, and unless `once` again with the contact known."""
     asked = [*overrides, f"solver.method={method}", f"solver.tolerance={tolerance}"]
     clock = _Clock()
     scene = scene_of(path, asked, MPI.COMM_WORLD)
@@ -94,12 +96,12 @@ def ours(
 
 
 def peer(path: Path, overrides: Sequence[str], method: str, tolerance: float) -> dict[str, Any]:
-    """A method of PETSc's on a scene.
+    """Solve a scene with a method of PETSc.
 
     Raises
     ------
     UnsuitableError
-        It cannot take the scene.
+        The method cannot solve the scene.
     """
     files = {path.parent / body["mesh"]["file"] for body in _bodies(path, overrides)}
     scene = scene_of(path, [*overrides, "solver.method=primal"])
@@ -126,7 +128,7 @@ def _reading(files: Collection[Path]) -> tuple[float, float]:
 def _of_one_body(
     scene: Scene, method: str, tolerance: float, reading: float, cpu_reading: float
 ) -> dict[str, Any]:
-    """A method of PETSc's on a scene of one body."""
+    """Solve a scene of one body with a method of PETSc."""
     comm = MPI.COMM_WORLD
     assemble(scene, comm, nodal=not METHODS[method].contact)
     clock = _Clock()
@@ -149,7 +151,7 @@ def _of_one_body(
 def _glued(
     scene: Scene, method: str, tolerance: float, reading: float, cpu_reading: float
 ) -> dict[str, Any]:
-    """A linear method on the bodies of a scene glued together."""
+    """Solve the glued bodies of a scene with a linear method."""
     clock = _Clock()
     model = build_model(scene, MPI.COMM_WORLD, needed="estimated")
     system = merge(model.problem)

@@ -1,20 +1,20 @@
-"""Parts from a mesher: contact beside one linear solve of the same part and PETSc's solvers.
+"""Parts from a mesher: contact compared with one linear solve of the part and PETSc's solvers.
 
-``contact-app bench parts``: each run is a process of its own, on one rank a core, from the mesh
-file to the solution (`contact_app.studies.part_run` says what counts). A scene with load cases is
-taken in its last one. The columns of the table:
+``contact-app bench parts``: each run is a process of its own with one rank per core, from the mesh
+file to the solution (`contact_app.studies.part_run` defines the seconds). A scene with load cases
+is solved with its last case. The columns of the table:
 
 "over linear"
-    Seconds over those of ``linear-gamg``: conjugate gradients with GAMG to the same tolerance, the
-    part glued where it may touch. Of two bodies it is one mesh through both where that is drawn
-    (noted ``fused``; its unknowns are its own), else springs between them.
+    Seconds relative to ``linear-gamg``: conjugate gradients with GAMG to the same tolerance on the
+    part glued at its contacts. For two bodies it uses one mesh through both if that is drawn (noted
+    ``fused``, with its own number of unknowns), else springs between them.
 "CPU"
-    Seconds of CPU, summed over ranks: what other work on the machine changes less.
+    CPU seconds, summed over ranks, which depend less on other work on the machine.
 "iterations"
     Products with the stiffness, or with the dual operator of Total FETI.
 "contact known"
-    Products of one linear solve of ours: the rows that press in the answer hold with equality, and
-    the solve begins at zero.
+    Products in one linear solve of this application: the active rows of the solution hold with
+    equality, and the solve begins at zero.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ class Settings:
 
 
 Run = Callable[[Path, str, Sequence[str], Settings], Row]
-"""Scene, method, overrides and settings; the measured values. Raises `RunError`."""
+"""Function of scene, method, overrides and settings that returns the measured values. It raises
+`RunError`."""
 
 
 def overrides_of(path: Path, degree: int, meshes: Path | None) -> list[str]:
@@ -80,7 +81,7 @@ def overrides_of(path: Path, degree: int, meshes: Path | None) -> list[str]:
 
 
 def run_part(path: Path, method: str, overrides: Sequence[str], settings: Settings) -> Row:
-    """One method on one part, in a process of its own."""
+    """Run one method on one part in a process of its own."""
     more = [part for override in overrides for part in ("--set", override)]
     parallel = method in OURS or METHODS[method].parallel
     return python(
@@ -100,16 +101,16 @@ def bench(
 ) -> Iterator[str]:
     """Run every method on every mesh of every scene; write ``parts.csv``, ``.md``, ``.png``.
 
-    Yields the lines of the table. A method that gave no answer on a mesh is left out on the
-    scene's later meshes. Rows that an earlier run left in ``parts.csv`` stay there unless they are
-    measured again.
+    Yields the lines of the table. A method without a solution on a mesh is left out on the scene's
+    later meshes. Rows that an earlier run left in ``parts.csv`` stay there unless they are measured
+    again.
 
     Parameters
     ----------
     meshes
         From coarse to fine.
     run
-        Makes the measured values of one run.
+        Function that returns the measured values of one run.
     """
     settings = settings or Settings()
     output.mkdir(parents=True, exist_ok=True)
@@ -129,7 +130,7 @@ def bench(
                     if not row.get("converged"):
                         out.add(method)
                     rows[_key(row)] = row
-                    write(rows.values(), COLUMNS, table)  # whatever stops the next run
+                    write(rows.values(), COLUMNS, table)  # saved even if the next run fails
                     yield line(row, _linear(row, rows))
     finally:
         found = list(rows.values())
@@ -141,7 +142,7 @@ def bench(
 def _attempt(
     path: Path, method: str, overrides: Sequence[str], settings: Settings, run: Run
 ) -> Row:
-    """The measured values of one run and a note on them; why there are none under ``note``."""
+    """The measured values of one run; ``note`` holds a remark, or the reason of a failure."""
     try:
         found = run(path, method, overrides, settings)
     except RunError as error:
@@ -164,7 +165,7 @@ def _linear(row: Row, rows: dict[tuple[str, str, int, str], Row]) -> Row | None:
 
 
 def line(row: Row, linear: Row | None) -> str:
-    """A row of the table in Markdown, beside that of the linear solve."""
+    """A row of the table in Markdown, with ratios to the linear solve."""
     if "seconds" not in row:
         return f"| {row['part']} | | {row['method']} |" + " |" * 10 + f" {row['note']} |"
 

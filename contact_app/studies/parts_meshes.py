@@ -1,4 +1,4 @@
-"""Where the meshes of a benchmark of parts come from: shipped, drawn with Gmsh, or a directory."""
+"""Sources of meshes for the benchmark of parts: shipped, drawn with Gmsh, or a directory."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ class Meshes:
     name
         In the table.
     directory
-        Where the files are, named as in the scenes; the scenes' own unless given.
+        Directory of the files, with the names in the scenes; the scenes' own unless given.
     factor
-        Draw them there first: the size of the cells near contact over that of the shipped mesh.
+        Draw the meshes there first, with this size of cells near contact relative to the shipped
+        mesh.
     """
 
     name: str

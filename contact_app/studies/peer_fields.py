@@ -1,8 +1,8 @@
-"""Fields of a peer's answer at the nodes, for a chart.
+"""Nodal fields of a solution by PETSc's solvers, for a chart.
 
-They are in the order of the mesh's own nodes and come with its cells. Contact forces of
-second-order tetrahedra are nodal ones, zero at vertices where the pressure is constant: the
-pressure at vertex j is
+They are in the order of the mesh's own nodes and come with its cells. On second-order tetrahedra,
+nodal contact forces of a constant pressure are zero at vertices. The pressure at vertex j is
+therefore
 
     p_j = Σ_i ψ_j(x_i) f_i / Σ_i ψ_j(x_i) A_i,
 

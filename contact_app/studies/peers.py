@@ -1,12 +1,12 @@
-"""Methods of PETSc without a decomposition, on a scene as one system.
+"""Methods of PETSc on a scene as one undecomposed system.
 
-One process (or ``mpirun`` of several) runs one method and prints one line of JSON, so that time
-and memory are its own: ``python -m contact_app.studies.peers METHOD SCENE.yaml``. Each takes the
-system of `undecomposed.assemble`.
+One process (or several under ``mpirun``) runs one method and prints one line of JSON, so that time
+and memory belong to this method: ``python -m contact_app.studies.peers METHOD SCENE.yaml``. Each
+takes the system of `undecomposed.assemble`.
 
 ====================  ==========================================================================
 ``linear-gamg``       no contact at all: one linear solve by CG with GAMG, block size d, the rigid
-                      motions as near-null space; the price of admission of any iterative method
+                      motions as near-null space; the least cost of any iterative method
 ``linear-boomeramg``  the same with BoomerAMG: HMIS coarsening, aggressive on the first level,
                       extended interpolation, strong threshold 0.5
 ``linear-cholmod``    the same by one sparse Cholesky factor
@@ -17,12 +17,12 @@ system of `undecomposed.assemble`.
 ``tao-bntr``          TAO ``bntr`` (Newton with trust region on the free set); the same
 ====================  ==========================================================================
 
-The options are the fastest of those tried on the cube of 89,373 and 206,763 unknowns: thresholds,
-coarsening and smoothers of GAMG (SOR and point-block Jacobi fail on it: a coarse matrix has zero
-rows) and of BoomerAMG (its nodal coarsening is slower or fails); for TAO no preconditioner but
-PETSc's default, Jacobi, ICC, GAMG, BoomerAMG and CHOLMOD; for SNES GAMG, BoomerAMG, MUMPS, CHOLMOD.
-GAMG cannot follow a free set that changes its size (an error in PETSc), nor keep the rigid motions
-on it. Two ranks halve what is iterative.
+The options are the fastest of those tried on the cube of 89,373 and 206,763 unknowns. Tried were
+thresholds, coarsening and smoothers of GAMG (SOR and point-block Jacobi fail: a coarse matrix has
+zero rows) and of BoomerAMG (its nodal coarsening is slower or fails); for TAO PETSc's default
+preconditioner, Jacobi, ICC, GAMG, BoomerAMG and CHOLMOD; for SNES GAMG, BoomerAMG, MUMPS and
+CHOLMOD. GAMG fails if the free set changes its size (an error in PETSc), and it loses the rigid
+motions on the free set. Two ranks halve the time of iterative methods.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ class _Counter:
 
 @dataclass(frozen=True)
 class Method:
-    """A method of PETSc's and its options.
+    """A method of PETSc and its options.
 
     Attributes
     ----------
@@ -177,9 +177,9 @@ METHODS = {
 
 @contextmanager
 def options_of(method: str) -> Iterator[None]:
-    """A method's options where PETSc finds them, but for those that are set already.
+    """Set a method's options in PETSc, except those that are already set.
 
-    Options of PETSc are global: afterwards they are taken away, since the next method has others.
+    Options of PETSc are global: they are removed afterwards, since the next method has others.
     """
     options = PETSc.Options()
     given = {k: v for k, v in METHODS[method].options.items() if not options.hasName(k)}
@@ -207,7 +207,7 @@ def solve(
     change
         Changes the system in place before it is solved.
     nodal
-        Bound nodes also where this application keeps contact in the mean about vertices.
+        Bound the gaps at nodes also where this application bounds averages around vertices.
     """
     chosen = METHODS[method]
     comm.barrier()
@@ -248,7 +248,7 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--tolerance", type=float, default=1e-8)
     parser.add_argument("--petsc", action="append", default=[], help="KEY=VALUE")
-    parser.add_argument("--fields", type=Path, help="where the fields at the nodes go")
+    parser.add_argument("--fields", type=Path, help="file for the fields at the nodes")
     arguments = parser.parse_args()
     for pair in arguments.petsc:
         PETSc.Options().setValue(*pair.split("=", 1))

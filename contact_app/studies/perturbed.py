@@ -1,6 +1,6 @@
-"""A cube in which nothing repeats: bricks of tetrahedra whose inner nodes are moved at random.
+"""A cube without congruent subdomains: tetrahedra whose inner nodes are moved at random.
 
-Written as a file it stands for what a mesher gives: no two subdomains are alike.
+Written to a file it represents meshes of a mesher: no two subdomains are congruent.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from meshes import BoxShape, CellMesh
 MOVE = 0.15
 """Largest move along each axis in edges of a brick.
 
-A tetrahedron has an edge along each axis. Moves change any component of these by 0.3 at most, so
-that their matrix keeps 0.7 on its diagonal against 0.6 beside it: no cell turns over.
+A tetrahedron has an edge along each axis. Moves change any component of these by at most 0.3, so
+that their matrix has at least 0.7 on its diagonal and at most 0.6 beside it in each row: no cell is
+inverted.
 """
 
 
 def perturbed_cube(bricks: int) -> CellMesh:
-    """The unit cube of bricks³ times six tetrahedra; nodes of the surface stay."""
+    """The unit cube of bricks³ times six tetrahedra; nodes on the surface stay."""
     box = BoxShape((0.0,) * 3, (1.0,) * 3, (bricks,) * 3, "tetrahedron").cell_mesh()
     points, half = box.points.copy(), 0.5 / bricks
     inside = ((points > half) & (points < 1.0 - half)).all(axis=1)
@@ -32,6 +33,6 @@ def perturbed_cube(bricks: int) -> CellMesh:
 
 
 def write_cube(path: Path, bricks: int) -> None:
-    """Write it to a mesh file."""
+    """Write the cube to a mesh file."""
     cube = perturbed_cube(bricks)
     meshio.write(path, meshio.Mesh(cube.points, [("tetra", cube.cells)]))

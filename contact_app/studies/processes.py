@@ -1,7 +1,7 @@
 """Runs of a study: each in a process of its own, so that time and memory are its own.
 
-Every run prints one line of JSON. Ours and the methods that use one process get all cores through
-the threads of BLAS; those that gain from it get one rank a core.
+Every run prints one line of JSON. This application and methods that use one process get all cores
+through the threads of BLAS; methods that gain from ranks get one rank per core.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ def cores() -> int:
 def python(
     *arguments: str, limit: float | None = None, ranks: int = 1, threads: int | None = None
 ) -> dict[str, Any]:
-    """Run Python with arguments on some ranks; what it prints in its last line.
+    """Run Python with arguments on some ranks, and return the JSON of its last line.
 
     Parameters
     ----------
     limit
         Seconds after which the run is ended.
     threads
-        Of BLAS on each rank; several ranks share the cores unless given, one takes all.
+        Threads of BLAS on each rank; unless given, the ranks share all cores.
 
     Raises
     ------
     RunError
-        Not zero as exit code, no JSON, or out of time.
+        The exit code is not zero, there is no JSON, or the time limit is reached.
     """
     environment = dict(os.environ)
     command: list[str] = [sys.executable, *arguments]
@@ -70,7 +70,7 @@ def python(
         _end(process)
     if process.returncode:
         lines = err.strip().splitlines() or [f"exit code {process.returncode}"]
-        telling = [one for one in lines if "Error" in one] or lines  # mpirun adds its own
+        telling = [one for one in lines if "Error" in one] or lines  # mpirun adds its own lines
         raise RunError(telling[-1][:200])
     try:
         found: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
@@ -80,7 +80,7 @@ def python(
 
 
 def parallel_ranks() -> int:
-    """Ranks for methods that gain from them: one a core where there is ``mpirun``."""
+    """Number of ranks for methods that gain from them: one per core if ``mpirun`` exists."""
     return cores() if shutil.which("mpirun") else 1
 
 

@@ -2,10 +2,10 @@
 
 The files of the LIBSVM page hold features that were stored in single precision, scaled to [-1, 1]
 from those, and written with six digits. Data scaled from the original tables differ from them in
-the seventh digit, which is enough to shift the paper's counts by a few steps: MPRGP's `fixed` steps
-depend on H as they do on ‖H‖. Here the original value is found from the scaled one, rounded to
-the digits of its table, and taken through the same steps again. On the published files themselves
-this changes nothing.
+the seventh digit, which is enough to shift the paper's counts by a few steps, since MPRGP's `fixed`
+steps depend on H and on ‖H‖. Here the original value is computed from the scaled one and rounded to
+the digits of its table; then the same steps are applied to it again. On the published files
+themselves this changes nothing.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def as_published(samples: Samples, name: str) -> Samples:
 
 
 def _single(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Through single precision and six decimals, as the tables were converted."""
+    """Round values through single precision and six decimals, as the tables were converted."""
     result = np.empty(values.shape)
     result[...] = values.astype(np.float32)
     return result.round(6)

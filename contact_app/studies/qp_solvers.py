@@ -1,10 +1,10 @@
-"""MPRGP beside PETSc's TAO on quadratic programs with bounds, and problems for other studies.
+"""MPRGP compared with PETSc's TAO on quadratic programs with bounds.
 
 ``python -m contact_app.studies.qp_solvers`` prints the table of ``solver/README.md``:
 multiplications with the Hessian, or with its free part where a solver takes submatrices. All
-solvers start from zero and are asked for ‖g^P‖ ≤ 1e-6 ‖b‖ with multiplications alone: the Newton
-solvers of TAO run without preconditioner, since their default one factors A. Those of TAO are the
-calls of MatMult that PETSc logs.
+solvers start from zero, stop at ‖g^P‖ ≤ 1e-6 ‖b‖ and use multiplications only: the Newton solvers
+of TAO run without preconditioner, since their default one factors A. For TAO the multiplications
+are the calls of MatMult that PETSc logs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Problem:
     def residual(self, x: Vector) -> float:
         """‖g^P‖/‖b‖ at the projection of x; within 1e-9 of a bound counts as on it.
 
-        Where b = 0, relative to the gradient at the feasible point next to zero.
+        If b = 0, it is relative to the gradient at the feasible point next to zero.
         """
         x = np.clip(x, self.lower, self.upper)
         g = self.A @ x - self.b
@@ -52,7 +52,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Entry:
-    """How a solver did: Hessian multiplications, final ‖g^P‖/‖b‖, why it stopped early."""
+    """Result of a solver: Hessian multiplications, final ‖g^P‖/‖b‖, reason of an early stop."""
 
     multiplications: int
     residual: float
@@ -60,7 +60,7 @@ class Entry:
 
 
 def problems() -> list[Problem]:
-    """A string and a membrane over obstacles, random boxes, support vector machines."""
+    """Problems: a string and a membrane over obstacles, random boxes, support vector machines."""
     found = []
     n = 400
     i, h = np.arange(n), 1.0 / (n + 1)
@@ -128,7 +128,7 @@ def support_vector_machine(loss: str, samples: int) -> Problem:
 
 
 def run_mprgp(problem: Problem, expansion: str) -> Entry:
-    """One expansion strategy; the multiplications that estimate ‖A‖ count."""
+    """Run one expansion strategy; the multiplications that estimate ‖A‖ count."""
     qp = BoxQP(problem.A, problem.b, problem.lower, problem.upper)
     result = MPRGP(expansion, rtol=RTOL, max_iterations=20_000).solve(qp)
     note = "" if result.converged else result.reason.name.lower().replace("_", " ")
@@ -137,7 +137,7 @@ def run_mprgp(problem: Problem, expansion: str) -> Entry:
 
 
 def run_tao(problem: Problem, kind: str) -> Entry:
-    """A bound-constrained solver of TAO with its default options."""
+    """Run a bound-constrained solver of TAO with its default options."""
     comm = PETSc.COMM_SELF
     A = problem.A
     matrix = PETSc.Mat().createAIJ(

@@ -1,15 +1,15 @@
-"""An extrapolated answer of stated accuracy, and how far other answers are from it.
+"""An extrapolated solution of known accuracy, and the distances of other solutions from it.
 
-A scene is solved on three meshes, each with cells half as long as the one before. The
-distances of neighbours, e₁ of the two finest and e₂ of the two coarser, give the rate 2ᵖ = e₂/e₁
-and with it what is left between the finest and the limit,
+A scene is solved on three meshes, each with cells half as long as the one before. The distances
+between successive solutions, e₁ of the two finest and e₂ of the two coarser, give the rate 2ᵖ =
+e₂/e₁ and with it the distance r of the finest solution from the limit,
 
     r = e₁/√(4ᵖ - 1)  in energy norm, where errors are orthogonal,
     r = e₁/(2ᵖ - 1)   in displacement and pressure.
 
-The error of another answer is its distance from the finest, in energy norm √(distance² + r²).
-All are relative: energy norms to that of the finest, displacements and pressures in the root mean
-square over volume and contact boundary. An error near r says no more than that it is small.
+The error of another solution is its distance from the finest one, in energy norm √(distance² + r²).
+All errors are relative to the finest solution; displacements and pressures are compared in the root
+mean square over volume and contact boundary. An error near r is known only to be small.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
 
 Array = NDArray[np.float64]
 LEAST_KNOWN = 0.01
-"""Weight of nodes with a contact row from which on their pressure is continued."""
+"""Weight of nodes with a contact row from which on their pressure is extrapolated."""
 QUANTITIES = ("energy", "displacement", "pressure")
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """An answer at the nodes of all bodies, one body after the other.
+    """A solution at the nodes of all bodies, one body after the other.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Fields:
     degree : (bodies,)
     cell : (bodies,)
     cells, tags, facets
-        Of each body, as `BodyNodes` has them; peers have no facets.
+        Those of each body, as in `BodyNodes`; solutions by PETSc's solvers have no facets.
     """
 
     points: Array
@@ -63,7 +63,7 @@ class Fields:
 
     @classmethod
     def load(cls, path: str) -> Fields:
-        """Read what a run of a study left."""
+        """Read the fields that `save` wrote."""
         with np.load(path) as data:
             single = {name: data[name] for name in data if "_0" not in name}
             found = cls(**single)
@@ -73,7 +73,7 @@ class Fields:
             return found
 
     def save(self, path: Path) -> None:
-        """Write them for `load`."""
+        """Write the fields for `load`."""
         named = {name: getattr(self, name) for name in self.__dataclass_fields__}
         for name in self.LISTS:
             named |= {f"{name}_0{i:03}": part for i, part in enumerate(named.pop(name))}
@@ -97,7 +97,7 @@ class Fields:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """An answer at the points of each body: (points, dimension) and (points,)."""
+    """A solution at the points of each body: (points, dimension) and (points,)."""
 
     displacement: list[Array]
     pressure: list[Array]
@@ -105,7 +105,7 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Ruler:
-    """Measures distances of answers at the nodes of a finest one, body by body."""
+    """Measures distances between solutions at the nodes of the finest one, body by body."""
 
     scene: Scene
     places: tuple[PointsOfMesh, ...]
@@ -118,8 +118,8 @@ class Ruler:
     def sample(self, fields: Fields) -> Sampled:
         """Evaluate an answer at the points; pressures are linear between nodes.
 
-        Where a facet has nodes without a contact row, held ones for instance, the pressure of the
-        others is continued, instead of falling to a zero that means nothing.
+        If a facet has nodes without a contact row, for instance held nodes, the pressure of the
+        other nodes is extrapolated to them. Their stored zero has no meaning.
         """
         displacement, pressure = [], []
         for number, place in enumerate(self.places):
@@ -134,7 +134,7 @@ class Ruler:
     def norms(self, one: Sampled, other: Sampled | None = None) -> Array:
         """Energy norm, and root of sums of squares of displacement and pressure, (3,).
 
-        Of the difference, or of `one` alone.
+        Norms of the difference, or of `one` alone.
         """
         squares = np.zeros(3)
         for number, place in enumerate(self.places):
@@ -149,7 +149,7 @@ class Ruler:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceAnswer:
-    """The finest answer and what is left to the limit.
+    """The finest solution and its distance from the limit.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class ReferenceAnswer:
 
     @classmethod
     def of(cls, ruler: Ruler, answers: Sequence[Sampled]) -> ReferenceAnswer:
-        """Extrapolate three answers, the coarsest first."""
+        """Extrapolate three solutions, the coarsest first."""
         coarse, middle, finest = answers
         norms = ruler.norms(finest)
         near, far = ruler.norms(middle, finest), ruler.norms(coarse, middle)
@@ -193,16 +193,16 @@ class ReferenceAnswer:
 
 
 SLOWEST, FASTEST = 0.25, 4.0
-"""Rates that are believed; one outside of them is taken for the nearest."""
+"""Limits of rates; a rate outside is replaced by the nearest limit."""
 
 
 def extrapolate(near: Array, far: Array) -> tuple[Array, Array]:
-    """Rates and what is left to the limit, from the distances of neighbours, (3,) each.
+    """Rates and distances from the limit, from distances of successive solutions, (3,) each.
 
     Parameters
     ----------
     near, far
-        Of the two finest answers, and of the two coarser.
+        Distances of the two finest solutions, and of the two coarser ones.
 
     Examples
     --------

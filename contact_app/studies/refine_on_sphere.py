@@ -1,7 +1,7 @@
-"""Uniform refinement of bodies that are round: new nodes of a circle or a ball lie on it.
+"""Uniform refinement of round bodies: new nodes on a circle or a ball lie on it.
 
-A mesh file knows the corners of its cells, not the shape they stand for. Where a part of the
-surface is that of a circle or a ball, its corners tell which one.
+A mesh file holds the corners of its cells, not the true shape. If a part of the surface lies on a
+circle or a ball, its corners determine the circle or ball.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from meshes.refine import refined
 from meshes.unstructured import CellMesh, MeshError
 
 ON = 1e-6
-"""How far from its circle or ball a corner may lie, over the radius."""
+"""Largest distance of a corner from its circle or ball, relative to the radius."""
 
 Round = tuple[str, NDArray[np.float64], float]
 
@@ -25,16 +25,16 @@ Round = tuple[str, NDArray[np.float64], float]
 def refined_round(
     mesh: CellMesh, times: int, sides: Sequence[str], curved: bool = False
 ) -> CellMesh:
-    """Halve all edges some times, and put the new nodes of the given sides where they belong.
+    """Halve all edges some times, and move new nodes of the sides onto circle or ball.
 
     Parameters
     ----------
     mesh
-        With straight edges.
+        Mesh with straight edges.
     sides
         Parts of the surface, each on one circle or ball.
     curved
-        Give cells round edges on these sides, for displacements of degree 2.
+        Whether cells get round edges on these sides, for displacements of degree 2.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _onto(
 
 
 def _round_middles(mesh: CellMesh, rounds: Sequence[Round]) -> NDArray[np.float64]:
-    """Places of the further nodes of degree 2, (cells, further nodes, d)."""
+    """Coordinates of the additional nodes of degree 2, (cells, additional nodes, d)."""
     x = mesh.points[mesh.cells]
     edges = np.array(EDGES[mesh.cell])
     flat = straight_middles(x, mesh.cell)[:, : len(edges)].reshape(-1, mesh.dimension)

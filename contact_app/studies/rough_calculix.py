@@ -1,13 +1,13 @@
-"""A scene with friction by CalculiX: its deck, and what it printed.
+"""A scene with friction by CalculiX: its input file, and its printed output.
 
-Contact is CalculiX's surface-to-surface penalty with `*FRICTION` (stick slope). A scene in the
-plane is one layer of wedges whose nodes stay in their planes: CalculiX has contact in space alone.
-Of two bodies the side `against` is its slave, so that normals are those of the side `on`, as in
-this application. The floor is one fixed hexahedron.
+Contact is CalculiX's surface-to-surface penalty with `*FRICTION` (stick slope). CalculiX has
+contact only in space, so a plane scene becomes one layer of wedges whose nodes stay in their
+planes. Between two bodies the side `against` is the slave, so that normals are those of the side
+`on`, as in this application. The floor is one fixed hexahedron.
 
-Tuned: the penalty K and the stick slope λ, `PENALTY` and `STICK` times Young's modulus over a
-length of the facets; of a body that only contact holds a weak spring, and a first step that moves
-it into contact.
+Tuned are the penalty K and the stick slope λ, `PENALTY` and `STICK` times Young's modulus over the
+length of a facet. A body that only contact holds gets a weak spring, and a first step moves it into
+contact.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ PENALTY, STICK = 50.0, 5.0
 """K and λ over E / h."""
 
 ENTERING = 0.03
-"""How far the first step moves a body that only contact holds, over a facet."""
+"""Distance of the first step for a body that only contact holds, relative to a facet."""
 
 SPRING = 1e-6
-"""Of the spring at its nodes that a pressure loads, over Young's modulus times the thickness."""
+"""Stiffness of the spring at its nodes under pressure, over Young's modulus times the thickness."""
 
 FACES = {
     "wedge": [[0, 1, 2], [3, 4, 5], [0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]],
@@ -41,7 +41,7 @@ FACES = {
 
 
 class _Solid:
-    """A body in space, numbered on from what was before.
+    """A body in space, numbered after the previous bodies.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class _Solid:
     node, element
         First numbers, from one.
     back : (nodes,)
-        Node of the plane body that each is above.
+        Node of the plane body below each node.
     """
 
     def __init__(self, body: PlainBody, node: int, element: int) -> None:
@@ -75,12 +75,12 @@ class _Solid:
             self.points = np.concatenate(
                 [np.column_stack([x, np.full(len(x), z)]) for x, z in levels]
             )
-        used = np.unique(self.cells)  # not the nodes amid faces and cells
+        used = np.unique(self.cells)  # without nodes inside faces and cells
         self.used = used
 
     @property
     def type(self) -> str:
-        """Of its elements."""
+        """CalculiX's type of its elements."""
         return f"C3D{self.cells.shape[1]}"
 
     def nodes(self, side: str) -> NDArray[np.int64]:
@@ -178,7 +178,7 @@ class Deck:
         yield f"*SPRING, ELSET=WEAK\n{self.scene.dimension}\n{stiff:.6e}"
 
     def _step(self, factors: dict[str, float], entering: bool) -> Iterator[str]:
-        """To the factors; or first into contact."""
+        """A step to the load factors, or the first step into contact."""
         scene = self.scene
         yield "*STEP, INC=1000, NLGEOM=NO\n*STATIC\n1., 1.\n*BOUNDARY, OP=NEW"
         if scene.against is None:

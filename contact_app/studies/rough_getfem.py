@@ -2,14 +2,14 @@
 
 GetFEM (Y. Renard, K. Poulios, ACM Trans. Math. Softw. 47, 2020; Debian's python3-getfem) solves the
 augmented Lagrangian of P. Alart and A. Curnier, written in its language of weak forms, by Newton's
-method with a sparse factor a step: contact forces of degree one on the side `on`, displacements of
-degree one or two. Meshes are those of this application. Each point of a round `on` side meets the
-other body along the normal of its circle, as in this application; the brick for bodies that do not
-match, `add_integral_contact_between_nonmatching_meshes_brick`, let the roller into the block.
+method with one sparse factor per step: contact forces of degree one on the side `on`, displacements
+of degree one or two. Meshes are those of this application. Each point of a round `on` side meets
+the other body along the normal of its circle, as in this application; the brick for bodies that do
+not match, `add_integral_contact_between_nonmatching_meshes_brick`, let the roller into the block.
 
-Tuned: the augmentation parameter r, `AUGMENTATION` times Young's modulus over a length of the
-facets; a first displacement of the body that only contact holds; no force along the plane of
-symmetry at the node on it.
+Tuned are the augmentation parameter r, `AUGMENTATION` times Young's modulus over the length of a
+facet, and a first displacement of the body that only contact holds. At the node on the plane of
+symmetry there is no force along the floor.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ AUGMENTATION = 0.3
 """r over E / h."""
 
 TOLERANCE, STEPS = 1e-10, 60
-"""Relative residual at which Newton's method ends, and its most steps."""
+"""Relative residual at which Newton's method ends, and its largest number of steps."""
 
 RADIUS = 50.0
-"""Of the roller, whose middle is at (0, RADIUS)."""
+"""Radius of the roller, whose centre is at (0, RADIUS)."""
 
 ENTERING = 0.02
-"""First overlap of a body that only contact holds, over a facet."""
+"""First overlap of a body that only contact holds, relative to a facet."""
 
 ORDER = {
     ("triangle", 1): [0, 1, 2],
@@ -160,7 +160,7 @@ class Program:
         return kept, space
 
     def solve(self) -> tuple[Outcome, list[int]]:
-        """The answer at the end of the history, and Newton's steps of each increment.
+        """The solution at the end of the history, and the Newton steps of each increment.
 
         Raises
         ------

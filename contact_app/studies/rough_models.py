@@ -1,6 +1,6 @@
 """Data exchange with other programs for scenes with friction: plain arrays in files.
 
-Nothing here imports a solver, so that a process of another program starts as fast as it can.
+This module imports no solver, so that processes of other programs start fast.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Facets = NDArray[np.int64]
 
 
 class Fixed(NamedTuple):
-    """A component of the displacement of a side, times the factor of that name, always without."""
+    """Prescribed displacement of a side along one axis, times a factor if it names one."""
 
     body: int
     side: str
@@ -64,7 +64,7 @@ class PlainScene:
     pressure
         Body, side and value, times the factor ``press``.
     factors
-        Of each increment.
+        Load factors of each increment.
     """
 
     bodies: list[PlainBody]
@@ -100,10 +100,10 @@ class Outcome:
     points, displacement
         (nodes, d) of each body.
     places, traction : (n, d)
-        Where friction is known on the body of `on`, and its force per area on that body; nodes, or
-        middles of facets.
+        Points with known friction on the body of `on` (nodes or centres of facets), and the
+        friction force per area on that body.
     force : (d,)
-        On that body by the contact.
+        Contact force on that body.
     """
 
     points: list[Array]
@@ -113,7 +113,7 @@ class Outcome:
     force: Array
 
     def save(self, file: Path) -> None:
-        """Write it."""
+        """Write the outcome."""
         file.write_bytes(pickle.dumps(self))
 
     @staticmethod

@@ -35,19 +35,19 @@ from meshes import CellMesh
 Array = NDArray[np.float64]
 
 INCREMENTS = {"roller": 4, "block": 4}
-"""Of the press of the roller, and of the push of the block."""
+"""Increments of pressing the roller, and of pushing the block."""
 
 PRESSURE = 350.0
-"""On the equator of the roller."""
+"""Pressure on the equator of the roller."""
 
 YOUNG, POISSON, COEFFICIENT = 1000.0, 0.3, 0.3
 PRESS, PUSH = -0.01, 0.006
-"""Of the block: displacements of its top."""
+"""Displacements of the top of the block."""
 
 
 @dataclass(frozen=True)
 class Rough:
-    """A scene on a row of meshes.
+    """A scene on a series of meshes.
 
     Attributes
     ----------

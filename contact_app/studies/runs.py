@@ -1,4 +1,4 @@
-"""One run of a study: ours or a method of PETSc's on a scene, and its row."""
+"""One run of a study: this application or a method of PETSc on a scene, and its row."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ def run_one(
     limit
         Seconds, start-up included.
     fields
-        Where the fields at the nodes go, a ``.npz`` file.
+        A ``.npz`` file for the fields at the nodes.
     parallel
-        Give this application one rank a core, not the threads of BLAS; the others know.
+        Whether this application gets one rank per core instead of threads of BLAS. Methods of PETSc
+        have their own rule.
 
     Raises
     ------
     RunError
-        It failed, did not converge, was not certified or ran out of time.
+        The run failed, did not converge, was not certified or ran out of time.
     """
     more = [part for override in overrides for part in ("--set", override)]
     more += ["--fields", str(fields)] if fields else []
@@ -70,7 +71,7 @@ def from_summary(summary: dict[str, Any]) -> dict[str, Any]:
     return {
         "dofs": summary["mesh"]["dofs"],
         "seconds": sum(level["seconds"] for level in levels) if levels else seconds,
-        # the summary's is the largest of a rank
+        # the summary holds the largest of one rank
         "peak_rss_gb": summary["environment"]["peak_rss_gb"] * summary["environment"]["ranks"],
         "steps": summary["solver"]["outer_iterations"],
         "applications": summary["solver"]["hessian_multiplications"],

@@ -1,4 +1,4 @@
-"""Where the projected CG step raises the cost: the paper's Figure 1, a cycle, a random search.
+"""Projected CG steps that raise the cost: the paper's Figure 1, a cycle, a random search.
 
 The figure: left, one step of each strategy from the same point of a tilted valley above the bound
 y = 0; right, the projected gradient over the iterations of a problem on which plain ``projcg``
@@ -80,15 +80,16 @@ class Search:
     expansions : int
         Expansions by the projected CG step.
     rises : int
-        Of these raised the cost.
+        Number of these expansions that raised the cost.
     safe_rises : int
-        Expansions of ``projcg-safe`` from the same points that raised it.
+        Number of expansions of ``projcg-safe`` from the same points that raised the cost.
     losses : int
-        Of the ``rises``, ``projcg-safe`` ended above the standard expansion, ``fixed`` with 1.9.
+        Number of the ``rises`` in which ``projcg-safe`` ended above the standard expansion,
+        ``fixed`` with 1.9.
     further_multiplications : int
         Hessian multiplications that ``projcg-safe`` spent beyond those of ``projcg``.
     elsewhere : int
-        Of these where ``projcg`` did not raise the cost.
+        Those of them where ``projcg`` did not raise the cost.
     """
 
     expansions: int
@@ -142,7 +143,7 @@ def random_start(seed: int) -> tuple[BoxQP, np.ndarray]:
 
 
 def second_step(qp: BoxQP, x0: np.ndarray, expansion: str) -> tuple[Iterate, float] | None:
-    """The iterate after a CG step and an expansion, and the cost between; None if it goes else."""
+    """The iterate after a CG step and an expansion, and the cost between; None for other steps."""
     it = Iterate(qp, x0)
     it.measure_b()
     strategy = MPRGP(expansion).strategy

@@ -2,11 +2,11 @@
 
     python -m contact_app.studies.settings SCENE[;KEY=VALUE…] … --beside KEY=VALUE[;KEY=VALUE…] …
 
-Each scene is solved as it is and under each of the settings, by turns. Seconds are those of the
-processor, the least of `ROUNDS` solves; the search for planes of symmetry is among them, start-up
-and writing files are not. "over the least" is their ratio to the fewest seconds of the scene. The
-last column is how far the energy is from that of the first row, relative to it. Of load cases the
-last one is told.
+Each scene is solved unchanged and under each of the settings, in turns. Seconds are processor
+seconds, the minimum of `ROUNDS` solves, with the search for planes of symmetry and without start-up
+and writing files. "over the least" is their ratio to the fewest seconds of the scene. The last
+column is the relative difference of the energy from that of the first row. A scene with load cases
+is solved with its last case.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from contact_app.errors import ContactError
 from contact_app.run.answer import CaseAnswers, solve
 
 ROUNDS = 3
-"""Solves of each setting; one more before them, which compiles forms, is not counted."""
+"""Number of solves of each setting; a first one, which compiles forms, is not counted."""
 
 AS_IT_IS = "as it is"
 HEADING = (

@@ -1,8 +1,8 @@
 """One run of this application for a study, in a process of its own.
 
 ``python -m contact_app.studies.single_run SCENE.yaml`` solves and prints ``summary.json`` in one
-line; nothing is written unless the fields at the nodes are asked for (``--fields FILE.npz``). A
-scene with load cases is taken in its last one.
+line; no file is written without ``--fields FILE.npz``, which writes the fields at the nodes. A
+scene with load cases is solved with its last case.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from contact_app.studies.reference import Fields
 
 
 def fields_of(solved: SolvedScene) -> Fields | None:
-    """The answer at the nodes of all bodies, with their cells; on rank 0 alone (collective)."""
+    """The solution at the nodes of all bodies, with their cells; on rank 0 only (collective)."""
     nodes, model = solved.nodes, solved.model
     at_nodes = nodes.points, nodes.displacement, nodes.contact_pressure, ~np.isnan(nodes.gap)
     gathered = model.comm.gather(

@@ -1,19 +1,19 @@
-"""Where methods fail: every method on every failing scene, side by side (``stability``).
+"""Scenes on which methods fail: every method on every such scene, side by side (``stability``).
 
-Each cell of the table is a real run with a verdict, taken from the answer and not from what the
-method says of itself:
+Each cell of the table is a real run with a verdict. The verdict follows from the solution, not from
+the method's own report:
 
 holds      the energy is right to 1e-6 and nothing penetrates by more than 1e-6; where there are
            several bodies, the strain energy of each is right to 1e-3
-degrades   the same, with more than three times the work of the milder twin
-refused    an error that says why, before or instead of an answer
+degrades   the same, with more than three times the work of the milder variant
+refused    an error message with the reason, before or instead of a solution
 fails      the method says that it did not converge, or runs out of time
 WRONG      the method says that it converged, and the answer is none
 cannot     the scene cannot be stated for the method
 
-Right is the exact energy where the scene has one, else that of this application without
-decomposition at tolerance 1e-10, whose duality gap bounds its error; the tests compare it with a
-reference that shares no code with it.
+The reference is the exact energy if it is known, else the energy of this application without
+decomposition at tolerance 1e-10, whose duality gap bounds its error. The tests compare it with a
+reference that shares no code with this application.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ STRAINS = 1e-3
 
 GROWTH = 3.0
 LIMIT = 30.0
-"""Seconds a run may take."""
+"""Time limit of a run in seconds."""
 
 PEERS = {
     "SNES VI": "snes-vi-cholmod",
@@ -65,7 +65,7 @@ COLUMNS = (
 
 
 Solve = Callable[[str, Config, Any], Outcome]
-"""Of a method, a configuration and its subdomains."""
+"""Function of a method, a configuration and its subdomains that returns an outcome."""
 
 
 def run_case(
@@ -96,7 +96,7 @@ def _grown(outcome: Outcome, mild: Outcome) -> Outcome:
 
 
 def _judged(case: Case, outcome: Outcome, known: Outcome | None) -> Outcome:
-    """The verdict on an answer, given what is right; others have theirs already."""
+    """The verdict on a solution, given the reference; other outcomes have one already."""
     if outcome.verdict:
         return outcome
     if case.expected == REFUSED:
@@ -134,11 +134,14 @@ def _attempt(solve: Solve, method: str, case: Case, made: Config) -> Outcome:
     except OutOfTime:
         return Outcome("fails", f"no end in {LIMIT:.0f} s")
     except (NoEquilibriumError, ConfigurationError) as error:
-        kind = "cannot" if method in PEERS else REFUSED  # peers get what this application reads
+        kind = "cannot" if method in PEERS else REFUSED  # PETSc gets the scene read here
         return Outcome(kind, shortened(str(error)))
     except ContactError as error:
         return Outcome("fails", shortened(str(error)))
-    except (ValueError, RuntimeError) as error:  # a peer's: unsuitable, or an error of PETSc
+    except (
+        ValueError,
+        RuntimeError,
+    ) as error:  # unsuitable scene, or an error of PETSc
         unsuitable = type(error).__name__ == "UnsuitableError"
         kind = "cannot" if unsuitable else "fails"
         return Outcome(kind, shortened(str(error).strip().splitlines()[-1]))
@@ -184,7 +187,7 @@ STRATEGIES = {
 TAO = ("bnls", "tron", "bqnls")
 QP_METHODS = (*STRATEGIES, *(f"TAO {kind}" for kind in TAO))
 RESIDUAL = 1e-5
-"""Relative projected gradient that a solver may leave, asked for 1e-6."""
+"""Largest accepted relative projected gradient, for solvers with a tolerance of 1e-6."""
 
 
 def run_qp_case(case: QPCase, methods: Sequence[str] = QP_METHODS) -> dict[str, Outcome]:
@@ -233,54 +236,56 @@ def _qp_verdict(case: QPCase, applications: int, residual: float, note: str) -> 
 
 Table = dict[str, dict[str, Outcome]]
 
-HEAD = """# Where methods fail
+HEAD = """# Scenes on which methods fail
 
 Made by `contact-app stability`; every cell is a run. The number in parentheses is its work:
 Hessian multiplications of the dual problem for this application, multiplications with the stiffness
-for TAO, Newton steps (one factor each) for SNES VI. They compare along a column, not along a row.
-×2.0 is the growth of the work from a milder twin of the scene.
+for TAO, Newton steps (one factor each) for SNES VI. They can be compared within a column, not
+within a row. ×2.0 is the growth of the work from a milder variant of the scene.
 
-| verdict | means |
+| verdict | meaning |
 |---|---|
 | holds | the answer is right: energy to 1e-6, penetration below 1e-6; of several bodies, \
 the strain energy of each to 1e-3 |
-| degrades | right, with more than three times the work of the twin |
-| refused | an error that says why |
-| fails | the method says that it did not converge, or ran out of its 30 seconds |
-| **WRONG** | the method says that it converged, and the answer is none |
+| degrades | right, with more than three times the work of the variant |
+| refused | an error message with the reason |
+| fails | the method reports that it did not converge, or exceeds its limit of 30 seconds |
+| **WRONG** | the method reports convergence, and the answer is wrong |
 | cannot | the scene cannot be stated as bounds on the displacements of one body, or its mesh \
 cannot be read |
 
-What is right comes from the exact solution where there is one, else from a run without
-decomposition at tolerance 1e-10, whose duality gap bounds its error. The tests
-(`tests/stability`) compare every row with a reference that shares no code with this application.
+The reference is the exact solution if it is known, else a run without decomposition at tolerance
+1e-10, whose duality gap bounds its error. The tests (`tests/stability`) compare every row with a
+reference that shares no code with this application.
 
 ## Scenes
 
-`contact-app` is the run with the body cut into subdomains, *whole* the same without
-decomposition, which `auto` chooses for bodies of this size. SNES VI is `vinewtonrsls` with a
-CHOLMOD factor a step, TAO runs CG with Jacobi; all are asked for 1e-8.
+`contact-app` is the run with the body cut into subdomains, *whole* the run without decomposition,
+which `auto` chooses for bodies of this size. SNES VI is `vinewtonrsls` with a CHOLMOD factor in
+each step; TAO uses CG with Jacobi. The tolerance of all is 1e-8.
 
 """
 
 FRICTION = """
 ## Scenes with friction
 
-Coulomb's law. `contact-app` is Total FETI with active sets in subdomains, *whole* the same without
-decomposition, *multigrid* active sets on the undecomposed body (`solver.method: primal`), SMALBE-M
-the proved method with MPRGP on discs of friction forces (`smalbe`), in subdomains. The number in
-parentheses is operator applications, for multigrid those of the stiffness. Energies are right to
-1e-6, of a load history their sum over all increments; twins are the same scenes without friction,
-with μ = 0.3, or at half the load.
+The law is Coulomb's. `contact-app` is Total FETI with active sets in subdomains, *whole* the same
+without decomposition, *multigrid* active sets on the undecomposed body (`solver.method: primal`),
+and SMALBE-M the method with a proof of convergence, with MPRGP on discs of friction forces
+(`smalbe`), in subdomains. The number in parentheses is operator applications, for multigrid those
+of the stiffness. The test of the energy is 1e-6; for a load history it is the sum of energies over
+all increments. Milder variants are the same scenes without friction, with μ = 0.3, or at half the
+load.
 
 """
 
 MIDDLE = """
 ## Quadratic programmes
 
-The strategies of `solver.MPRGP` and PETSc's TAO, from the same start to a projected gradient of
-1e-6 ‖b‖; right is a residual below 1e-5. TAO measures x - P(x - g), which mixes the units of
-variables and gradient: where gradients are large against the box it stops at the start.
+The strategies of `solver.MPRGP` and PETSc's TAO start from the same point and stop at a projected
+gradient of 1e-6 ‖b‖. A solution is right if this residual is below 1e-5. TAO measures x - P(x - g),
+which mixes the units of variables and gradient: if gradients are large compared with the box, it
+stops at the start.
 
 """
 
@@ -290,35 +295,35 @@ TAIL = """
 `python -m tests.stability.fuzz 1000` makes 1000 random scenes (bodies, also slender ones, slivers
 and far from the origin, one on another, boxes and distorted cells from mesh files; degree 1 and 2,
 mean dilatation; units; materials to a contrast of 1e6; conditions, loads, obstacles; tolerances,
-`auto` too; partitions) and holds each answer against the undecomposed reference, each refusal
-against a linear programme. Every fourth scene is of a kind that was once answered wrongly, slowly
-or not at all (`tests/stability/defect_scenes.py`): a weak body beside a strong one, a stiff block
-between walls on a soft one, a strip or plate lifted off a floor, a load on the face that touches, a
-body moved far and squeezed a little, several contacts at a node, a slender cantilever in many
-subdomains at tolerances to 1e-12, and mesh files whose cells overlap.
+`auto` too; partitions) and compares each answer with the undecomposed reference and each refusal
+with a linear programme. Every fourth scene is of a kind that an earlier version solved wrongly,
+slowly or not at all (`tests/stability/defect_scenes.py`): a weak body beside a strong one, a stiff
+block between walls on a soft one, a strip or plate lifted off a floor, a load on the face that
+touches, a body moved far and squeezed a little, several contacts at a node, a slender cantilever in
+many subdomains at tolerances to 1e-12, and mesh files whose cells overlap.
 
 Each answer is compared in its energy and, in each body, in its strains: the squared energy norm of
 the error over a(u, u) may be twice the tolerance. The reference solves each group of bodies that
-can touch for itself and corrects the answer in extended precision (`tests/stability/polish.py`).
-Faults are a crash, a scene that hangs, an answer certified wrongly, a scene given up that the
-reference solves and whose strains displacements in double precision can show, an equilibrium denied
-or invented, and overlapping cells accepted.
+can touch separately and corrects the solution in extended precision (`tests/stability/polish.py`).
+Faults are a crash, a scene that hangs, a wrong solution with a passed certificate, no solution
+where the reference has one (and double precision suffices for its strains), a wrong decision on
+equilibrium, and accepted overlapping cells.
 
-What it found is guarded now: nodes squeezed between two obstacles, bodies of both degrees side by
-side, stiff bodies on soft ones whose forces are the last digits of their displacements, active sets
-that keep a body up to rounding only, and cells a hundred times longer than wide cut into
-subdomains: forces between these cancel to the last digit, and conjugate gradients end at rounding
-errors, far from an answer. What ends so is solved once more with every body whole, as far as memory
-allows (on ranks, in one subdomain each). Where that fails too, the displacements themselves are
-solved for, by augmented Lagrangians and Newton's method with a sparse factor a step
-(`solver/primal/newton.py`): slower, but it needs no digits of a dual operator. An exception of the
-solver leads there as well, and the certificate warns of what happened
-(`contact_app/run/fallback.py`).
+The defects that it found are guarded now: nodes squeezed between two obstacles; bodies of both
+degrees side by side; stiff bodies on soft ones, whose forces depend on the last digits of their
+displacements; active sets that hold a body only by rounding errors; and subdomains of cells a
+hundred times longer than wide. Forces between such subdomains cancel to the last digit, and
+conjugate gradients stop at rounding errors, far from a solution. Such a scene is solved again
+without decomposition, as far as memory allows (on several ranks with one subdomain for each). If
+that fails too, augmented Lagrangians and Newton's method solve for the displacements, with one
+sparse factor per step (`solver/primal/newton.py`): this is slower, but does not depend on the
+digits of a dual operator. It also follows an exception of the solver. The certificate warns of such
+a fallback (`contact_app/run/fallback.py`).
 
-agrees: certified, and right; contradicts, escapes: refused, and there is no equilibrium; refused:
-input that is told to be wrong; degraded: not certified, and said so, where strains are rounding
-errors or the reference has no answer; undecided: certified, where the reference itself does not
-converge, nor in extended precision (`tests/extended.py`).
+The verdicts: "agrees" is certified and right; "contradicts" and "escapes" are refused, and there is
+no equilibrium; "refused" is wrong input with an error message; "degraded" is not certified, where
+strains are rounding errors or the reference has no solution; "undecided" is certified, while the
+reference does not converge, also not in extended precision (`tests/extended.py`).
 
 <!-- python -m tests.stability.fuzz 1000 --document docs/benchmarks/stability.md -->
 """
@@ -359,7 +364,7 @@ def friction_table(tell: Callable[[str], None] = print) -> Table:
 
 
 def friction_section(found: Table) -> str:
-    """Of the page."""
+    """The section of the page."""
     guards = [(c.name, c.failure, c.guard) for c in FRICTION_CASES if c.name in found]
     table = _markdown(("scene", *FRICTION_METHODS), found)
     return "".join((FRICTION, table, "\n", _guards(guards, found)))

@@ -2,8 +2,9 @@
 
 ``python -m contact_app.studies.strong_scaling [SERIES [CELLS [RANKS…]]]`` prints the tables of
 docs/benchmarks/scaling.md: a series of `contact-app bench` (hexahedra), cells along an edge of the
-cube (60) and numbers of ranks (1 2). Every run is one of its own; seconds are from the mesh
-to the certified solution, the least of `REPEATS` or of as many as are begun in `PATIENCE` seconds.
+cube (60) and numbers of ranks (1 2). Every run is a process of its own. Seconds count from the mesh
+to the certified solution; they are the minimum of `REPEATS` runs, or of the runs that begin within
+`PATIENCE` seconds.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def strong(
 ) -> Iterator[dict[str, Any]]:
     """Summaries of the fastest run on each number of ranks.
 
-    Numbers of ranks take turns, so that a machine whose speed changes changes it for all.
+    Numbers of ranks take turns, so that changes of the machine's speed affect all of them.
     """
     overrides = [
         f"decomposition={series.decomposition(3 * (cells + 1) ** 3)}",

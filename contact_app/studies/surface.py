@@ -1,8 +1,8 @@
-"""The answer on the surface of a box of hexahedra: what a scene too large to write whole leaves.
+"""The solution on the surface of a box of hexahedra, for scenes too large to write as a whole.
 
-Where a mesh has tens of millions of nodes its surface has half a million. Displacement and contact
-pressure are evaluated there and written with the facets of the surface; nothing is ever formed at
-all nodes. Copies of a node in neighbouring subdomains are written as they are.
+A mesh with tens of millions of nodes has a surface with half a million. Displacement and contact
+pressure are evaluated there and written with the facets of the surface; no array has an entry for
+every node of the mesh. Copies of a node in neighbouring subdomains are all written.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class SurfaceFields:
         Local numbers of the points of each facet, in VTK's order.
     displacement : (n, 3)
     contact_pressure : (n,)
-        Of the contact boundaries, as `pressure` evaluates it.
+        Pressure on the contact boundaries, as `pressure` evaluates it.
     largest_displacement, mean_displacement
         Over all nodes of the scene, inner ones included.
     contact_force : (3,)

@@ -3,9 +3,9 @@
 The data sets are published on the LIBSVM data set page
 (https://www.csie.ntu.edu.tw/~cjlin/libsvmtools/datasets/binary.html) as ``australian_scale``,
 ``diabetes_scale`` and ``ionosphere_scale``, features scaled to [-1, 1]; saved as
-``australian.libsvm``, ``diabetes.libsvm`` and ``ionosphere.libsvm`` in one directory they are
-what :func:`reproduce_svm` reads. Sets that were scaled from the original tables with more digits
-are first given the published ones (``published.py``).
+``australian.libsvm``, ``diabetes.libsvm`` and ``ionosphere.libsvm`` in one directory
+:func:`reproduce_svm` reads them. Sets that were scaled from the original tables with more digits
+are first rounded to the published digits (``published.py``).
 """
 
 from __future__ import annotations
@@ -68,12 +68,12 @@ def _agreement(rows: Sequence[Comparison]) -> str:
 
 
 def find_data(data_dir: Path | None) -> Path:
-    """The directory with the data sets: as given, or the one beside a clone of the project.
+    """The directory with the data sets: the given one, or the one next to a clone of the project.
 
     Raises
     ------
     DataError
-        Saying where the sets are published.
+        The message says where the sets are published.
     """
     beside = Path(__file__).resolve().parents[3] / "shared" / "reference" / "svm"
     directory = data_dir or beside

@@ -6,8 +6,8 @@ Z = diag(y) X̂ (samples by features) the dual of the l1 (hinge) loss is the box
     min ½ λᵀ Z Zᵀ λ - λᵀ 1   over  0 ≤ λ ≤ C,
 
 and that of the l2 (squared hinge) loss has Z Zᵀ + I/C and no upper bound. The Gram matrix Z Zᵀ is
-applied as two products with Z: memory is that of the data. From λ, w = Zᵀ λ; the duality gap
-½‖w‖² + C/p Σ ξᵢᵖ + (½ λᵀHλ - λᵀ1) tells how far the training is from its optimum.
+applied as two products with Z: memory is that of the data. From λ, w = Zᵀ λ; the duality gap ½‖w‖²
++ C/p Σ ξᵢᵖ + (½ λᵀHλ - λᵀ1) bounds the distance from the optimum.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from solver import MPRGP, BoxQP, Result
 LOSSES = ("l1", "l2")
 #: Distance of the paper's initial guess from the upper bound (section 5.2), in units of C.
 START = 100.0 * float(np.finfo(np.float64).eps)
-#: Share of nonzeros above which the data are kept dense.
+#: Share of nonzeros above which the data are stored as a dense array.
 DENSE = 0.25
 
 
@@ -142,7 +142,7 @@ class GramOperator:
 def dual_problem(samples: Samples, loss: str = "l1", C: float = 1.0) -> BoxQP:
     """The dual QP (paper, equations 6 and 7)."""
     if loss not in LOSSES:
-        raise ValueError(f"unknown loss {loss!r}; there are {', '.join(LOSSES)}")
+        raise ValueError(f"unknown loss {loss!r}; known are {', '.join(LOSSES)}")
     if not (C > 0.0 and math.isfinite(C)):
         raise ValueError(f"C is {C}; the penalty must be positive and finite")
     operator = GramOperator(samples, 0.0 if loss == "l1" else 1.0 / C)
@@ -172,8 +172,8 @@ def train(
     Returns
     -------
     dict
-        For JSON: counts, objective (of the dual, which at the optimum is minus the primal's),
-        duality gap (absolute, and relative to the primal), training accuracy, the normal.
+        Data for JSON: counts, objective of the dual (minus that of the primal at the optimum),
+        duality gap (absolute, and relative to the primal), training accuracy, normal.
 
     Raises
     ------

@@ -12,7 +12,7 @@ Row = dict[str, Any]
 
 
 def write(rows: Iterable[Row], columns: Sequence[str], path: Path) -> None:
-    """CSV of these columns; what a row lacks stays empty."""
+    """Write these columns as CSV; missing values stay empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
@@ -20,7 +20,7 @@ def write(rows: Iterable[Row], columns: Sequence[str], path: Path) -> None:
 
 
 def read(path: Path, texts: Sequence[str] = ()) -> list[Row]:
-    """Rows of a CSV that `write` made, without empty cells but those of the columns `texts`.
+    """Rows of a CSV by `write`, without empty cells except in the columns `texts`.
 
     Other columns hold numbers or True and False.
     """
@@ -45,11 +45,11 @@ class Figure:
     Attributes
     ----------
     methods
-        Each has a colour.
+        Methods; each has a colour.
     panels
-        The row of axes of a row of the table, by its title.
+        Function of a row of the table that returns the title of its row of axes.
     unknowns, memory
-        Columns.
+        Names of columns.
     """
 
     methods: Sequence[str]

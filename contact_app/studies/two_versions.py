@@ -1,13 +1,14 @@
 """Two versions side by side: shipped scenes, cubes, the paper's own problem and its rows.
 
-Each version first runs all of them, one process after another. What a directory holds already is
-not run again, so a stopped series goes on; the log says when each began and ended::
+Each version first runs all of them, one process after another. Runs with results in the directory
+are skipped, so that an interrupted series can be continued. The log holds the start and end of each
+run::
 
     python -m contact_app.studies.two_versions --run CHECKOUT DIRECTORY SVM_DATA
 
-The checkout is one of this project with its `contact` launcher, the data are those of
-`reproduce svm --data`. Two such directories are then
-compared by what neither machine nor load changes, operator applications and energies::
+CHECKOUT is a checkout of this project with its `contact` launcher; SVM_DATA are the data of
+`reproduce svm --data`. Two such directories are then compared by operator applications and
+energies, which depend neither on the machine nor on its load::
 
     python -m contact_app.studies.two_versions BEFORE AFTER
 """
@@ -48,7 +49,7 @@ def jobs(checkout: Path, data: Path) -> Iterator[tuple[str, list[str]]]:
 
 
 def run(checkout: Path, output: Path, data: Path) -> Iterator[str]:
-    """Run what the directory does not hold yet; a sentence for each run."""
+    """Run all runs without results in the directory; a sentence for each run."""
     for name, arguments in jobs(checkout, data):
         directory = output / name
         if (directory / "done").is_file():
@@ -87,7 +88,7 @@ def compare(before: Path, after: Path) -> Iterator[str]:
         yield "|---|---:|---:|---:|---:|"
         for path in runs:
             old, new = (json.loads((d / path).read_text()) for d in (before, after))
-            if "solver" in old and "solver" in new:  # that of load cases has those of the cases
+            if "solver" in old and "solver" in new:  # an overview of load cases has no solver
                 yield _run(str(path.parent), old, new)
     if runs and tables:
         yield ""

@@ -1,10 +1,10 @@
-"""A scene as one undecomposed system in PETSc, the way a FEniCSx user would assemble it.
+"""A scene as one undecomposed system in PETSc, as a FEniCSx user would assemble it.
 
 dolfinx distributes the mesh, the stiffness is assembled once with the same quadrature as the
 subdomains' (exact on undistorted boxes), held unknowns become rows of a scaled identity, and a
-contact row -nᵀu ≤ g becomes a bound on one unknown: where n is no coordinate direction the frame
-of its node is turned by a Householder reflection H (H e_k = ± n), A' = Qᵀ A Q, u = Q u'. PETSc's
-bound-constrained solvers can then take any scene whose nodes have one contact row at most.
+contact row -nᵀu ≤ g becomes a bound on one unknown: where n is no coordinate direction, the frame
+of its node is rotated by a Householder reflection H (H e_k = ± n), A' = Qᵀ A Q, u = Q u'. PETSc's
+bound-constrained solvers can then solve any scene whose nodes have at most one contact row each.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ class WholeSystem:
     contact
         Unknowns (local) with a bound.
     area : (bounds,)
-        Share of the contact boundary that falls to each of them; not known to the solvers.
+        Share of the contact boundary's area of each of them; solvers do not use it.
     mesh
-        dolfinx's: its communicator, on which the matrix lives, goes with it.
+        dolfinx's mesh; the matrix uses its communicator.
     """
 
     matrix: PETSc.Mat
@@ -79,7 +79,7 @@ class WholeSystem:
         return 0.5 * x.dot(self.matrix * x) - x.dot(self.load) + self.constant
 
     def penetration(self, x: PETSc.Vec) -> float:
-        """Largest violation of a bound over the largest displacement component (collective)."""
+        """Largest violation of a bound, relative to the largest displacement (collective)."""
         violation = np.maximum(x.array - self.upper.array, self.lower.array - x.array)
         worst = self.load.comm.tompi4py().allreduce(violation.max(initial=0.0), op=MPI.MAX)
         return float(worst) / (x.norm(PETSc.NormType.NORM_INFINITY) or 1.0)
@@ -107,12 +107,12 @@ class WholeSystem:
 def assemble(
     scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD, nodal: bool = False
 ) -> WholeSystem:
-    """Mesh a scene of one body and assemble it whole (collective).
+    """Mesh a scene of one body and assemble it undecomposed (collective).
 
     Parameters
     ----------
     nodal
-        Bound nodes also where contact is kept in the mean about vertices.
+        Bound the gaps at nodes also where this application bounds averages around vertices.
 
     Raises
     ------
@@ -125,9 +125,11 @@ def assemble(
     if scene.temperatures:
         raise UnsuitableError("it has a temperature")
     if body.mean_dilatation:
-        raise UnsuitableError("its change of volume is taken as a mean over cells")
+        raise UnsuitableError("its change of volume is a mean over cells")
     if scene.contacts and has_averaged_rows(body) and not nodal:
-        raise UnsuitableError("its contact is kept in the mean about vertices, which is no bound")
+        raise UnsuitableError(
+            "its contact rows are averages around vertices, no bounds on unknowns"
+        )
     mesh = _mesh(body, comm)
     space = dolfinx_compat.vector_space(mesh, body.degree, d)
     matrix = assemble_matrix(dolfinx_compat.compile_form(_stiffness(scene, body, mesh, space)))
@@ -231,7 +233,7 @@ def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> NDArray[np.float64
 
 
 def _traction_of(total: TotalLoad, mesh: Any, ds: Any) -> Any:
-    """The traction that adds up to a force and a moment, linear in the place (collective).
+    """The traction, linear in position, that adds up to a force and a moment (collective).
 
     Its formula is in `contact_app.model.total_loads`.
     """
@@ -273,7 +275,7 @@ def _facets(body: Body, mesh: Any, boundary: str) -> Any:
 
 
 def _on(body: Body, boundary: str, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points (n, 3) lie on a boundary."""
+    """Whether each of points (n, 3) lies on a boundary."""
     if boundary in body.boundaries:
         return np.asarray(body.boundaries[boundary](points), bool)
     box = body.mesh
@@ -320,7 +322,7 @@ def _bounds(
     lower: NDArray[np.float64],
     upper: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Write the bounds; bounded unknowns, the turned frames' directions ± n and their area."""
+    """Write the bounds; return bounded unknowns, directions ± n of rotated frames, and areas."""
     d = scene.dimension
     body = scene.bodies[0]
     bounded: list[NDArray[np.int64]] = []
@@ -363,7 +365,7 @@ def _eliminate(
     held: NDArray[np.bool_],
     prescribed: NDArray[np.float64],
 ) -> float:
-    """Make held unknowns rows of a scaled identity; the energy they take with them."""
+    """Make held unknowns rows of a scaled identity; return the energy of their displacement."""
     comm = load.comm.tompi4py()
     diagonal = matrix.getDiagonal()
     scale = diagonal.sum() / diagonal.getSize()

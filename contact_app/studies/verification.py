@@ -1,14 +1,14 @@
-"""Contact problems whose answers are known, as convergence studies: ``contact-app verify``.
+"""Contact problems with known solutions, as convergence studies: ``contact-app verify``.
 
-Each case is a commented scene of ``configs/``, solved on a row of meshes, and numbers measured in
-the answer beside those of the theory. How each is measured (`verification_measures`):
+Each case is a commented scene of ``configs/``, solved on a series of meshes, with numbers of the
+solution compared with those of the theory. The numbers (`verification_measures`) are:
 
 * Hertz (ball, cylinder, two cylinders): the squares of the theory's pressures lie on a line over
   r², p² = p0² (1 - r²/a²). It is fitted to all nodes with pressure; half-width a and peak p0 follow
-  from it. Beside them stands the largest nodal pressure, which nothing was fitted to.
+  from it. The largest nodal pressure, without a fit, is compared as well.
 * Flat punch: the pressure is singular at the punch's edge, so it is compared on the inner half of
-  the punch, |x| ≤ a/2, as the root mean square of p √(a² - x²) π/P - 1. P is the force found. The
-  block is 16 half-widths wide and high instead of infinite; what that costs is part of the error.
+  the punch, |x| ≤ a/2, as the root mean square of p √(a² - x²) π/P - 1. P is the computed force.
+  The block is 16 half-widths wide and high instead of infinite, which is part of the error.
 * Press fit: mean pressure over the nodes of the rim that touch.
 * Interference fit and shrink fit: resultant on the quarter over its radius, and the largest nodal
   pressure.
@@ -18,14 +18,14 @@ the answer beside those of the theory. How each is measured (`verification_measu
   relative to the peak: 1 + that error.
 * Tied cantilever: displacement of the middle of its end, and the strain energy.
 * Rigid ball: the fit as for Hertz, on a quarter of the block; its approach beside a²/R.
-* Confined column: resultant of the wall that is squeezed against.
-* Rod on a rough floor: mean displacement of its end, and the distance from there of the farthest
-  node that slips.
-* Load histories: `contact_app.studies.history_cases`; the block on an incline:
+* Confined column: resultant on the wall against which it is pressed.
+* Rod on a rough floor: mean displacement of its end, and the distance of the farthest slipping node
+from there. * Load histories: `contact_app.studies.history_cases`; the block on an incline:
   `contact_app.studies.incline`; Mindlin's contact in space: `contact_app.studies.mindlin`.
 
-Meshes of round bodies are coarse ones drawn in Gmsh (``meshes/samples/coarse``), every edge halved
-so often as a size asks for, new nodes put on the circle or ball (`refine_on_sphere`).
+Meshes of round bodies are coarse meshes drawn in Gmsh (``meshes/samples/coarse``). Every edge is
+halved until cells have the given size, and new nodes are moved onto the circle or ball
+(`refine_on_sphere`).
 
 Sources: H. Hertz (1882); K. L. Johnson, *Contact Mechanics* (1985), chapters 2 and 4; S. P.
 Timoshenko, J. N. Goodier, *Theory of Elasticity* (1970), section 28.
@@ -72,12 +72,12 @@ from meshes import CellMesh
 
 ROOT = Path(__file__).parents[2]
 EXACT = 1e-7
-"""Relative error below which there is no rate to speak of."""
+"""Relative error below which a rate has no meaning."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """One mesh of a study: what is set in the scene, or the size of cells and whether round."""
+    """One mesh of a study: overrides of the scene, or size of cells and shape of edges."""
 
     label: str
     overrides: tuple[str, ...] = ()
@@ -87,26 +87,27 @@ class Level:
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with a known answer.
+    """A scene with a known solution.
 
     Attributes
     ----------
     name
-        Of the scene in ``configs/``, unless `scene` is.
+        Name of the case, and of its scene in ``configs/`` unless `scene` is given.
     title, note
-        For the document.
+        Texts for the document.
     measure
-        Numbers of an answer beside the theory's.
+        Function that returns numbers of a solution with those of the theory.
     levels
         Meshes, the coarsest first.
     sample
-        Mesh of `COARSE` that levels with a size halve.
+        Mesh of `COARSE` that is refined for levels with a size.
     bodies
-        Numbers of the bodies that it is the mesh of.
+        Numbers of the bodies that have this mesh.
     history
-        The same as `measure` of all increments of a load history.
+        Function like `measure` of all increments of a load history.
     graded
-        Writes the mesh of the first body, where levels have a number of cells instead of a sample.
+        Function that writes the mesh of the first body, for levels with a number of cells instead
+        of a sample.
     """
 
     name: str
@@ -154,7 +155,7 @@ def _boxes(*counts: Sequence[int]) -> tuple[Level, ...]:
 
 
 def _tied(*fine: int) -> tuple[Level, ...]:
-    """Two parts, of 2 to 3 cells across the cut."""
+    """Two parts; the numbers of their cells at the cut have the ratio 2 to 3."""
     return tuple(
         Level(
             f"{12 * n} × {2 * n} and {12 * n} × {3 * n}",
@@ -186,7 +187,7 @@ COARSE = {
     "shaft_and_hub": {1.0: "coarse/shaft_and_hub.msh"},
     "sphere_eighth": {2.8: "coarse/sphere_eighth.msh", 2.0: "sphere_eighth.msh"},
 }
-"""Coarse meshes of each sample in ``meshes/samples``, by the size ``make.py`` drew them with."""
+"""Coarse meshes of each sample in ``meshes/samples``, by the size of cells in ``make.py``."""
 
 ROUND = {
     "disc_quarter": (("rim",),),
@@ -208,16 +209,17 @@ CASES = (
     Case(
         "hertz_sphere", "Hertz: a ball on a rigid plane",
         "E = 200, ν = 0.3, R = 8, F = 1: a = 0.301107, p0 = 5.26623, approach a²/R = 0.0113332; "
-        "the theory's numbers below are for the force found, that on the polygon of the loaded "
-        "equator. The half-width is fitted to a fifth of a percent from the second mesh on and "
-        "does not fall from there: the ball is no half space.",
+        "the numbers of the theory below are for the computed force, which acts on the polygon of "
+        "the loaded equator. From the second mesh on the error of the half-width is a fifth of a "
+        "percent and does not fall any more, since the ball is not a half space.",
         hertz_quantities, _sizes(2.8, 2.0, 1.4, 1.0, 0.7), "sphere_eighth",
     ),
     Case(
         "hertz_disc", "Hertz: a cylinder on a rigid plane",
         "Plane strain, E = 2.1e5, ν = 0.3, R = 50, F' = 35,000: a = 3.107, p0 = 7171. The load is "
-        "spread over the equator of a real disc; what the half plane of the theory leaves out is "
-        "reached by a thousand unknowns, and errors settle there, at a tenth of a percent.",
+        "distributed over the equator of a disc, while the theory assumes a half plane. From a "
+        "thousand unknowns on this difference dominates, and errors settle at a tenth of a "
+        "percent.",
         hertz_quantities, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
     ),
     Case(
@@ -228,23 +230,25 @@ CASES = (
     ),
     Case(
         "roller_with_friction", "NAFEMS R0094: the roller on the block with friction",
-        "The same with Coulomb friction, μ = 0.1, pressed in four increments: numbers without "
-        "friction, to 1 %, beside ours. Friction raises the fitted peak by 0.9 % on all meshes, "
-        "since aluminium moves out more than steel; pressed at once it is 1.2 %.",
+        "The same with Coulomb friction, μ = 0.1, pressed in four increments. The theory is "
+        "frictionless; the difference is about 1 %. Friction raises the fitted peak by 0.9 % on "
+        "all meshes, since aluminium expands sideways more than steel; in a single increment it is "
+        "1.2 %.",
         None, _sizes(4.0, 2.0, 1.0, 0.5, overrides=ROUGH), "roller_on_block", (0, 1),
         scene="roller_on_block", history=rough_roller,
     ),
     Case(
         "flat_punch", "A rigid flat punch on a half plane",
         "p(x) = P/(π √(a² - x²)), plane strain, compared on the inner half of the punch: root mean "
-        "square of p π √(a² - x²)/P - 1. First order, by the singular pressure at the edge.",
+        "square of p π √(a² - x²)/P - 1. The rate is first order because of the singular pressure "
+        "at the edge.",
         punch, _boxes((64, 64), (128, 128), (256, 256)),
     ),
     Case(
         "press_fit", "A cylinder pressed into a rigid hole",
         "E = 2.1e5, ν = 0.3, hole b = 10, excess δ = 0.01: p = 403.85 to first order in δ/b. The "
-        "displacement is linear; in the error are the polygon that stands for the circle and the "
-        "theory's own δ/b = 0.1 %.",
+        "displacement is linear; the error consists of the polygon in place of the circle and of "
+        "the theory's own error δ/b = 0.1 %.",
         press_fit, _sizes(4.0, 2.0, 1.0, 0.5), "disc_quarter",
     ),
     Case(
@@ -260,7 +264,7 @@ CASES = (
     ),
     Case(
         "round_facets", "A shaft in a hub, by interference, with straight edges",
-        "The same with degree 1 and `round: true`: straight edges stand for circles.",
+        "The same with degree 1 and `round: true`: straight edges approximate circles.",
         round_fit, _sizes(1.0, 0.5, 0.25, 0.125), "shaft_and_hub", (0, 1),
     ),
     Case(
@@ -272,8 +276,8 @@ CASES = (
     Case(
         "rigid_ball", "Hertz: a rigid ball pressed into a block by a force",
         "E = 2000, ν = 0.4, R = 30, F = 1500: a = 2.4201, p0 = 122.28, approach a²/R = 0.19524. "
-        "The block is eight half-widths deep instead of infinite, which makes it stiffer: the "
-        "approach falls short by that.",
+        "The block is eight half-widths deep instead of infinite, which makes it stiffer and the "
+        "approach smaller.",
         rigid_ball, _quarters(16, 24, 32),
     ),
     Case(
@@ -285,21 +289,22 @@ CASES = (
     ),
     Case(
         "thick_ring_straight", "The same ring of degree 2 with straight edges",
-        "First-order meshes of the same cells: the polygon is what is solved for, and its error "
-        "hides that of the cells.",
+        "First-order meshes of the same cells: the solution is that of the polygon, whose error is "
+        "larger than that of the cells.",
         ring, _sizes(1.0, 0.5, 0.25, 0.125), "ring_quarter", scene="thick_ring",
     ),
     Case(
         "hertz_disc_degree_2", "Hertz: a cylinder on a plane, degree 2 with round edges",
-        "As above with `degree: 2` on second-order meshes. Pressures stand at all nodes.",
+        "As above with `degree: 2` on second-order meshes. Pressures are given at all nodes.",
         hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, curved=True, overrides=("bodies.0.degree=2",)),
         "disc_quarter", scene="hertz_disc",
     ),
     Case(
         "hertz_disc_degree_2_straight",
         "Hertz: a cylinder on a plane, degree 2 with straight edges",
-        "The same on first-order meshes: middles of the polygon's edges lie farther from the plane "
-        "than corners, and nodal forces alternate; the pressures without that do not.",
+        "The same on first-order meshes: midpoints of the polygon's edges are farther from the "
+        "plane than corners, and nodal forces alternate; the reported pressures, which are "
+        "corrected for this, do not.",
         hertz_profile, _sizes(4.0, 2.0, 1.0, 0.5, overrides=("bodies.0.degree=2",)),
         "disc_quarter", scene="hertz_disc",
     ),
@@ -317,15 +322,15 @@ CASES = (
     Case(
         "rough_rod", "A thin rod on a rough floor, pulled at its end",
         "Tresca friction s = 0.2, F = 10, E = 1000, height 0.5: u = F²/(2 E A s) = 0.5 at the end, "
-        "and F/s = 50 slip. The theory is that of a bar; errors settle near what it leaves out, "
-        "the shear over the height.",
+        "and F/s = 50 slip. The theory is that of a bar; errors settle near the shear over the "
+        "height, which it neglects.",
         rough_rod, _boxes((50, 1), (100, 1), (200, 2), (400, 4)),
     ),
     Case(
         "incline", "A block on an incline, pushed up it",
-        "μ = 0.4, α = 20°: it rests up to tan α = μ, slides up from "
-        "F/G = (tan α + μ)/(1 - μ tan α) on, and is solved at 0.999 of that. Statics alone decide: "
-        "right on every mesh, the limits to the accuracy of their search, 1e-6.",
+        "μ = 0.4, α = 20°: it rests up to tan α = μ, slides up from F/G = (tan α + μ)/(1 - μ tan "
+        "α) on, and is solved at 0.999 of that. Only equilibrium matters: the force is right on "
+        "every mesh, and the limits have the accuracy of their search, 1e-6.",
         None, _boxes((4, 1), (16, 4), (64, 16)), history=incline,
     ),
     Case(
@@ -336,17 +341,17 @@ CASES = (
     ),
     Case(
         "cattaneo", "Cattaneo and Mindlin: pressed, pushed and let go",
-        "Stick half-widths c under the push and b on the way back, of loads and half-width a of "
-        "the answer, and tractions under the push. Blocks of 200 x 100 are graded towards the "
-        "contact; a status is known to a node, ±1/(2 n).",
+        "Half-widths of the stick zone, c under the push and b on unloading, computed from loads "
+        "and half-width a of the solution, and tractions under the push. Blocks of 200 x 100 are "
+        "graded towards the contact; the edge of the stick zone is known to half a cell, ±1/(2 n).",
         None, tuple(Level(f"{n} cells over a", size=n) for n in (10, 20, 40)),
         history=cattaneo, graded=graded_block,
     ),
     Case(
         "mindlin", "Mindlin in space: a block pressed against a ball and pushed",
-        "Radius c of what sticks, by its area, and tractions under the push, beside those of the "
-        "loads and of the radius a of the answer. Half-blocks of 20 x 10 x 10 are graded towards "
-        "the contact.",
+        "Radius c of the stick zone, from its area, and tractions under the push. The numbers of "
+        "the theory are computed from the loads and the radius a of the solution. Half-blocks of "
+        "20 x 10 x 10 are graded towards the contact.",
         None, tuple(Level(f"{n} cells over a", size=n) for n in (3, 4, 6)),
         history=mindlin, graded=graded_half_block,
     ),
@@ -354,7 +359,7 @@ CASES = (
 
 
 def find(names: Sequence[str]) -> list[Case]:
-    """Cases by name; all when there is none.
+    """Cases by name; all cases without names.
 
     Raises
     ------
@@ -364,12 +369,12 @@ def find(names: Sequence[str]) -> list[Case]:
     known = {case.name: case for case in CASES}
     for name in names:
         if name not in known:
-            raise ConfigurationError(f"no case {name!r}; there are {', '.join(known)}")
+            raise ConfigurationError(f"no case {name!r}; known are {', '.join(known)}")
     return [known[name] for name in names] if names else list(CASES)
 
 
 def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
-    """Solve a case on its meshes, or on some of them, one row each."""
+    """Solve a case on its meshes or on some of them; yield one row for each."""
     for level in case.levels if levels is None else levels:
         overrides = list(level.overrides)
         if level.size is not None and case.sample:
@@ -399,7 +404,7 @@ def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
 
 
 def _measured(case: Case, scene: Scene) -> tuple[SolvedScene, list[Quantity]]:
-    """The answer to a scene, of a load history the last one, and what is measured."""
+    """The solution of a scene (of a load history the last one) and its measured numbers."""
     if case.history is not None:
         found = list(solved_increments(scene, MPI.COMM_SELF, lambda place: None))
         return found[-1].solved, case.history(found)
@@ -409,12 +414,12 @@ def _measured(case: Case, scene: Scene) -> tuple[SolvedScene, list[Quantity]]:
 
 
 def coarse_mesh(sample: str, size: float) -> tuple[Path, int]:
-    """The coarse mesh of a sample that halved so many times has cells of a size.
+    """The coarse mesh of a sample, and the number of halvings that leads to a size of cells.
 
     Raises
     ------
     ConfigurationError
-        There is none.
+        No coarse mesh leads to this size.
     """
     for known, file in COARSE[sample].items():
         times = round(np.log2(known / size))
@@ -437,7 +442,7 @@ def _refined(scene: Scene, case: Case, times: int, curved: bool) -> Scene:
 def rate(rows: Sequence[Row], number: int) -> float | None:
     """Order in the cell size h ~ dofs^(-1/dimension), by least squares over all meshes.
 
-    None where the answer is exact on some mesh, or there is one mesh alone.
+    None if the solution is exact on some mesh or there is only one mesh.
     """
     errors = np.array([abs(row.quantities[number].error) for row in rows])
     if len(rows) < 2 or errors.min() < EXACT:

@@ -13,7 +13,7 @@ from contact_app.studies.hertz import Quantity, fitted, hertz_quantities
 
 
 def roller(solved: SolvedScene) -> list[Quantity]:
-    """Two elastic cylinders: the fit, beside R = 50, F' = 35 kN/mm, E = 210e3 on 70e3."""
+    """Two elastic cylinders: the fitted numbers for R = 50, F' = 35 kN/mm, E = 210e3 on 70e3."""
     force, radius = 35_000.0, 50.0
     modulus = 1.0 / sum(
         (1.0 - m.poisson**2) / m.young for b in solved.model.scene.bodies for m in b.materials
@@ -30,12 +30,12 @@ def roller(solved: SolvedScene) -> list[Quantity]:
 
 
 def rough_roller(found: Sequence[SolvedIncrement]) -> list[Quantity]:
-    """The roller with friction, at the end of its increments: as without."""
+    """The roller with friction at the end of its increments: the numbers of `roller`."""
     return roller(found[-1].solved)
 
 
 def punch(solved: SolvedScene) -> list[Quantity]:
-    """p(x) = P/(π √(a² - x²)) on the inner half of a punch of half-width a = 1, half modelled."""
+    """p(x) = P/(π √(a² - x²)) on the inner half of a punch of half-width a = 1 (half model)."""
     nodes, half_width = solved.nodes, 1.0
     load = 2.0 * abs(solved.summary["solution"]["contact_force"][1])
     x = nodes.points[:, 0]
@@ -76,14 +76,14 @@ def fit(solved: SolvedScene) -> list[Quantity]:
 
 
 def round_fit(solved: SolvedScene) -> list[Quantity]:
-    """The measure for straight edges, by the smoothed pressure."""
+    """The numbers of `fit` for straight edges, from the smoothed pressure."""
     mean, single = fit(solved)
     (contact,) = solved.summary["contacts"]
     return [mean, Quantity("largest smoothed", contact["max_smoothed_pressure"], single.theory)]
 
 
 def cantilever(solved: SolvedScene) -> list[Quantity]:
-    """Pure bending: M L²/(2 E I) at the end, and M² L/(2 E I), of I = h³/12."""
+    """Pure bending: displacement M L²/(2 E I) of the end, and energy M² L/(2 E I), I = h³/12."""
     (material,) = solved.model.scene.bodies[0].materials
     moment, length, height = 5000.0, 100.0, 10.0
     stiffness = material.young * height**3 / 12.0
@@ -144,7 +144,7 @@ def column(solved: SolvedScene) -> list[Quantity]:
 
 
 def ring(solved: SolvedScene) -> list[Quantity]:
-    """Lamé's ring: radii 10 and 20, 100 inside, 0.01 inwards outside."""
+    """Lamé's ring: radii 10 and 20, pressure 100 inside, displacement 0.01 inwards outside."""
     (material,) = solved.model.scene.bodies[0].materials
     u, sigma, outside = lame_ring(material.young, material.poisson, (10.0, 20.0), 100.0, 0.01)
     errors = relative_errors(solved, u, sigma)

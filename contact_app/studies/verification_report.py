@@ -10,26 +10,26 @@ import numpy as np
 from contact_app.studies.verification import Case, Row, find, rate, study
 
 SETTLED = 0.2
-"""Rate below which an error does not fall."""
+"""Rate below which an error counts as constant."""
 
 HEAD = """# Verification
 
-Contact problems whose answers are known, ours beside them on a row of meshes. Made by
-`./contact verify -o docs/benchmarks`; each case is a commented scene in `configs/`. Meshes of
-round bodies are coarse ones drawn in Gmsh, halved until cells have the size of the table; new nodes
-lie on the circle or ball. How each number is measured is told in
+Contact problems with known solutions are solved on series of meshes and compared with the theory.
+The page is made by `./contact verify -o docs/benchmarks`; each case is a commented scene in
+`configs/`. Meshes of round bodies are coarse meshes drawn in Gmsh, halved until cells have the size
+in the table; new nodes lie on the circle or ball. The definition of each number is in
 `contact_app/studies/verification.py`.
 
-What is exact on any mesh is held by tests to round-off (`tests/contact_app/model/test_exact.py`:
+Tests verify to round-off what is exact on any mesh (`tests/contact_app/model/test_exact.py`:
 bar against a wall, patch tests, energy identity, homogeneity, change of units;
 `tests/contact_app/model/test_two_bodies.py`: patch tests of meshes that do not match, also
 inclined).
 
 The rate is the order p in error ~ h^p with h ~ (degrees of freedom)^(-1/dimension), by least
-squares over the meshes of the table; "settled" where an error does not fall because it is already
-at what the theory leaves out. Where an error changes its sign the rate says little. Equilibrium is
-the residual of all forces, contact forces among them, over the load. `./contact verify` prints the
-seconds of each run.
+squares over the meshes of the table; "settled" means that an error does not fall any more, because
+it has reached the approximation error of the theory. If an error changes its sign, the rate means
+little. Equilibrium is the residual of all forces, including contact forces, relative to the load.
+`./contact verify` prints the seconds of each run.
 
 ![Errors against degrees of freedom](pictures/verification.png)
 """
@@ -92,7 +92,7 @@ def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
         axes.axhline(0.02, color="grey", linewidth=0.8, linestyle="--")
         axes.set_title(case.title, fontsize=9)
         axes.set(xlabel="degrees of freedom", ylabel="relative error")
-        if dofs[-1] < 10 * dofs[0]:  # one power of ten to be labelled, or none
+        if dofs[-1] < 10 * dofs[0]:  # the axis needs a power of ten to label
             axes.set_xticks(dofs, [f"{n:,}" for n in dofs])
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3, which="both")

@@ -66,7 +66,7 @@ def test_the_rate_of_a_study() -> None:
 
 
 def test_a_case_that_does_not_exist() -> None:
-    with pytest.raises(ConfigurationError, match="no case 'hertz'; there are hertz_sphere, "):
+    with pytest.raises(ConfigurationError, match="no case 'hertz'; known are hertz_sphere, "):
         find(["hertz"])
 
 
