@@ -18,9 +18,8 @@ reference that shares no code with this application.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +34,7 @@ from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case, Config
 from contact_app.studies.outcomes import OURS, WHOLE, Outcome, built, shortened
 from contact_app.studies.qp_solvers import RTOL, Problem, run_tao
+from contact_app.studies.tables import fill, write
 from solver import MPRGP, BoxQP
 from solver.errors import QPError
 
@@ -52,16 +52,8 @@ PEERS = {
     "TAO bntr": "tao-bntr",
 }
 METHODS = (OURS, WHOLE, *PEERS)
-COLUMNS = (
-    "case",
-    "method",
-    "verdict",
-    "detail",
-    "applications",
-    "growth",
-    "energy",
-    "penetration",
-)
+COLUMNS = ("case", "method", "verdict", "detail", "applications", "growth", "energy",
+           "penetration")  # fmt: skip
 
 
 Solve = Callable[[str, Config, Any], Outcome]
@@ -138,10 +130,7 @@ def _attempt(solve: Solve, method: str, case: Case, made: Config) -> Outcome:
         return Outcome(kind, shortened(str(error)))
     except ContactError as error:
         return Outcome("fails", shortened(str(error)))
-    except (
-        ValueError,
-        RuntimeError,
-    ) as error:  # unsuitable scene, or an error of PETSc
+    except (ValueError, RuntimeError) as error:  # unsuitable scene, or an error of PETSc
         unsuitable = type(error).__name__ == "UnsuitableError"
         kind = "cannot" if unsuitable else "fails"
         return Outcome(kind, shortened(str(error).strip().splitlines()[-1]))
@@ -232,169 +221,48 @@ def _qp_verdict(case: QPCase, applications: int, residual: float, note: str) -> 
     return Outcome(HOLDS, "", applications)
 
 
-# ------------------------------------------------------------------------------------- document
-
 Table = dict[str, dict[str, Outcome]]
-
-HEAD = """# Scenes on which methods fail
-
-Made by `contact-app stability`; every cell is a run. The number in parentheses is its work:
-Hessian multiplications of the dual problem for this application, multiplications with the stiffness
-for TAO, Newton steps (one factor each) for SNES VI. They can be compared within a column, not
-within a row. ×2.0 is the growth of the work from a milder variant of the scene.
-
-| verdict | meaning |
-|---|---|
-| holds | the answer is right: energy to 1e-6, penetration below 1e-6; of several bodies, \
-the strain energy of each to 1e-3 |
-| degrades | right, with more than three times the work of the variant |
-| refused | an error message with the reason |
-| fails | the method reports that it did not converge, or exceeds its limit of 30 seconds |
-| **WRONG** | the method reports convergence, and the answer is wrong |
-| cannot | the scene cannot be stated as bounds on the displacements of one body, or its mesh \
-cannot be read |
-
-The reference is the exact solution if it is known, else a run without decomposition at tolerance
-1e-10, whose duality gap bounds its error. The tests (`tests/stability`) compare every row with a
-reference that shares no code with this application.
-
-## Scenes
-
-`contact-app` is the run with the body cut into subdomains, *whole* the run without decomposition,
-which `auto` chooses for bodies of this size. SNES VI is `vinewtonrsls` with a CHOLMOD factor in
-each step; TAO uses CG with Jacobi. The tolerance of all is 1e-8.
-
-"""
-
-FRICTION = """
-## Scenes with friction
-
-The law is Coulomb's. `contact-app` is Total FETI with active sets in subdomains, *whole* the same
-without decomposition, *multigrid* active sets on the undecomposed body (`solver.method: primal`),
-and SMALBE-M the method with a proof of convergence, with MPRGP on discs of friction forces
-(`smalbe`), in subdomains. The number in parentheses is operator applications, for multigrid those
-of the stiffness. The test of the energy is 1e-6; for a load history it is the sum of energies over
-all increments. Milder variants are the same scenes without friction, with μ = 0.3, or at half the
-load.
-
-"""
-
-MIDDLE = """
-## Quadratic programmes
-
-The strategies of `solver.MPRGP` and PETSc's TAO start from the same point and stop at a projected
-gradient of 1e-6 ‖b‖. A solution is right if this residual is below 1e-5. TAO measures x - P(x - g),
-which mixes the units of variables and gradient: if gradients are large compared with the box, it
-stops at the start.
-
-"""
-
-TAIL = """
-## Random scenes
-
-`python -m tests.stability.fuzz 1000` makes 1000 random scenes (bodies, also slender ones, slivers
-and far from the origin, one on another, boxes and distorted cells from mesh files; degree 1 and 2,
-mean dilatation; units; materials to a contrast of 1e6; conditions, loads, obstacles; tolerances,
-`auto` too; partitions) and compares each answer with the undecomposed reference and each refusal
-with a linear programme. Every fourth scene is of a kind that an earlier version solved wrongly,
-slowly or not at all (`tests/stability/defect_scenes.py`): a weak body beside a strong one, a stiff
-block between walls on a soft one, a strip or plate lifted off a floor, a load on the face that
-touches, a body moved far and squeezed a little, several contacts at a node, a slender cantilever in
-many subdomains at tolerances to 1e-12, and mesh files whose cells overlap.
-
-Each answer is compared in its energy and, in each body, in its strains: the squared energy norm of
-the error over a(u, u) may be twice the tolerance. The reference solves each group of bodies that
-can touch separately and corrects the solution in extended precision (`tests/stability/polish.py`).
-Faults are a crash, a scene that hangs, a wrong solution with a passed certificate, no solution
-where the reference has one (and double precision suffices for its strains), a wrong decision on
-equilibrium, and accepted overlapping cells.
-
-The defects that it found are guarded now: nodes squeezed between two obstacles; bodies of both
-degrees side by side; stiff bodies on soft ones, whose forces depend on the last digits of their
-displacements; active sets that hold a body only by rounding errors; and subdomains of cells a
-hundred times longer than wide. Forces between such subdomains cancel to the last digit, and
-conjugate gradients stop at rounding errors, far from a solution. Such a scene is solved again
-without decomposition, as far as memory allows (on several ranks with one subdomain for each). If
-that fails too, augmented Lagrangians and Newton's method solve for the displacements, with one
-sparse factor per step (`solver/primal/newton.py`): this is slower, but does not depend on the
-digits of a dual operator. It also follows an exception of the solver. The certificate warns of such
-a fallback (`contact_app/run/fallback.py`).
-
-The verdicts: "agrees" is certified and right; "contradicts" and "escapes" are refused, and there is
-no equilibrium; "refused" is wrong input with an error message; "degraded" is not certified, where
-strains are rounding errors or the reference has no solution; "undecided" is certified, while the
-reference does not converge, also not in extended precision (`tests/extended.py`).
-
-<!-- python -m tests.stability.fuzz 1000 --document docs/benchmarks/stability.md -->
-"""
 
 
 def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
-    """Run everything, write ``stability.csv`` and ``stability.md``."""
+    """Run everything, write ``stability.csv`` and the tables of ``stability.md``."""
     output.mkdir(parents=True, exist_ok=True)
     PETSc.Log.begin()  # counts TAO's multiplications
-    scenes: Table = {}
+    tables: dict[str, Table] = {
+        "Scenes": {},
+        "Scenes with friction": {},
+        "Quadratic programmes": {},
+    }
+    scenes, rough, programmes = tables.values()
     for case in CASES:
         scenes[case.name] = run_case(case)
         tell(_line(case.name, scenes[case.name]))
-    rough = friction_table(tell)
-    programmes: Table = {}
+    for case in FRICTION_CASES:
+        rough[case.name] = run_case(case, tuple(FRICTION_METHODS), solve_rough)
+        tell(_line(case.name, rough[case.name]))
     for qp_case in QP_CASES:
         programmes[qp_case.name] = run_qp_case(qp_case)
         tell(_line(qp_case.name, programmes[qp_case.name]))
-    table, page = output / "stability.csv", output / "stability.md"
-    with table.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for name, outcomes in (*scenes.items(), *rough.items(), *programmes.items()):
-            for method, o in outcomes.items():
-                numbers = (o.applications, o.growth, o.energy, o.penetration)
-                writer.writerow((name, method, o.verdict, o.detail, *numbers))
-    page.write_text(document(scenes, rough, programmes), encoding="utf-8")
-    return [table, page]
-
-
-def friction_table(tell: Callable[[str], None] = print) -> Table:
-    """All methods on all scenes with friction."""
-    found: Table = {}
-    for case in FRICTION_CASES:
-        found[case.name] = run_case(case, tuple(FRICTION_METHODS), solve_rough)
-        tell(_line(case.name, found[case.name]))
-    return found
-
-
-def friction_section(found: Table) -> str:
-    """The section of the page."""
-    guards = [(c.name, c.failure, c.guard) for c in FRICTION_CASES if c.name in found]
-    table = _markdown(("scene", *FRICTION_METHODS), found)
-    return "".join((FRICTION, table, "\n", _guards(guards, found)))
-
-
-def document(scenes: Table, rough: Table, programmes: Table) -> str:
-    """``docs/benchmarks/stability.md``."""
-    guards = [(c.name, c.failure, c.guard) for c in (*CASES, *QP_CASES)]
-    return "".join(
-        (
-            HEAD,
-            _markdown(("scene", *METHODS), scenes),
-            "\n",
-            _guards([g for g in guards if g[0] in scenes], scenes),
-            friction_section(rough),
-            MIDDLE,
-            _markdown(("problem", *QP_METHODS), programmes),
-            "\n",
-            _guards([g for g in guards if g[0] in programmes], programmes),
-            TAIL,
-        )
-    )
+    tables = {"Scenes": scenes, "Scenes with friction": rough, "Quadratic programmes": programmes}
+    csv, page = output / "stability.csv", output / "stability.md"
+    rows = [
+        {"case": name, "method": method, **asdict(outcome)}
+        for table in tables.values()
+        for name, outcomes in table.items()
+        for method, outcome in outcomes.items()
+    ]
+    write(rows, COLUMNS, csv)
+    fill(page, {title: _markdown(table) for title, table in tables.items()})
+    return [csv, page]
 
 
 def _line(name: str, outcomes: dict[str, Outcome]) -> str:
     return f"{name}: " + "; ".join(f"{m} {o}" for m, o in outcomes.items())
 
 
-def _markdown(head: tuple[str, ...], found: Table) -> str:
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+def _markdown(found: Table) -> str:
+    methods = list(next(iter(found.values())))
+    lines = ["| " + " | ".join(["case", *methods]) + " |", "|---" * (1 + len(methods)) + "|"]
     for name, outcomes in found.items():
         lines.append(f"| {name} | " + " | ".join(_cell(o) for o in outcomes.values()) + " |")
     return "\n".join(lines) + "\n"
@@ -406,12 +274,3 @@ def _cell(outcome: Outcome) -> str:
     if outcome.growth:
         notes.append(f"×{outcome.growth:.1f}")
     return f"{verdict} ({', '.join(notes)})" if notes else verdict
-
-
-def _guards(guards: list[tuple[str, str, str]], found: Table) -> str:
-    lines = ["| | without care | the guard |", "|---|---|---|"]
-    for name, failure, guard in guards:
-        ours = next(iter(found[name].values()))
-        said = f"; it says: “{ours.detail}”" if ours.verdict == REFUSED else ""
-        lines.append(f"| {name} | {failure} | {guard}{said} |")
-    return "\n".join(lines) + "\n"

@@ -1,9 +1,10 @@
-"""The rows of a benchmark as CSV, and their figure: seconds and memory over unknowns."""
+"""The rows of a benchmark: CSV, tables of a page, a figure of seconds and memory over unknowns."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,22 @@ def _value(text: str) -> int | float | bool:
     if text in ("True", "False"):
         return text == "True"
     return int(text) if text.lstrip("-").isdigit() else float(text)
+
+
+def fill(page: Path, tables: Mapping[str, str]) -> None:
+    """Put tables in Markdown into the sections of a page, each in place of the section's first one.
+
+    The text around them stays; sections that the page lacks are added to its end.
+    """
+    text = page.read_text(encoding="utf-8") if page.is_file() else ""
+    for title, table in tables.items():
+        section = rf"^## {re.escape(title)}\n(?:(?!## |\|).*\n)*"
+        found = re.search(rf"({section})(?:\|.*\n)*", text, re.MULTILINE)
+        if found:
+            text = text[: found.end(1)] + table + text[found.end() :]
+        else:
+            text += f"\n## {title}\n\n{table}"
+    page.write_text(text, encoding="utf-8")
 
 
 @dataclass(frozen=True)

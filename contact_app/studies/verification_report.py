@@ -1,4 +1,4 @@
-"""The document of ``contact-app verify``: a table for each case and one figure."""
+"""The tables of ``contact-app verify`` in docs/benchmarks/verification.md, and its figure."""
 
 from __future__ import annotations
 
@@ -7,47 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
+from contact_app.studies.tables import fill
 from contact_app.studies.verification import Case, Row, find, rate, study
 
 SETTLED = 0.2
 """Rate below which an error counts as constant."""
 
-HEAD = """# Verification
-
-Contact problems with known solutions are solved on series of meshes and compared with the theory.
-The page is made by `./contact verify -o docs/benchmarks`; each case is a commented scene in
-`configs/`. Meshes of round bodies are coarse meshes drawn in Gmsh, halved until cells have the size
-in the table; new nodes lie on the circle or ball. The definition of each number is in
-`contact_app/studies/verification.py`.
-
-Tests verify to round-off what is exact on any mesh (`tests/contact_app/model/test_exact.py`:
-bar against a wall, patch tests, energy identity, homogeneity, change of units;
-`tests/contact_app/model/test_two_bodies.py`: patch tests of meshes that do not match, also
-inclined).
-
-The rate is the order p in error ~ h^p with h ~ (degrees of freedom)^(-1/dimension), by least
-squares over the meshes of the table; "settled" means that an error does not fall any more, because
-it has reached the approximation error of the theory. If an error changes its sign, the rate means
-little. Equilibrium is the residual of all forces, including contact forces, relative to the load.
-`./contact verify` prints the seconds of each run.
-
-![Errors against degrees of freedom](pictures/verification.png)
-"""
-
 
 def write(found: Sequence[tuple[Case, Sequence[Row]]], directory: Path) -> list[Path]:
-    """Write ``verification.md`` and ``pictures/verification.png``."""
+    """Write the tables of ``verification.md``, and ``pictures/verification.png``."""
     (directory / "pictures").mkdir(parents=True, exist_ok=True)
     text = directory / "verification.md"
-    text.write_text(HEAD + "".join(_section(*pair) for pair in found), encoding="utf-8")
+    fill(text, {case.title: _table(rows) for case, rows in found})
     return [text, _figure(found, directory / "pictures" / "verification.png")]
 
 
-def _section(case: Case, rows: Sequence[Row]) -> str:
+def _table(rows: Sequence[Row]) -> str:
     names = [q.name for q in rows[0].quantities]
     lines = [
-        f"\n## {case.title}\n",
-        f"`configs/{case.config}.yaml`. {case.note}\n",
         "| mesh | dofs | " + " | ".join(names) + " | equilibrium | certified |",
         "|---|---:" + "|---:" * len(names) + "|---:|---|",
     ]

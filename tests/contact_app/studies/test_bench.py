@@ -20,7 +20,7 @@ from contact_app.studies import bench, processes
 from contact_app.studies.bench import CONTACT, LINEAR, OURS, SERIES
 from contact_app.studies.peers import solve
 from contact_app.studies.perturbed import MOVE, write_cube
-from contact_app.studies.tables import read
+from contact_app.studies.tables import fill, read
 from tests import meshfiles
 
 
@@ -164,3 +164,11 @@ def test_peers_take_the_groups_of_a_file(tmp_path: Path, cell: str, degree: int)
     ours = solve_scene(scene).summary
     assert row["dofs"] == ours["mesh"]["dofs"]
     assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=1e-8)
+
+
+def test_tables_go_into_the_sections_of_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    head, end = "# Page\n\n## One\n\nText.\n\n", "\n| kept |\n\n## Two\n\nMore.\n\n"
+    page.write_text(f"{head}| a |\n|---|\n| 1 |\n{end}")
+    fill(page, {"One": "| a |\n|---|\n| 2 |\n", "Two": "| b |\n", "Three": "| c |\n"})
+    assert page.read_text() == f"{head}| a |\n|---|\n| 2 |\n{end}| b |\n\n## Three\n\n| c |\n"

@@ -15,7 +15,6 @@ from contact_app.studies.stability import (
     QP_METHODS,
     STRATEGIES,
     WHOLE,
-    document,
     run_case,
     run_qp_case,
 )
@@ -171,14 +170,13 @@ def test_an_invented_equilibrium_is_told() -> None:
     assert run_case(case, [OURS], lambda *_: answer)[OURS].verdict == "WRONG"
 
 
-def test_the_document_has_every_case_and_method() -> None:
+def test_the_document_tells_of_every_case_and_method() -> None:
+    """A row of verdicts, and one of what goes wrong and what guards."""
     from pathlib import Path
 
     page = Path(__file__).parents[3] / "docs" / "benchmarks" / "stability.md"
     text = page.read_text(encoding="utf-8")
     for case in (*CASES, *FRICTION_CASES, *QP_CASES):
-        assert f"\n| {case.name} |" in text
+        assert text.count(f"\n| {case.name} |") == 2, case.name
     for method in QP_METHODS:
         assert f"| {method} " in text
-    empty = document({}, {}, {})
-    assert text.startswith(empty[: empty.index("\n## Scenes")])
