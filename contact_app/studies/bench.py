@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from contact_app.studies.peers import METHODS
 from contact_app.studies.perturbed import write_cube
 from contact_app.studies.processes import RunError
@@ -237,7 +239,24 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
         errors = [row["energy_error"] for row in mine.values() if "energy_error" in row]
         if errors:
             lines += ["", f"Energies differ by {max(errors):.1e} at most, relatively.", ""]
+        lines += [*slopes([row for row in mine.values() if not row["note"]]), ""]
     return "\n".join(lines)
+
+
+def slopes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """How time and memory of each method grow with the unknowns: slopes of lines of logarithms.
+
+    >>> list(slopes([{"method": "m", "dofs": n, "seconds": n, "peak_rss_gb": n} for n in (10, 90)]))
+    ['Slopes of m in the unknowns: time 1.00, memory 1.00.']
+    """
+    for method in dict.fromkeys(row["method"] for row in rows):
+        mine = [row for row in rows if row["method"] == method]
+        dofs, seconds, memory = (
+            np.log([row[key] for row in mine]) for key in ("dofs", "seconds", "peak_rss_gb")
+        )
+        if len(mine) > 1:
+            time, space = (np.polyfit(dofs, value, 1)[0] for value in (seconds, memory))
+            yield f"Slopes of {method} in the unknowns: time {time:.2f}, memory {space:.2f}."
 
 
 def config() -> Path:

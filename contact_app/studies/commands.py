@@ -50,7 +50,6 @@ def register(app: typer.Typer) -> None:
     app.add_typer(measured, name="bench")
     app.command("effectivity")(effectivity)
     app.command("stability")(stability)
-    app.command("growth")(growth)
     app.command("chart")(chart)
     app.command("verify")(verify)
 
@@ -280,42 +279,6 @@ def _part_meshes(
         return [SHIPPED]
     factors = sorted(_positive("--sizes", sizes or "1,0.5,0.3"), reverse=True)
     return [drawn(factor, to) for factor in factors]
-
-
-def growth(
-    output: OutputOption = None,
-    cells: Annotated[
-        str, typer.Option(help="Cells along an edge of each cube; none runs nothing.")
-    ] = "14,20,30,40,60,80,100",
-    summaries: Annotated[
-        list[Path] | None,
-        typer.Option(help="summary.json of further runs, or directories with such files."),
-    ] = None,
-    tolerance: Annotated[float, typer.Option(help="Tolerance of the runs.")] = 1e-6,
-    limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 600.0,
-) -> None:
-    """Measure how time and memory grow with the degrees of freedom: table, CSV and figure."""
-    from contact_app.studies import growth as study
-
-    directory = output or Path("results/growth")
-    sizes = _numbers("--cells", cells)
-    rows = []
-    typer.echo(f"{'dofs':>11} {'subdomains':>10} {'seconds':>9} {'GB':>6} {'applications':>12}")
-    for row in study.growth(directory, sizes, summaries or [], tolerance, limit):
-        if "note" in row:
-            typer.echo(f"{row['dofs']:11,} {row['note']}")
-            continue
-        rows.append(row)
-        typer.echo(
-            f"{row['dofs']:11,} {row['subdomains']:10,} {row['seconds']:9.2f} "
-            f"{row['peak_rss_gb']:6.2f} {row['applications']:12}"
-        )
-    if len(rows) > 1:
-        dofs = [row["dofs"] for row in rows]
-        for key, what in (("seconds", "time"), ("peak_rss_gb", "memory")):
-            growth_rate = study.slope(dofs, [row[key] for row in rows])
-            typer.echo(f"slope of {what}: {growth_rate:.2f}")
-    typer.echo(f"wrote {directory / 'growth.csv'} and growth.png")
 
 
 def chart(
