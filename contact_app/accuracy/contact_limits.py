@@ -36,7 +36,7 @@ Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the r
 FLAT = 1e-9
 """Thickness of a boundary, over its size, up to which it counts as flat."""
 
-UNFELT = 1e-2
+UNPRESSED_DEPTH = 1e-2
 """Limit for that depth in runs to an accuracy if the obstacle presses no node.
 
 Without a force, the depth alone decides.
@@ -116,8 +116,8 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
         except ConfigurationError:  # a point in the middle of a round obstacle has no normal
             continue
         left = gap + np.einsum("ij,ij->i", normal[:, :d], moved)
-        told = (gap >= 0.0) | _flat(s.points()[facets][..., :d])
-        depth = max(depth, float(-left[told].min(initial=0.0)))
+        counted = (gap >= 0.0) | _flat(s.points()[facets][..., :d])
+        depth = max(depth, float(-left[counted].min(initial=0.0)))
     return float(comm.allreduce(depth, op=MPI.MAX))
 
 
@@ -171,7 +171,9 @@ def _facet_size(model: Model, contact: Contact) -> float:
     return float(np.sqrt(area / facets))
 
 
-def slipped_through(model: Model, solution: Solution, unfelt: float = BETWEEN) -> list[str]:
+def slipped_through(
+    model: Model, solution: Solution, unpressed_depth: float = BETWEEN
+) -> list[str]:
     """Sentences on contacts whose obstacle passes between the nodes (collective).
 
     Parameters
@@ -179,7 +181,7 @@ def slipped_through(model: Model, solution: Solution, unfelt: float = BETWEEN) -
     unfelt
         Depth over the largest displacement from which on an obstacle is told that presses no node.
     """
-    scene, problem, said = model.scene, model.problem, []
+    scene, problem, warnings = model.scene, model.problem, []
     pressed = problem.inequality.copy()
     pressed[problem.inequality] = solution.multiplier[problem.inequality] > 0.0
     sources = problem.contact.sources[pressed[problem.inequality]]
@@ -187,16 +189,16 @@ def slipped_through(model: Model, solution: Solution, unfelt: float = BETWEEN) -
     for number, contact in enumerate(scene.contacts):
         depth = entered_between(model, solution, number)
         moved = float(solution.measures.deformations[contact.body])
-        if depth > (BETWEEN if felt[number] else unfelt) * moved:
+        if depth > (BETWEEN if felt[number] else unpressed_depth) * moved:
             share = "of a body that does not move"
             if moved > 0.0:
                 share = f"{100.0 * depth / moved:.2g} % of the largest displacement"
-            said.append(
+            warnings.append(
                 f"{contact.source}: between the nodes of {scene.bodies[contact.body].name} the "
                 f"obstacle enters by up to {depth:.2g}, {share}: contact is narrower than a facet; "
                 "use smaller cells there"
             )
-    return said
+    return warnings
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,8 +224,8 @@ class PressedFacets:
         """
         p = self.pressure
         sums = self.areas @ np.stack([np.ptp(p, axis=1), p.mean(axis=1)], axis=1)
-        varying, whole = comm.allreduce(sums)
-        return FACETS_ACROSS[dimension] * whole / varying if varying > 0.0 else np.inf
+        varying, total = comm.allreduce(sums)
+        return FACETS_ACROSS[dimension] * total / varying if varying > 0.0 else np.inf
 
     def along_axes(self, comm: MPI.Intracomm) -> tuple[float, ...]:
         """Approximate number of facets along each axis of a contact in space; ∞ without a pressure.

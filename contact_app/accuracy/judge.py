@@ -48,7 +48,7 @@ class Judge:
         short = stiff and not scene.guaranteed
         self._shortfall = SHORTFALL[scene.dimension] ** 2 if short else 1.0
 
-    def hear(self, level: Measured, estimate: float, graded: bool) -> tuple[float, Verdict]:
+    def assess(self, level: Measured, estimate: float, graded: bool) -> tuple[float, Verdict]:
         """The verdict on the next level: the factor on η², and whether the estimate is accepted.
 
         Parameters

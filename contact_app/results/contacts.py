@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.results.fields import NodeFields
-from contact_app.results.mirror import Image, Whole, whole
+from contact_app.results.mirror import FullMesh, Image, full_mesh
 from contact_app.results.pressure import NodesInContact
 from contact_app.results.resultants import Resultant, joined
 
@@ -50,7 +50,7 @@ class _Contact:
 
 def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
     """The list `contacts` of ``summary.json``, in the order of the scene file (collective)."""
-    contacts = ContactsOfWhole(model, nodes, whole(model, nodes))
+    contacts = ContactsOfWhole(model, nodes, full_mesh(model, nodes))
     found = _resultants(model, nodes)
     records = []
     for number, (name, counts) in enumerate(
@@ -121,7 +121,7 @@ class ContactsOfWhole:
         Mirror images of the solved part.
     """
 
-    def __init__(self, model: Model, nodes: NodeFields, found: Whole) -> None:
+    def __init__(self, model: Model, nodes: NodeFields, found: FullMesh) -> None:
         self.images = found.images
         self._comm, self._scene, self._nodes = model.comm, model.scene, nodes
         self._on = on_planes(model.scene, nodes.points)

@@ -83,7 +83,7 @@ class Image:
 
 
 @dataclass(frozen=True, eq=False)
-class Whole:
+class FullMesh:
     """All mirror images of the solved part; the part itself comes first.
 
     Attributes
@@ -100,7 +100,7 @@ class Whole:
     weight: NDArray[np.int64]
 
 
-def whole(model: Model, nodes: NodeFields) -> Whole:
+def full_mesh(model: Model, nodes: NodeFields) -> FullMesh:
     """Number the nodes of the whole (collective)."""
     comm, mirrors = model.comm, model.scene.mirrors
     on = on_planes(model.scene, nodes.points)
@@ -120,7 +120,7 @@ def whole(model: Model, nodes: NodeFields) -> Whole:
         total += comm.allreduce(count, op=MPI.SUM)
     weight = np.sum([image.new for image in images.values()], axis=0)
     cells = model.partition.cells * len(images)
-    return Whole(tuple(images.values()), total, cells, weight)
+    return FullMesh(tuple(images.values()), total, cells, weight)
 
 
 @cache
@@ -138,7 +138,7 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
 
     `decomposition` and `active_contacts` are those of the solved part.
     """
-    comm, d, found = model.comm, model.scene.dimension, whole(model, nodes)
+    comm, d, found = model.comm, model.scene.dimension, full_mesh(model, nodes)
     copies = len(found.images)
     magnitude = np.linalg.norm(nodes.displacement, axis=1)
     mean = comm.allreduce(float(found.weight @ magnitude)) / found.nodes

@@ -23,7 +23,7 @@ from contact_app.results.fields import (
     NodeFields,
     slabs,
 )
-from contact_app.results.mirror import Image, Whole, whole
+from contact_app.results.mirror import FullMesh, Image, full_mesh
 from contact_app.results.result_size import components, file_names, result_bytes, wanted_fields
 from contact_app.results.series import Series
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
@@ -62,7 +62,7 @@ def write_fields(
     files = [directory / name for name in file_names(model.scene)]
     if not files:
         return files
-    nodes, cells, found = fields.nodes, fields.cells, whole(model, fields.nodes)
+    nodes, cells, found = fields.nodes, fields.cells, full_mesh(model, fields.nodes)
     wanted = wanted_fields(model.scene)
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     point_fields |= fields.nodal
@@ -108,7 +108,7 @@ def write_grid(
     series
         As in `write_fields`.
     """
-    partition, comm, found = model.partition, model.comm, whole(model, nodes)
+    partition, comm, found = model.partition, model.comm, full_mesh(model, nodes)
     starts = partition.cell_starts
     first_cell = int(starts[0]) if len(starts) else 0
     with ExitStack() as stack:
@@ -162,7 +162,7 @@ class _Files:
 def _files(
     model: Model,
     files: Sequence[Path],
-    found: Whole,
+    found: FullMesh,
     names: tuple[tuple[str, ...], tuple[str, ...]],
     size: int,
     series: Series | None,

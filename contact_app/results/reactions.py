@@ -26,7 +26,7 @@ from contact_app.model.boundaries import boundary_facets, boundary_nodes
 from contact_app.model.equilibrium import body_frame
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
-from contact_app.results.mirror import whole
+from contact_app.results.mirror import full_mesh
 from contact_app.results.resultants import Resultant, joined, summed
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
@@ -43,7 +43,7 @@ def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> lis
     found = dict(zip(
         (c.source for c in scene.displacements), _reactions(model, solution, nodes), strict=True
     ))  # fmt: skip
-    images, records = whole(model, nodes).images, []
+    images, records = full_mesh(model, nodes).images, []
     for source, on in scene.condition_names:
         pieces = [
             found[origin].image(image)

@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from contact_app.machine.atomic_file import atomic
 from contact_app.machine.exits import is_own_failure, mark_logged, message_of, tell
-from contact_app.machine.whole_file import whole
 from contact_app.results.report_rows import named_rows, number, vector
 
 log = logging.getLogger("contact_app")
@@ -126,7 +126,7 @@ def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(plain(summary), indent=2, ensure_ascii=False, allow_nan=False)
-    with whole(path) as part:
+    with atomic(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
 
 

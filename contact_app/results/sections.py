@@ -34,7 +34,7 @@ from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.model.sections import SectionPiece
 from contact_app.results.fields import NodeFields
-from contact_app.results.mirror import whole
+from contact_app.results.mirror import full_mesh
 from contact_app.results.resultants import Resultant, joined
 from meshes import Subdomain
 from solver.contact.solution import Solution
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 def section_records(model: Model, solution: Solution, nodes: NodeFields) -> dict[str, Any]:
     """`sections` of ``summary.json``, by name (collective)."""
-    images = {image.mirrors: image for image in whole(model, nodes).images}
+    images = {image.mirrors: image for image in full_mesh(model, nodes).images}
     outer = _outer_forces(model, solution, nodes)
     pieces: dict[str, list[Resultant]] = {}
     for piece in model.sections:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from contact_app.machine.whole_file import whole
+from contact_app.machine.atomic_file import atomic
 
 GRID = re.compile(r'<Grid Name="solution" GridType="Uniform">.*?</Grid>', re.DOTALL)
 """A frame in the text that `xdmf_text` makes."""
@@ -75,7 +75,7 @@ class Series:
             "</VTKFile>",
             "",
         ]
-        with whole(collection) as part:
+        with atomic(collection) as part:
             part.write_text("\n".join(lines), encoding="utf-8")
 
 

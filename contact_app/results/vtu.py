@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact_app.errors import ContactError
+from contact_app.machine.atomic_file import part_of
 from contact_app.machine.disk import is_full, no_room, reserve
-from contact_app.machine.whole_file import part_of
 from contact_app.results.xdmf import CELL_TYPES, as_components, three_columns
 
 LENGTH_BYTES = 8

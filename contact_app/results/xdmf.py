@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact_app.errors import ContactError
+from contact_app.machine.atomic_file import atomic, part_of
 from contact_app.machine.disk import is_full, no_room, reserve
-from contact_app.machine.whole_file import part_of, whole
 from contact_app.results.series import Series, xdmf_text
 from meshes.quadratic import node_vertices
 
@@ -245,7 +245,7 @@ class XDMFWriter:
             self._arrays.close()
             self._room.close()
             grids = [*(self._series.grids if self._series else []), self._grid()]
-            with whole(self.path) as text:
+            with atomic(self.path) as text:
                 text.write_text(xdmf_text(grids), encoding="utf-8")
                 if not self._later:
                     # An older text must not stand beside newer numbers, even for a moment.

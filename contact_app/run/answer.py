@@ -17,7 +17,7 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.model.outline import Outline
-from contact_app.results.mirror import Image, whole
+from contact_app.results.mirror import Image, full_mesh
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import write_summary
 from contact_app.results.series import Series
@@ -254,7 +254,7 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
     """The answer with the arrays of all mirror images."""
     nodes, cells = solved.nodes, solved.cells
     points, displacement, pressure, smoothed, gap, stress = [], [], [], [], [], []
-    images, rough = whole(solved.model, nodes).images, solved.model.scene.has_friction
+    images, rough = full_mesh(solved.model, nodes).images, solved.model.scene.has_friction
     for image in images:
         points.append(image.points(nodes.points)[image.new])
         displacement.append(image.field("displacement", nodes.displacement)[image.new])

@@ -12,7 +12,7 @@ import json
 import re
 from pathlib import Path
 
-from contact_app.machine.whole_file import part_of
+from contact_app.machine.atomic_file import part_of
 from solver.contact.checkpoint import CHECKPOINT, remove_checkpoint
 
 RESULTS = (

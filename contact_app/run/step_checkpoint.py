@@ -22,7 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
-from contact_app.machine.whole_file import whole
+from contact_app.machine.atomic_file import atomic
 from contact_app.results.report import log, plain
 from contact_app.run.communication import on_first
 from contact_app.run.increments import Position
@@ -135,7 +135,7 @@ class StepCheckpoint:
         }
 
         def scalars() -> None:
-            with whole(self._path) as part:
+            with atomic(self._path) as part:
                 part.write_text(json.dumps(plain(saved)) + "\n", encoding="utf-8")
             for old in self._path.parent.glob("checkpoint-*.vectors"):
                 if old != vectors:

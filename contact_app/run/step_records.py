@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from contact_app.machine.whole_file import whole
+from contact_app.machine.atomic_file import atomic
 from contact_app.run.increments import SolvedIncrement
 
 OF_THE_RUN = ("scene", "mesh", "decomposition", "environment")
@@ -72,7 +72,7 @@ def write_table(path: Path, records: Sequence[Record]) -> None:
     """Write ``increments.csv`` with one row per increment."""
     rows = [dict(_row(record)) for record in records]
     columns = list(dict.fromkeys(column for row in rows for column in row))
-    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+    with atomic(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)

@@ -30,7 +30,7 @@ from contact_app.studies.chart_figure import OURS, draw
 from contact_app.studies.chart_store import StoredPoints
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
-from contact_app.studies.reference import QUANTITIES, Fields, ReferenceAnswer, Ruler
+from contact_app.studies.reference import QUANTITIES, Distances, Fields, ReferenceAnswer
 from contact_app.studies.runs import run_one
 from contact_app.studies.tables import write
 
@@ -392,7 +392,7 @@ def solve_reference(
 ) -> Generator[Progress, None, ReferenceAnswer]:
     """Solve the three finest meshes and extrapolate."""
     scene = sweep.scene
-    sampled, ruler = [], None
+    sampled, distances = [], None
     for number, variant in enumerate(reversed(sweep.references)):
         file = stored.reference(number)
         if not file.exists():
@@ -409,10 +409,10 @@ def solve_reference(
             new.replace(file)
             stored.save()
         fields = Fields.load(str(file))
-        ruler = ruler or Ruler.of(scene, fields)
-        sampled.append(ruler.sample(fields))
-    assert ruler is not None
-    return ReferenceAnswer.of(ruler, sampled[::-1])
+        distances = distances or Distances.of(scene, fields)
+        sampled.append(distances.sample(fields))
+    assert distances is not None
+    return ReferenceAnswer.of(distances, sampled[::-1])
 
 
 def solve_point(
@@ -430,7 +430,7 @@ def solve_point(
         variant.method, config, settings, variant.tolerance, limit, file, sweep.parallel
     )
     fields = Fields.load(str(file))
-    errors = reference.errors(reference.ruler.sample(fields))
+    errors = reference.errors(reference.distances.sample(fields))
     return {
         "method": variant.name,
         "degree": int(fields.degree.min()),

@@ -30,7 +30,7 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene import configuration
 from contact_app.scene.build import build_scene
 from contact_app.scene.scene import Scene
-from contact_app.studies.claims_reference import Truth, truth
+from contact_app.studies.claims_reference import FineSolution, truth
 from contact_app.studies.claims_scenes import ClaimScene, claim_scene
 from solver import QPError
 
@@ -99,7 +99,7 @@ def scene_of(claim: ClaimScene, target: float | None) -> Scene:
     return build_scene(configuration.Configuration.model_validate(made))
 
 
-def run_claim(claim: ClaimScene, target: float, known: Truth) -> Claim:
+def run_claim(claim: ClaimScene, target: float, known: FineSolution) -> Claim:
     """Solve to a target and measure."""
     began = time.perf_counter()
     found = solve_to_accuracy(scene_of(claim, target), partial(solve_scene, comm=MPI.COMM_SELF))
@@ -123,7 +123,7 @@ def study(
             with time_limit(4 * limit):
                 known = truth(claim, scene_of(claim, None), cache)
         except (ContactError, QPError, OutOfTime, RuntimeError) as error:
-            yield f"left out: {seed}: {claim.words}: {_said(error)}"
+            yield f"left out: {seed}: {claim.words}: {_message(error)}"
             continue
         for target in options.targets:
             if not known.judges(target):
@@ -133,13 +133,13 @@ def study(
                 with time_limit(limit):
                     found = run_claim(claim, target, known)
             except (ContactError, QPError, OutOfTime) as error:
-                yield f"no answer: {seed}: {claim.words}: {target:g}: {_said(error)}"
+                yield f"no answer: {seed}: {claim.words}: {target:g}: {_message(error)}"
                 continue
             claims.append(found)
             yield found.row(claim.words)
 
 
-def _said(error: Exception) -> str:
+def _message(error: Exception) -> str:
     return (str(error) or "the time was up").splitlines()[0][:150]
 
 

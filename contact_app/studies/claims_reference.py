@@ -66,7 +66,7 @@ measured error."""
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class FineSolution:
     """The answer on the fine mesh.
 
     Attributes
@@ -174,19 +174,19 @@ def _with(line: Array, wanted: Array, size: float) -> Array:
     return np.unique(line)
 
 
-def truth(claim: ClaimScene, scene: Scene, cache: Path) -> Truth:
+def truth(claim: ClaimScene, scene: Scene, cache: Path) -> FineSolution:
     """The solution on the fine mesh, solved once and stored in a directory."""
     path = cache / f"reference-{scene.dimension}d-{claim.seed}.pickle"
     if path.is_file():
         with path.open("rb") as file:
-            kept: Truth = pickle.load(file)  # written by this study
+            kept: FineSolution = pickle.load(file)  # written by this study
         return kept
     solved = _solved(scene, reference_lines(claim, scene.dimension))
     for _ in range(ROUNDS):
         if solved.accuracy.discretisation < EXACT:
             break
         solved = _solved(scene, _finer_lines(claim, solved))
-    found = Truth(
+    found = FineSolution(
         GridField.of(solved), float(solved.summary["solution"]["energy"]), solved.accuracy.square,
         solved.accuracy.discretisation**2 * solved.accuracy.square, solved.model.dofs,
         float(solved.summary["timings"]["total"]),

@@ -288,7 +288,7 @@ def estimated_answer(case: Case, cells: int) -> AnswerOnMesh:
 
 
 @dataclass(frozen=True)
-class Reached:
+class AccuracyRun:
     """A run to an accuracy: `error` is measured.
 
     `best_dofs` are the unknowns of the smallest mesh of the sweep whose measured error meets the
@@ -358,7 +358,7 @@ def all_meshes(case: Case, sweeps: dict[Case, Sweep]) -> list[Mesh]:
     return meshes
 
 
-def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> Reached:
+def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> AccuracyRun:
     """Run to an accuracy, measure the error, and compare with the best of all meshes."""
     dimension = case.scene_of(2).dimension
     scene = case.scene_of(START[dimension], f"accuracy={target}")
@@ -368,7 +368,7 @@ def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> Reache
     finest = known.rows[-1]
     cells = finest.cells * (finest.estimate / target) ** (1.0 / known.rate)
     best = smallest(meshes, target)
-    return Reached(
+    return AccuracyRun(
         case.scene, case.cell, target, len(levels), last.dofs,
         solved.model.scene.bodies[0].degree, best.dofs, best.name,
         smallest(meshes, target, by_estimate=True).dofs,
@@ -398,7 +398,7 @@ def _halved_cells(scene: Scene) -> Scene:
 def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[str]:
     """Write ``effectivity.csv``, ``meshes.csv`` and ``targets.csv``; yields tables for a page."""
     rows: list[Row] = []
-    reached: list[Reached] = []
+    reached: list[AccuracyRun] = []
     yield "| scene | cell | cells | unknowns | error | estimate | effectivity | error known to |"
     yield "|---|---|---|---|---|---|---|---|"
     sweeps: dict[Case, Sweep] = {}

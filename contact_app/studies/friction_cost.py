@@ -46,7 +46,7 @@ TEN = 12
 """Largest applications of ten increments, relative to one increment."""
 
 
-class Rubbed(NamedTuple):
+class FrictionScene(NamedTuple):
     """A scene, and the friction of its contacts.
 
     Attributes
@@ -151,44 +151,44 @@ HISTORY_CUBE = {
 PULLED = ("conditions.2.name=pull", "cases={pulled: {pull: 1}}")
 
 SCENES = {
-    "cube_coulomb_0.1": Rubbed("cube", {"coulomb": 0.1}),
-    "cube_coulomb_0.3": Rubbed("cube", {"coulomb": 0.3}),
-    "cube_coulomb_1": Rubbed("cube", {"coulomb": 1.0}),
-    "cube_tresca_1": Rubbed("cube", {"tresca": 1.0}),
-    "cube_tresca_30": Rubbed("cube", {"tresca": 30.0}),
-    "bracket_tresca": Rubbed("bracket", {"tresca": 3.0e3}),
-    "bracket_coulomb_0.3": Rubbed("bracket", {"coulomb": 0.3}),
-    "sheet_tresca": Rubbed(SHEET, {"tresca": 0.5}),
-    "sheet_coulomb_0.3": Rubbed(SHEET, {"coulomb": 0.3}),
-    "strips_coulomb_0.3": Rubbed(_strips(), {"coulomb": 0.3}),
-    "strips_tresca": Rubbed(_strips(), {"tresca": 1.0}),
-    "rough_rod": Rubbed("rough_rod"),
-    "bar_coulomb_0.3": Rubbed(BAR, {"coulomb": 0.3}),
-    "bar_tresca": Rubbed(BAR, {"tresca": 0.3}),
-    "friction_block": Rubbed("friction_block"),
-    "friction_block_coulomb_1": Rubbed("friction_block", {"coulomb": 1.0}),
-    "boxes_hexahedra": Rubbed(_two_boxes("hexahedron"), {"coulomb": 0.3}),
-    "boxes_tetrahedra": Rubbed(_two_boxes("tetrahedron"), {"coulomb": 0.3}),
-    "boxes_tresca": Rubbed(_two_boxes("hexahedron"), {"tresca": 5.0}),
-    "pin_in_lug": Rubbed("pin_in_lug", {"coulomb": 0.1}),
-    "pillow_block": Rubbed("pillow_block", {"coulomb": 0.3}),
-    "bracket_tresca_300": Rubbed("bracket", {"tresca": 300.0}),
-    "pillow_block_tresca": Rubbed("pillow_block", {"tresca": 3.0}),
-    "pin_in_lug_tresca": Rubbed("pin_in_lug", {"tresca": 20.0}),
-    "hub_on_shaft_tresca": Rubbed("hub_on_shaft", {"tresca": 5.0}),
-    "bolted_flange_tresca": Rubbed("bolted_flange", {"tresca": 3.0}),
-    "ball_in_grooves_tresca": Rubbed("ball_in_grooves", {"tresca": 10.0}),
+    "cube_coulomb_0.1": FrictionScene("cube", {"coulomb": 0.1}),
+    "cube_coulomb_0.3": FrictionScene("cube", {"coulomb": 0.3}),
+    "cube_coulomb_1": FrictionScene("cube", {"coulomb": 1.0}),
+    "cube_tresca_1": FrictionScene("cube", {"tresca": 1.0}),
+    "cube_tresca_30": FrictionScene("cube", {"tresca": 30.0}),
+    "bracket_tresca": FrictionScene("bracket", {"tresca": 3.0e3}),
+    "bracket_coulomb_0.3": FrictionScene("bracket", {"coulomb": 0.3}),
+    "sheet_tresca": FrictionScene(SHEET, {"tresca": 0.5}),
+    "sheet_coulomb_0.3": FrictionScene(SHEET, {"coulomb": 0.3}),
+    "strips_coulomb_0.3": FrictionScene(_strips(), {"coulomb": 0.3}),
+    "strips_tresca": FrictionScene(_strips(), {"tresca": 1.0}),
+    "rough_rod": FrictionScene("rough_rod"),
+    "bar_coulomb_0.3": FrictionScene(BAR, {"coulomb": 0.3}),
+    "bar_tresca": FrictionScene(BAR, {"tresca": 0.3}),
+    "friction_block": FrictionScene("friction_block"),
+    "friction_block_coulomb_1": FrictionScene("friction_block", {"coulomb": 1.0}),
+    "boxes_hexahedra": FrictionScene(_two_boxes("hexahedron"), {"coulomb": 0.3}),
+    "boxes_tetrahedra": FrictionScene(_two_boxes("tetrahedron"), {"coulomb": 0.3}),
+    "boxes_tresca": FrictionScene(_two_boxes("hexahedron"), {"tresca": 5.0}),
+    "pin_in_lug": FrictionScene("pin_in_lug", {"coulomb": 0.1}),
+    "pillow_block": FrictionScene("pillow_block", {"coulomb": 0.3}),
+    "bracket_tresca_300": FrictionScene("bracket", {"tresca": 300.0}),
+    "pillow_block_tresca": FrictionScene("pillow_block", {"tresca": 3.0}),
+    "pin_in_lug_tresca": FrictionScene("pin_in_lug", {"tresca": 20.0}),
+    "hub_on_shaft_tresca": FrictionScene("hub_on_shaft", {"tresca": 5.0}),
+    "bolted_flange_tresca": FrictionScene("bolted_flange", {"tresca": 3.0}),
+    "ball_in_grooves_tresca": FrictionScene("ball_in_grooves", {"tresca": 10.0}),
 }
 """Solved in one step."""
 
 HISTORIES = {
-    "press_and_push": Rubbed(
+    "press_and_push": FrictionScene(
         "press_and_push", settings=("steps=[{press: 1}, {push: 1, increments: N}]",)
     ),
-    "cube_pushed": Rubbed(
+    "cube_pushed": FrictionScene(
         HISTORY_CUBE, {"coulomb": 0.3}, ("steps=[{press: 1, push: 1, increments: N}]",)
     ),
-    "cube_turned": Rubbed(
+    "cube_turned": FrictionScene(
         HISTORY_CUBE, {"coulomb": 0.3}, ("steps=[{press: 1}, {push: 1, increments: N}]",)
     ),
 }
@@ -196,7 +196,7 @@ HISTORIES = {
 
 
 @dataclass
-class Counted:
+class Work:
     """Work of a solve.
 
     Attributes
@@ -215,7 +215,7 @@ class Counted:
 
 
 def scene_of(
-    rubbed: Rubbed, method: str, rough: bool = True, increments: int = 1, every: bool = False
+    rubbed: FrictionScene, method: str, rough: bool = True, increments: int = 1, every: bool = False
 ) -> Scene:
     """The scene, with friction or without.
 
@@ -242,9 +242,9 @@ def scene_of(
     return build_scene(from_mapping(made, [f"solver.method={method}", *settings]))
 
 
-def counted(scene: Scene) -> Counted:
+def counted(scene: Scene) -> Work:
     """Solve a scene, or all its increments."""
-    found, part = Counted(), 0
+    found, part = Work(), 0
 
     def tell(step: Step) -> None:
         of_set = (part, step.outer or step.active_set)
@@ -278,7 +278,7 @@ def row(name: str, method: str) -> str:
     return _cells(name, method, one, ten, most)
 
 
-def law_of(rubbed: Rubbed) -> str:
+def law_of(rubbed: FrictionScene) -> str:
     """The key of the friction of a scene."""
     given = rubbed.friction
     if given is None:
@@ -287,9 +287,9 @@ def law_of(rubbed: Rubbed) -> str:
     return next(iter(given))
 
 
-def _cells(name: str, method: str, before: Counted, after: Counted, most: float) -> str:
+def _cells(name: str, method: str, before: Work, after: Work, most: float) -> str:
     took, without = after.applications, before.applications
-    told_method = f"{method} (auto)" if method == taken_by_auto(name) else method
+    told_method = f"{method} (auto)" if method == method_of_auto(name) else method
     cells = [name, told_method, "none" if without is None else f"{without}"]
     told = "no answer" if took is None else f"{took}" + ("" if after.passed else ", not certified")
     over = "" if took is None or took <= most else " (above)"
@@ -303,17 +303,17 @@ def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
     yield "| scene | method | frictionless / one | friction / ten | limit | ratio | active sets |"
     yield "|---|---|---:|---:|---:|---:|---:|"
     for name in names:
-        for method in sorted(methods, key=lambda m: m != taken_by_auto(name)):
+        for method in sorted(methods, key=lambda m: m != method_of_auto(name)):
             yield row(name, method)
 
 
-def taken_by_auto(name: str) -> str:
+def method_of_auto(name: str) -> str:
     """The method that `auto` chooses."""
     method = chosen(scene_of((SCENES | HISTORIES)[name], "auto")).solver.method
     return "active-set" if method == "auto" else method
 
 
-def told_sets(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
+def active_set_lines(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
     """Work of each active set."""
     for name in names:
         for method in methods:
@@ -335,7 +335,7 @@ def main() -> None:
     unknown = sorted(set(given.names) - set(known))
     if unknown:
         parser.error(f"unknown scene {unknown[0]}; known: {', '.join(known)}")
-    tell = told_sets if given.sets else table
+    tell = active_set_lines if given.sets else table
     for line in tell(given.names or known, given.methods.split(",")):
         print(line, flush=True)
 

@@ -104,15 +104,15 @@ class Sampled:
 
 
 @dataclass(frozen=True, eq=False)
-class Ruler:
+class Distances:
     """Measures distances between solutions at the nodes of the finest one, body by body."""
 
     scene: Scene
     places: tuple[PointsOfMesh, ...]
 
     @classmethod
-    def of(cls, scene: Scene, finest: Fields) -> Ruler:
-        """The ruler whose points are the nodes of a finest answer."""
+    def of(cls, scene: Scene, finest: Fields) -> Distances:
+        """Distances at the nodes of the finest solution."""
         return cls(scene, tuple(PointsOfMesh(finest.nodes(i)) for i in range(len(scene.bodies))))
 
     def sample(self, fields: Fields) -> Sampled:
@@ -159,26 +159,26 @@ class ReferenceAnswer:
         p.
     """
 
-    ruler: Ruler
+    distances: Distances
     finest: Sampled
     norms: Array
     accuracy: Array
     rates: Array
 
     @classmethod
-    def of(cls, ruler: Ruler, answers: Sequence[Sampled]) -> ReferenceAnswer:
+    def of(cls, distances: Distances, answers: Sequence[Sampled]) -> ReferenceAnswer:
         """Extrapolate three solutions, the coarsest first."""
         coarse, middle, finest = answers
-        norms = ruler.norms(finest)
-        near, far = ruler.norms(middle, finest), ruler.norms(coarse, middle)
+        norms = distances.norms(finest)
+        near, far = distances.norms(middle, finest), distances.norms(coarse, middle)
         rates, accuracy = extrapolate(near, far)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return cls(ruler, finest, norms, accuracy / norms, rates)
+            return cls(distances, finest, norms, accuracy / norms, rates)
 
     def errors(self, answer: Sampled) -> Array:
         """Relative errors in energy norm, displacement and pressure, (3,)."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            distance = self.ruler.norms(answer, self.finest) / self.norms
+            distance = self.distances.norms(answer, self.finest) / self.norms
         distance[0] = np.hypot(distance[0], self.accuracy[0])
         return distance
 

@@ -83,14 +83,14 @@ class PointValues:
 
     def at(self, points: Array, bodies: NDArray[np.int64]) -> Array:
         """Values at points (n, 3) of bodies (n,): (n, width); 0 far from the mesh."""
-        asked = [
+        requests = [
             np.flatnonzero(_inside(boxes[bodies], points)) if len(points) else bodies
             for boxes in self._boxes
         ]
-        questions = self._comm.alltoall([(points[rows], bodies[rows]) for rows in asked])
+        questions = self._comm.alltoall([(points[rows], bodies[rows]) for rows in requests])
         answers = self._comm.alltoall([self._known(*question) for question in questions])
         nearest, result = np.full(len(points), np.inf), np.zeros((len(points), self._width))
-        for rows, (values, distance) in zip(asked, answers, strict=True):
+        for rows, (values, distance) in zip(requests, answers, strict=True):
             better = distance < nearest[rows]
             result[rows[better]], nearest[rows[better]] = values[better], distance[better]
         return result
@@ -101,13 +101,13 @@ class PointValues:
         order = np.argsort(points[:, 0], kind="stable")
         along = points[order, 0]
         for piece in self._pieces:
-            asked = []
+            requests = []
             for body, box in zip(piece.bodies, piece.boxes, strict=True):
                 begin = np.searchsorted(along, box[0, 0])
                 near = order[begin : np.searchsorted(along, box[1, 0], side="right")]
-                asked.append(near[(bodies[near] == body) & _inside(box, points[near])])
-            member = np.repeat(np.arange(len(asked)), [len(rows) for rows in asked])
-            row = np.concatenate(asked)
+                requests.append(near[(bodies[near] == body) & _inside(box, points[near])])
+            member = np.repeat(np.arange(len(requests)), [len(rows) for rows in requests])
+            row = np.concatenate(requests)
             if len(row) == 0:
                 continue
             values, distance = _interpolated(

@@ -213,8 +213,8 @@ class BoxSurface:
                 nodes.append(points[:, : self.dimension])
         shares = [np.asarray(self.comm.allreduce(share)) for share in shares]
         inside = [share > 0.75 for share in shares]
-        halves = any(((share > 0.25) & (share < 0.75)).any() for share in shares)
-        if self.comm.allreduce(self._alone(inside, np.concatenate(nodes))) or halves:
+        divided = any(((share > 0.25) & (share < 0.75)).any() for share in shares)
+        if self.comm.allreduce(self._alone(inside, np.concatenate(nodes))) or divided:
             raise NoAdmissibleStressError(
                 f"the boundary of {source} is not made of whole facets of the grid: it has nodes "
                 "beside them, or halves of them"

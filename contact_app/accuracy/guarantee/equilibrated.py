@@ -279,8 +279,8 @@ class AdmissibleStresses:
                     break
                 pressed = self.contact.copy()
                 continue
-            s, taken = self._descended(subspace, s, other_energy)
-            steps += taken
+            s, count = self._descended(subspace, s, other_energy)
+            steps += count
             pulling, missing = pressed & (s > self._load), np.zeros_like(pressed)
             if attempt < GROWING_SETS:
                 missing = self._missing(subspace, s, self.contact & ~pressed, other_energy)

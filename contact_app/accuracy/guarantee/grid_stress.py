@@ -156,7 +156,7 @@ class GridStresses:
         """Means of (div σ)_i over cells, axis by axis, (d · cells, size)."""
         rows = []
         for i in range(self.dimension):
-            row = self._product({i: self._slope(i)}) @ self._taken(i)
+            row = self._product({i: self._slope(i)}) @ self._selection(i)
             row = row + self._shear_slopes(i, 0.5 * abs(self._difference(i)))
             rows.append(row)
         return sparse.csr_matrix(sparse.vstack(rows))
@@ -185,8 +185,8 @@ class GridStresses:
                 k: self._linear_mass(k) if k in pair else sparse.diags(h)
                 for k, h in enumerate(self.widths)
             }
-            taken = self._taken(component)
-            mass = taken.T @ self._product(factors) @ taken
+            selection = self._selection(component)
+            mass = selection.T @ self._product(factors) @ selection
             total = total + compliance[component, component] * mass
         return sparse.csr_matrix(total)
 
@@ -195,7 +195,7 @@ class GridStresses:
         along = [factors.get(k, sparse.identity(n)) for k, n in enumerate(self.cells)]
         return sparse.csr_matrix(reduce(lambda a, b: sparse.kron(a, b, "csr"), along))
 
-    def _taken(self, component: int) -> sparse.csr_matrix:
+    def _selection(self, component: int) -> sparse.csr_matrix:
         """Matrix that selects the values of one component from s."""
         part = self.parts[component]
         rows = np.arange(part.stop - part.start)
@@ -217,7 +217,7 @@ class GridStresses:
             if i in pair:
                 (j,) = set(pair) - {i}
                 slope = self._product({i: along, j: self._slope(j)})
-                total = total + slope @ self._taken(component)
+                total = total + slope @ self._selection(component)
         return total
 
     @cached_property
@@ -234,7 +234,7 @@ class GridStresses:
         place = np.arange(int(np.prod(shape))).reshape(shape)
         planes, cells = np.split(place, [self.cells[i] + 1], axis=i)
         order = np.argsort(np.concatenate([planes.ravel(), cells.ravel()]))
-        return sparse.vstack([self._taken(i), self._bubbles[i]], format="csr")[order]
+        return sparse.vstack([self._selection(i), self._bubbles[i]], format="csr")[order]
 
     def _linear_mass(self, k: int) -> sparse.csr_matrix:
         """Mass matrix of the hat functions of the grid planes."""

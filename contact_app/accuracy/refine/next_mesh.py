@@ -32,7 +32,7 @@ PATIENT = 1.5
 """Largest refinement factor between graded meshes of degree 2, whose grid lines follow the
 error."""
 
-WHOLE = {2: 500_000, 3: 80_000}
+UNDECOMPOSED_NODES = {2: 500_000, 3: 80_000}
 """Nodes by dimension up to which graded bodies are not cut into subdomains."""
 
 LEAST = 1.04
@@ -41,7 +41,7 @@ LEAST = 1.04
 SETTLED = 0.85
 """Predicted relative error after new grid lines from which on grid lines hardly move."""
 
-PROMISE, KEPT = 0.75, 0.3
+FIRST_EXPONENT, SMALLEST_EXPONENT = 0.75, 0.3
 """Exponent of the evenness in the predicted relative error after new grid lines: at first, and the
 smallest later, when the exponent observed with the last grid lines is used."""
 
@@ -64,7 +64,7 @@ def next_factor(
     factors: list[float],
     errors: list[float],
     target: float,
-    whole: bool = False,
+    integer: bool = False,
     degree: int = 1,
 ) -> float:
     """Refinement factor of the next mesh along an edge, relative to the first mesh.
@@ -73,7 +73,7 @@ def next_factor(
     ----------
     factors, errors
         Refinement factors and errors of the meshes so far; the last error is above the target.
-    whole
+    integer
         Whether the factor has to be a whole number.
     degree
         Of the cells.
@@ -88,7 +88,7 @@ def next_factor(
     rate = rate_of(factors, errors, degree)
     step = (errors[-1] / target) ** (1.0 / rate)
     factor = factors[-1] * min(step, FARTHEST)
-    return float(math.ceil(factor - 1e-9)) if whole else factor
+    return float(math.ceil(factor - 1e-9)) if integer else factor
 
 
 def graded_step(error: float, left: float, target: float, degree: int) -> float:
@@ -113,16 +113,16 @@ def graded_step(error: float, left: float, target: float, degree: int) -> float:
     return min(max(step, least), PATIENT if degree == 2 else FARTHEST)
 
 
-def kept(before: float, even: float, step: float, after: float, degree: int) -> float:
+def evenness_exponent(before: float, even: float, step: float, after: float, degree: int) -> float:
     """Observed exponent of the evenness in the error, without the effect of more layers.
 
     Examples
     --------
-    >>> kept(0.2, 0.25, 1.0, 0.1, 2), kept(0.2, 0.25, 1.0, 0.05, 2), kept(0.2, 0.25, 1.0, 0.3, 2)
-    (0.5, 1.0, 0.3)
+    >>> [evenness_exponent(0.2, 0.25, 1.0, after, 2) for after in (0.1, 0.05, 0.3)]
+    [0.5, 1.0, 0.3]
     """
     left = max(after / before * step ** GRADED[degree], even)
-    return max(math.log(left) / math.log(even), KEPT)
+    return max(math.log(left) / math.log(even), SMALLEST_EXPONENT)
 
 
 def has_free_degree(scene: Scene) -> bool:
@@ -171,7 +171,7 @@ def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple
     from this rounding is returned as well.
     """
     starts = equal_lines(scene)
-    whole = needs_multiples(scene)
+    keeps_lines = needs_multiples(scene)
     result, made = [], factor
     for body, lines, errors, start in zip(scene.bodies, grids, squares, starts, strict=True):
         cells = [len(line) - 1 for line in start]
@@ -179,7 +179,7 @@ def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple
         made = max(made, (math.prod(layers) / math.prod(cells)) ** (1.0 / len(cells)))
         result.append(
             [
-                graded(old, part, count, line if whole else line[[0, -1]], body.degree)
+                graded(old, part, count, line if keeps_lines else line[[0, -1]], body.degree)
                 for old, part, count, line in zip(lines, errors, layers, start, strict=True)
             ]
         )
@@ -224,7 +224,7 @@ def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
     parts = scene.decomposition.subdomains
     if not isinstance(parts, int):
         nodes = sum(body.nodes for body in bodies)
-        parts = len(bodies) if ranks == 1 and nodes <= WHOLE[scene.dimension] else None
+        parts = len(bodies) if ranks == 1 and nodes <= UNDECOMPOSED_NODES[scene.dimension] else None
     return replace(scene, bodies=bodies, decomposition=Decomposition(parts))
 
 

@@ -39,20 +39,20 @@ from typing import Protocol
 from mpi4py import MPI
 
 from contact_app.accuracy.agreement import Measured, Verdict
-from contact_app.accuracy.contact_limits import UNFELT, coarse_contact, slipped_through
+from contact_app.accuracy.contact_limits import UNPRESSED_DEPTH, coarse_contact, slipped_through
 from contact_app.accuracy.faceted_curves import polygon_solved
 from contact_app.accuracy.judge import Judge, coarser, measured
 from contact_app.accuracy.refine.grading import evenness, layer_errors
 from contact_app.accuracy.refine.levels import Level, Refined, comparable, level_of
 from contact_app.accuracy.refine.local_refinement import locally_refined
 from contact_app.accuracy.refine.next_mesh import (
-    PROMISE,
+    FIRST_EXPONENT,
     Grids,
     equal_lines,
+    evenness_exponent,
     graded_step,
     has_even_cells,
     has_free_degree,
-    kept,
     layers_for_one,
     needs_multiples,
     next_factor,
@@ -144,17 +144,17 @@ def solve_to_accuracy(
         solved = solve(current, start=start)
         if finished is not None and _interrupted(solved):
             return levels.refined(finished, levels.interrupted())
-        heard = levels.hear(current, solved)
-        missed = levels.ended(heard)
+        assessed = levels.assess(current, solved)
+        missed = levels.ended(assessed)
         if missed is not None:
-            return levels.refined(heard.solved, missed)
-        following = levels.following(current, heard)
-        missed = _no_room(following, heard, limits.memory)
+            return levels.refined(assessed.solved, missed)
+        following = levels.following(current, assessed)
+        missed = _no_room(following, assessed, limits.memory)
         if missed:
-            return levels.refined(heard.solved, missed)
-        current, start = following, LastLevel.of(heard.solved)
-        finished = heard.solved.without_factors()
-        del solved, heard  # free the memory of its factors for the next level
+            return levels.refined(assessed.solved, missed)
+        current, start = following, LastLevel.of(assessed.solved)
+        finished = assessed.solved.without_factors()
+        del solved, assessed  # free the memory of its factors for the next level
 
 
 def _interrupted(solved: SolvedScene) -> bool:
@@ -164,7 +164,7 @@ def _interrupted(solved: SolvedScene) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _Heard:
+class _AssessedLevel:
     """A level with its verdict.
 
     Attributes
@@ -178,7 +178,7 @@ class _Heard:
     """
 
     solved: SolvedScene
-    sure: bool
+    confirmed: bool
     doubt: str
     why: str
 
@@ -203,13 +203,13 @@ class _Levels:
         self.factors = [1.0]
         self._scene, self._solve, self._tell = scene, solve, tell
         self._files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
-        self._whole = needs_multiples(scene)
+        self._integer = needs_multiples(scene)
         self._target = MARGIN * accuracy
         self._enough = accuracy if scene.guaranteed else self._target
         self._judge = Judge(scene)
         self._last, self._doubts = 1.0, 0
         self._grids: Grids | None = None
-        self._even, self._step, self._promise = 1.0, 1.0, PROMISE
+        self._even, self._step, self._exponent = 1.0, 1.0, FIRST_EXPONENT
 
     def refined(self, solved: SolvedScene, missed: str) -> Refined:
         """The result at the end of the run."""
@@ -225,13 +225,13 @@ class _Levels:
 
     # ------------------------------------------------------------------ verdict on a level
 
-    def hear(self, current: Scene, solved: SolvedScene) -> _Heard:
+    def assess(self, current: Scene, solved: SolvedScene) -> _AssessedLevel:
         """Correct the estimate of a level by the others, and decide whether it is accepted."""
         estimate = solved.accuracy
-        share, verdict = self._judge.hear(
+        share, verdict = self._judge.assess(
             _measured(solved), estimate.discretisation, self._grids is not None
         )
-        unseen = slipped_through(solved.model, solved.solution, UNFELT)
+        unseen = slipped_through(solved.model, solved.solution, UNPRESSED_DEPTH)
         if unseen:  # contact is not resolved: two such meshes cannot confirm an estimate
             verdict = Verdict(1.0, unseen[0])
             self._judge.forget()
@@ -244,8 +244,8 @@ class _Levels:
             unseen = [f"contact on a few facets may add {100 * crossed:.2g} %"]
             verdict = Verdict(1.0, unseen[0])
         ended = not solved.solution.converged or solved.solution.reason is Reason.STOPPED
-        if error <= self._enough and not (ended or unseen or self._sure(verdict)):
-            checked = _solved_coarser(coarser(current, self._whole), self._solve)
+        if error <= self._enough and not (ended or unseen or self._is_confirmed(verdict)):
+            checked = _solved_coarser(coarser(current, self._integer), self._solve)
             if checked is not None:
                 verdict = self._judge.compare_with(_measured(checked))
                 self.checks.append(level_of(checked, 1.0))
@@ -255,53 +255,54 @@ class _Levels:
                     self.levels[-1] = level_of(solved, math.sqrt(verdict.raised))
         below = self.levels[-1].error <= self._enough
         doubt = unconfirmed(self.levels[-1].error, verdict) if below else ""
-        return _Heard(solved, below and self._sure(verdict), doubt, verdict.doubt)
+        return _AssessedLevel(solved, below and self._is_confirmed(verdict), doubt, verdict.doubt)
 
-    def _sure(self, verdict: Verdict) -> bool:
+    def _is_confirmed(self, verdict: Verdict) -> bool:
         """Whether the last level's error is a bound or is confirmed by another level."""
         return self._scene.guaranteed or verdict.confirms(self.levels[-1].error, self._enough)
 
-    def ended(self, heard: _Heard) -> str | None:
+    def ended(self, assessed: _AssessedLevel) -> str | None:
         """Why the run ends with this level: empty if the target is met, None to continue."""
-        solution = heard.solved.solution
+        solution = assessed.solved.solution
         if math.isnan(self.levels[-1].error):
             return NO_STRAINS
         if solution.reason is Reason.STOPPED:
             return "the run was interrupted"
-        if heard.sure:
+        if assessed.confirmed:
             return ""
         if not solution.converged:
             return "the solver did not reach its tolerance"
         if self._files and len(self.levels) > 1:
-            solved = heard.solved
+            solved = assessed.solved
             polygon = polygon_solved(solved.model, solution, solved.nodes)
             if polygon:
                 return polygon
         if len(self.levels) >= self._most:
-            return heard.doubt or f"{self._most} levels were not enough"
-        self._doubts = self._doubts + 1 if heard.doubt else 0
+            return assessed.doubt or f"{self._most} levels were not enough"
+        self._doubts = self._doubts + 1 if assessed.doubt else 0
         if self._doubts > 1 and self.levels[-1].dofs > LARGE * self._scene.dimension:
-            return heard.doubt
-        if heard.doubt:
-            self._tell(f"one more level: {heard.why}")
+            return assessed.doubt
+        if assessed.doubt:
+            self._tell(f"one more level: {assessed.why}")
         return None
 
     # ------------------------------------------------------------------ the next level
 
-    def following(self, current: Scene, heard: _Heard) -> Scene:
+    def following(self, current: Scene, assessed: _AssessedLevel) -> Scene:
         """The scene on the next mesh (collective)."""
-        level, doubt = self.levels[-1], heard.doubt
-        aim = level.error / CONFIRMING if doubt else self._target
+        level, doubt = self.levels[-1], assessed.doubt
+        target = level.error / CONFIRMING if doubt else self._target
         if self._files:
-            factor, scene = self._last, locally_refined(current, heard.solved, aim / level.error)
+            factor = self._last
+            scene = locally_refined(current, assessed.solved, target / level.error)
         elif self._degree(current) == 1 and has_free_degree(self._scene):
             self._scene = quadratic(self._scene)
             self._tell("cells of degree 2 from here on")
-            finest = self._whole or bool(doubt) or not has_even_cells(current)
+            finest = self._integer or bool(doubt) or not has_even_cells(current)
             factor = self._last if finest else 0.5 * self._last
             self.factors, scene = [], refined(self._scene, factor)
         else:
-            factor, scene = self._finer_box(current, heard.solved, aim)
+            factor, scene = self._finer_box(current, assessed.solved, target)
         self.factors.append(factor)
         self._last = factor
         return scene
@@ -311,7 +312,7 @@ class _Levels:
         """The lowest degree of the bodies."""
         return min(body.degree for body in scene.bodies)
 
-    def _finer_box(self, current: Scene, solved: SolvedScene, aim: float) -> tuple[float, Scene]:
+    def _finer_box(self, current: Scene, solved: SolvedScene, target: float) -> tuple[float, Scene]:
         """Refinement factor, and the scene with more cells in boxes, equal or graded."""
         degree, scene = self._degree(current), self._scene
         factors = self.factors
@@ -323,40 +324,40 @@ class _Levels:
             self._tell("the error is concentrated: cells are graded from here on")
             self._grids, self._last = lines, layers_for_one(lines, equal_lines(scene))
         if self._grids is None:
-            factor = next_factor(factors, errors, aim, self._whole, degree)
+            factor = next_factor(factors, errors, target, self._integer, degree)
             return factor, refined(scene, factor)
-        return self._graded_box(solved, squares, aim, degree)
+        return self._graded_box(solved, squares, target, degree)
 
     def _graded_box(
-        self, solved: SolvedScene, squares: Grids, aim: float, degree: int
+        self, solved: SolvedScene, squares: Grids, target: float, degree: int
     ) -> tuple[float, Scene]:
         """The scene with new grid lines, placed by the errors of layers."""
         assert self._grids is not None
         scene, level = self._scene, self.levels[-1]
         if self._even < 1.0:
             before, after = (each.estimate for each in self.levels[-2:])
-            self._promise = kept(before, self._even, self._step, after, degree)
+            self._exponent = evenness_exponent(before, self._even, self._step, after, degree)
         self._even = evenness(squares)
         if self._even > SURE and level.dofs > LARGE * scene.dimension:
             self._even = 1.0
-        step = graded_step(level.error, self._even**self._promise, aim, degree)
+        step = graded_step(level.error, self._even**self._exponent, target, degree)
         factor, self._grids = regraded(scene, squares, self._grids, self._last * step)
         self._step = factor / self._last
         return factor, on_lines(scene, self._grids, solved.model.comm.size)
 
 
-def _no_room(following: Scene, heard: _Heard, memory: float | None) -> str:
+def _no_room(following: Scene, assessed: _AssessedLevel, memory: float | None) -> str:
     """Message that the next mesh exceeds the memory; empty if it fits (collective)."""
     dofs = sum(body.nodes for body in following.bodies) * following.dimension
     needed = needed_bytes(dofs)
-    available = heard.solved.model.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
+    available = assessed.solved.model.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
     if needed <= available:
         return ""
     missed = (
         f"the next mesh has {dofs:,} degrees of freedom, which need about "
         f"{needed / 1e9:.3g} GB; {available / 1e9:.3g} GB are available"
     )
-    return f"{heard.doubt}; {missed}" if heard.doubt else missed
+    return f"{assessed.doubt}; {missed}" if assessed.doubt else missed
 
 
 def unconfirmed(error: float, verdict: Verdict) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from contact_app.errors import ContactError
-from contact_app.machine.whole_file import whole
+from contact_app.machine.atomic_file import atomic
 from contact_app.results.plot.contact_picture import STATUS, NothingPressedError, draw_contact
 from contact_app.results.plot.friction_picture import draw_friction
 from contact_app.results.plot.history_picture import TABLE, draw_history
@@ -106,7 +106,7 @@ def plot(
     title = str(summary.get("scene", {}).get("title", ""))
     caption = f"{title}\ndisplacements × {factor:g}".strip()
     bodies = target / "bodies.png"
-    with whole(bodies) as part:
+    with atomic(bodies) as part:
         if stored.plane:
             draw_plane(stored, shown, LABELS, factor, part, caption)
         else:
@@ -122,7 +122,7 @@ def plot(
         of_contacts["contact_status.png"] = draw_friction
     for name, draw in of_contacts.items():
         try:
-            with whole(target / name) as part:
+            with atomic(target / name) as part:
                 draw(stored, part, title)
             pictures.append(target / name)
         except NothingPressedError as error:
@@ -134,7 +134,7 @@ def _of_history(directory: Path, target: Path, title: str) -> list[Path]:
     """Draw the load history, if the run has one."""
     if not (directory / TABLE).is_file():
         return []
-    with whole(target / "history.png") as part:
+    with atomic(target / "history.png") as part:
         draw_history(directory / TABLE, part, title)
     return [target / "history.png"]
 

@@ -12,7 +12,7 @@ import pytest
 
 from contact_app.errors import CouldNotRunError
 from contact_app.machine import disk
-from contact_app.machine.whole_file import part_of, whole
+from contact_app.machine.atomic_file import atomic, part_of
 from contact_app.results.xdmf import XDMFWriter, grid_bytes
 from contact_app.run.result_directory import RESULTS, clear, remove_parts
 from tests.ranks import ROOT
@@ -20,11 +20,11 @@ from tests.ranks import ROOT
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "summary.json"
-    with whole(path) as part:
+    with atomic(path) as part:
         part.write_text("first")
         assert not path.exists()
     assert path.read_text() == "first"
-    with pytest.raises(KeyboardInterrupt), whole(path) as part:
+    with pytest.raises(KeyboardInterrupt), atomic(path) as part:
         part.write_text("half of the sec")
         raise KeyboardInterrupt
     assert path.read_text() == "first"

@@ -1,4 +1,4 @@
-"""The chart of speed against accuracy: its frontier, its ruler, and tiny charts of real runs."""
+"""The chart of speed against accuracy: frontier, distances of solutions, small real charts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from contact_app.studies.chart_store import StoredPoints
 from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
 from contact_app.studies.frontier import frontier
 from contact_app.studies.processes import RunError
-from contact_app.studies.reference import Fields, ReferenceAnswer, Ruler, Sampled, extrapolate
+from contact_app.studies.reference import Distances, Fields, ReferenceAnswer, Sampled, extrapolate
 from contact_app.studies.tables import read
 from meshes.graded import graded_box
 from tests import meshfiles, scenes
@@ -58,7 +58,7 @@ def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> No
     assert [errors[i] for i in found] == sorted((errors[i] for i in found), reverse=True)
 
 
-# --- the ruler
+# --- distances of solutions
 
 
 def _body(cell: str, degree: int, cells: int) -> BodyNodes:
@@ -79,7 +79,7 @@ def test_pressure_is_continued_to_nodes_without_a_row() -> None:
     fields = Fields(coarse.points, np.zeros((9, 2)), 5.0 * watched, watched, np.array([0, 9]),
                     np.array([1]), np.array(["quadrilateral"]), [coarse.cells],
                     [coarse.tags])  # fmt: skip
-    found = Ruler(scene, (PointsOfMesh(finest),)).sample(fields).pressure[0]
+    found = Distances(scene, (PointsOfMesh(finest),)).sample(fields).pressure[0]
     floor, end = finest.points[:, 1] == 0.0, finest.points[:, 0] == 0.0
     assert found[floor & ~end] == pytest.approx(5.0)
     assert found[floor & end] == pytest.approx(0.0, abs=1e-12)
@@ -87,7 +87,7 @@ def test_pressure_is_continued_to_nodes_without_a_row() -> None:
 
 def test_extrapolation_finds_rate_and_rest() -> None:
     scene = build_scene(load(CONFIGS / "block_2d.yaml"))
-    ruler = Ruler(scene, (PointsOfMesh(_body("quadrilateral", 1, 4)),))
+    distances = Distances(scene, (PointsOfMesh(_body("quadrilateral", 1, 4)),))
     limit = np.random.default_rng(0).normal(size=(25, 3))
     drift = np.random.default_rng(1).normal(size=(25, 3))
 
@@ -95,11 +95,11 @@ def test_extrapolation_finds_rate_and_rest() -> None:
         field = limit + h**2 * drift
         return Sampled([field[:, :2]], [field[:, 2]])
 
-    reference = ReferenceAnswer.of(ruler, [answer(0.4), answer(0.2), answer(0.1)])
+    reference = ReferenceAnswer.of(distances, [answer(0.4), answer(0.2), answer(0.1)])
     assert reference.rates == pytest.approx(2.0)
-    left = ruler.norms(answer(0.1), answer(0.0)) / reference.norms
+    left = distances.norms(answer(0.1), answer(0.0)) / reference.norms
     assert reference.accuracy[1:] == pytest.approx(left[1:])
-    near = ruler.norms(answer(0.2), answer(0.1)) / reference.norms
+    near = distances.norms(answer(0.2), answer(0.1)) / reference.norms
     assert reference.errors(answer(0.2))[1:] == pytest.approx(near[1:])
     assert reference.errors(answer(0.1))[0] == pytest.approx(reference.accuracy[0])
     assert "rate 2.00" in reference.describe()

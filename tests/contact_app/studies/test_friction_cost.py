@@ -7,13 +7,13 @@ import pytest
 from contact_app.studies import friction_cost
 from contact_app.studies.friction_cost import (
     SCENES,
-    Rubbed,
+    FrictionScene,
     counted,
     law_of,
+    method_of_auto,
     row,
     scene_of,
     table,
-    taken_by_auto,
 )
 
 
@@ -48,14 +48,14 @@ def test_friction_costs_at_most_three_times_the_frictionless_solve(name: str, mo
 @pytest.mark.ratchet
 def test_small_slip_limits_take_few_applications() -> None:
     """Points whose directions lagged behind stuck and slid again: 319 applications in 29 sets."""
-    found = counted(scene_of(Rubbed("bracket", {"tresca": 300.0}), "active-set"))
+    found = counted(scene_of(FrictionScene("bracket", {"tresca": 300.0}), "active-set"))
     assert found.passed
     assert found.applications is not None
     assert found.applications <= 200
 
 
 def test_rows_begin_with_the_method_of_auto() -> None:
-    assert taken_by_auto("pillow_block") == "primal"
+    assert method_of_auto("pillow_block") == "primal"
     first, second = list(table(["friction_block"], ["primal", "active-set"]))[2:]
     assert "active-set (auto)" in first
     assert "(auto)" not in second

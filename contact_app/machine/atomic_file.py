@@ -17,7 +17,7 @@ def part_of(path: Path) -> Path:
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def atomic(path: Path) -> Iterator[Path]:
     """Context manager with a temporary name for a file, which is renamed at the end of the block.
 
     If the block ends by an exception, the incomplete file is removed and an older file stays.
