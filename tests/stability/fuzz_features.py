@@ -41,6 +41,10 @@ ACCURATE = 4e-8
 MOVED = 1e-5
 """Difference of the motions of rigid bodies, over the largest displacement."""
 
+AT_REST = 1e-9
+"""Displacement of the elastic bodies over that of the rigid ones, below which they are at rest: a
+plane that slides out of the way of a block leaves rounding errors alone."""
+
 QUIET = ("agrees", "escapes", "contradicts")
 """Verdicts that are not told scene by scene."""
 
@@ -129,6 +133,7 @@ def _judged(solved: Any) -> tuple[str, str]:
     scale = float(right @ (K @ right)) or 1.0
     away = abs(float(error @ (K @ error))) / scale
     largest = max(float(np.abs(right).max()), float(np.abs(found[: n * d]).max()), 1e-300)
+    largest = max(largest, AT_REST * float(np.abs(known[n:]).max(initial=0.0)))
     turned = _rigid_error(solved, found[n * d :].reshape(-1, d), known[n:]) / largest
     detail = f"squared error {away:.1e}, rigid bodies off by {turned:.1e}"
     if away <= ACCURATE and turned > MOVED:  # what no active contact decides has many answers

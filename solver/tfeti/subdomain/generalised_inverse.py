@@ -54,9 +54,6 @@ class Inverse(Protocol):
     def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
 
-    def restricted(self, unknowns: NDArray[np.int64]) -> Block:
-        """K⁺ between some unknowns."""
-
 
 class Block(Protocol):
     """A dense part of K⁺, symmetric, applied to many members at once.
