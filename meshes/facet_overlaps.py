@@ -99,9 +99,9 @@ def _candidates(
     keys = [np.zeros(0, np.int64)]
     for group, tree in zip(groups, trees, strict=True):
         across = radii + sizes[group].max()
-        which, asked, radius = _filled(centres, normals, tree, reach, across)
+        which, queried, radius = _filled(centres, normals, tree, reach, across)
         for part in np.array_split(np.arange(len(which)), len(which) // QUERIES + 1):
-            hits = tree.query_ball_point(asked[part], radius[part])
+            hits = tree.query_ball_point(queried[part], radius[part])
             count = np.fromiter(map(len, hits), np.int64, len(hits))
             there = np.fromiter(chain.from_iterable(hits), np.int64, count.sum())
             keys.append(np.repeat(which[part], count) * len(middles) + group[there])
@@ -141,8 +141,8 @@ def _filled(
         nth += np.maximum(np.ceil(away - 1e-9).astype(np.int64), 1)
         going = nth <= last[facets]
         facets, nth = facets[going], nth[going]
-    which, asked = (np.concatenate(part) for part in zip(*found, strict=True))
-    return which, asked, 1.2 * across[which]
+    which, queried = (np.concatenate(part) for part in zip(*found, strict=True))
+    return which, queried, 1.2 * across[which]
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,18 +218,18 @@ class Overlaps:
         apart = tilted and bool((np.abs(gap) > TOUCHING * on.radii[i[pair]]).any())
         if apart:
             slopes = np.linalg.solve(slopes @ plane, slopes)
-        kept, start = np.unique(pair, return_index=True)
+        distinct, start = np.unique(pair, return_index=True)
 
         def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
             weighted = values * weights.reshape(-1, *(1,) * (values.ndim - 1))
             return np.add.reduceat(weighted, start) if len(start) else weighted[:0]
 
-        tilt = np.zeros((len(kept), v, slopes.shape[1] if tilted else 0, slopes.shape[2]))
+        tilt = np.zeros((len(distinct), v, slopes.shape[1] if tilted else 0, slopes.shape[2]))
         if apart:
             tilt = integrate(phi[:, :, None, None] * (gap[:, None, None] * slopes)[:, None])
         return cls(
-            i=i[kept],
-            j=j[kept],
+            i=i[distinct],
+            j=j[distinct],
             area=integrate(np.ones(len(weights))),
             own=integrate(phi[:, :, None] * mine[:, None, :]),
             shared=integrate(phi[:, :, None] * theirs[:, None, :]),

@@ -257,9 +257,9 @@ def give(
     link = weak[a] & some[b] & ~weak[b] & (w > 0.0)
     gift = sparse.csr_matrix((w[link], (b[link], a[link])), shape=(count, count))
     received = np.asarray(gift.sum(axis=0)).ravel()
-    kept = some & ~(weak & (received > 0.0))
+    remaining = some & ~(weak & (received > 0.0))
     scale = np.divide(1.0, received, out=np.zeros(count), where=received > 0.0)
-    return (gift @ sparse.diags(scale) + sparse.diags(kept.astype(float))).tocsr()
+    return (gift @ sparse.diags(scale) + sparse.diags(remaining.astype(float))).tocsr()
 
 
 def _areas(surface: Surface) -> NDArray[np.float64]:

@@ -161,9 +161,9 @@ def _told(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str)
     others[a] = False
     start = np.zeros(len(bad), bool)
     start[a] = True
-    told = first_of(body.points, body.cells, start, body.cell + what, body.number)
-    told = told.replace("has 1 ", f"has {int(bad.sum())} ", 1)
-    return f"{told}, {relation} cell {body.number[b] + 1} of the file"
+    message = first_of(body.points, body.cells, start, body.cell + what, body.number)
+    message = message.replace("has 1 ", f"has {int(bad.sum())} ", 1)
+    return f"{message}, {relation} cell {body.number[b] + 1} of the file"
 
 
 def _covered(body: CheckedBody, surface: Surface, comm: MPI.Intracomm) -> NDArray[np.int64]:

@@ -168,14 +168,14 @@ def _meshio(path: Path) -> Any:
         raise MeshError(f"cannot be read: {error.strerror}") from None
     if path.stat().st_size == 0:
         raise MeshError("is empty")
-    said = io.StringIO()
+    output = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
             if path.suffix == ".vtu":
                 return read_vtu(path)
             return meshio.read(*_as_meshio_reads(path))
     except SystemExit:
-        reason = said.getvalue()
+        reason = output.getvalue()
     except MemoryError:
         raise
     except Exception as error:  # a reader may fail in any way on a file that is not what it seems

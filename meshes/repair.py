@@ -340,8 +340,8 @@ def _once(
     new[1:] = (ordered[order][1:] != ordered[order][:-1]).any(axis=1)
     leader = np.empty(len(cells), np.int64)
     leader[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]  # lexsort is stable
-    kept = np.unique(leader)
-    return cells[kept], np.searchsorted(kept, leader), len(cells) - len(kept)
+    distinct = np.unique(leader)
+    return cells[distinct], np.searchsorted(distinct, leader), len(cells) - len(distinct)
 
 
 def _all_differ(cells: NDArray[np.int64]) -> bool:

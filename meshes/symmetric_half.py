@@ -284,16 +284,16 @@ def _facet_images(
 
 
 def _lower(
-    mesh: CellMesh, kept: Bools, axis: int, at: float, tolerance: float, cut: str
+    mesh: CellMesh, below: Bools, axis: int, at: float, tolerance: float, cut: str
 ) -> CellMesh:
     """The cells on the lower side; nodes near the plane are moved exactly onto it."""
-    used, cells = np.unique(mesh.cells[kept], return_inverse=True)
+    used, cells = np.unique(mesh.cells[below], return_inverse=True)
     cells = cells.reshape(-1, mesh.cells.shape[1])
     points = mesh.points[used]
     points[np.abs(points[:, axis] - at) <= tolerance, axis] = at
     middles = mesh.middles
     if middles is not None:
-        middles = middles[kept]
+        middles = middles[below]
         middles[np.abs(middles[..., axis] - at) <= tolerance, axis] = at
     topology = Topology.of(cells, mesh.cell)
     before = row_places(
@@ -301,16 +301,16 @@ def _lower(
     )
     sides = {name: np.flatnonzero(np.isin(before, rows)) for name, rows in mesh.sides.items()}
     sides[cut] = np.flatnonzero(before < 0)
-    number = np.cumsum(kept) - 1
+    number = np.cumsum(below) - 1
     return replace(
         mesh,
         points=points,
         cells=cells,
         topology=topology,
         sides={name: rows.astype(np.int32) for name, rows in sides.items() if len(rows)},
-        groups={name: number[rows[kept[rows]]] for name, rows in mesh.groups.items()},
+        groups={name: number[rows[below[rows]]] for name, rows in mesh.groups.items()},
         inner={},  # the image of an inner surface need not be one: such scenes are not cut
-        tags=mesh.tags[kept],
+        tags=mesh.tags[below],
         name=f"{mesh.name} below {'xyz'[axis]} = {at:g}",
         middles=middles,
     )

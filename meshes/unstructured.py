@@ -62,10 +62,10 @@ def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArra
 def row_places(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
     """Row of `table` that equals each row of `wanted`, -1 where there is none; rows are sorted."""
     keys = _row_keys(np.concatenate([table, wanted]))
-    own, asked = keys[: len(table)], keys[len(table) :]
+    own, requested = keys[: len(table)], keys[len(table) :]
     order = np.argsort(own)
-    at = order[np.minimum(np.searchsorted(own, asked, sorter=order), len(own) - 1)]
-    return np.asarray(np.where(own[at] == asked, at, -1))
+    at = order[np.minimum(np.searchsorted(own, requested, sorter=order), len(own) - 1)]
+    return np.asarray(np.where(own[at] == requested, at, -1))
 
 
 def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -75,8 +75,8 @@ def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     span = 1
     for column in rows.T:
         if span > np.iinfo(np.int64).max // base:  # what was packed so far is counted instead
-            kept, keys = np.unique(keys, return_inverse=True)
-            span = len(kept)
+            distinct, keys = np.unique(keys, return_inverse=True)
+            span = len(distinct)
         keys = keys * base + column
         span *= base
     return keys
@@ -242,11 +242,11 @@ class CellMesh:
                     f"names the group {name!r}; {self.name} has no such cells in this body "
                     f"(groups of cells: {known})"
                 )
-            taken = tags[rows] >= 0
-            if taken.any():
-                other = groups[tags[rows[np.argmax(taken)]]]
+            assigned = tags[rows] >= 0
+            if assigned.any():
+                other = groups[tags[rows[np.argmax(assigned)]]]
                 raise MeshError(
-                    f"gives {int(taken.sum())} cells two materials: they are in the groups "
+                    f"gives {int(assigned.sum())} cells two materials: they are in the groups "
                     f"{other!r} and {name!r}"
                 )
             tags[rows] = number

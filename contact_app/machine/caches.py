@@ -34,28 +34,28 @@ def usable_caches() -> tuple[str, ...]:
     CouldNotRunError
         No directory can be written.
     """
-    said: list[str] = []
+    messages: list[str] = []
     home = _home()
     if home is None:
         home = own_directory()
         os.environ["HOME"] = str(home)
-        said.append(f"there is no home directory: {home} is used")
+        messages.append(f"there is no home directory: {home} is used")
     cache_home = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
     if not _writable(cache_home / "fenics"):
         own = own_directory()
         os.environ["XDG_CACHE_HOME"] = str(own)
-        said.append(f"{cache_home} cannot be written: compiled forms are kept in {own}")
+        messages.append(f"{cache_home} cannot be written: compiled forms are kept in {own}")
     elif not os.environ.get("XDG_CACHE_HOME", "x"):
         del os.environ["XDG_CACHE_HOME"]  # empty: dolfinx would use the working directory
     config_home = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
     if not _readable(config_home):
         own = own_directory()
         os.environ["XDG_CONFIG_HOME"] = str(own)
-        said.append(f"{config_home} cannot be read: options of dolfinx there are not used")
+        messages.append(f"{config_home} cannot be read: options of dolfinx there are not used")
     elif "MPLCONFIGDIR" not in os.environ and not _allowed(config_home / "matplotlib"):
         # else matplotlib makes a directory for each process and says so on the terminal
         os.environ["MPLCONFIGDIR"] = str(own_directory() / "matplotlib")
-    return tuple(said)
+    return tuple(messages)
 
 
 def _home() -> Path | None:

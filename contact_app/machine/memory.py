@@ -101,11 +101,11 @@ def control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgro
         )
         group = base / path.strip("/")
         for here in (group, *group.parents):
-            allowed, taken = _text(here / limit).strip(), _text(here / used).strip()
-            if allowed.isdigit() and taken.isdigit():
+            allowed, used_bytes = _text(here / limit).strip(), _text(here / used).strip()
+            if allowed.isdigit() and used_bytes.isdigit():
                 cached = _field(here / "memory.stat", "inactive_file")  # freed when needed
                 cached = cached if math.isfinite(cached) else 0.0
-                least = min(least, max(float(allowed) - float(taken) + cached, 0.0))
+                least = min(least, max(float(allowed) - float(used_bytes) + cached, 0.0))
             if here == base:
                 break
     return least

@@ -149,8 +149,8 @@ def more_needed(
         The largest displacement of the bodies of each row; rows that were out of reach join if they
         are as near as the others.
     """
-    far = left_out.gaps > reach[left_out.sources]
-    return slack < np.where(far, sizes, 0.0)
+    unreachable = left_out.gaps > reach[left_out.sources]
+    return slack < np.where(unreachable, sizes, 0.0)
 
 
 def slack_of(

@@ -48,15 +48,15 @@ def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[
     alone
         Whether it is the only body; several bodies have a coarse problem for any splits.
     """
-    whole = (1,) * box.dimension
+    undecomposed = (1,) * box.dimension
     edges = sorted(c * h for c, h in zip(box.cells, box.spacing, strict=True))
     if at_least == 1 and edges[-1] > SLENDER * edges[-2] and box.nodes <= SLENDER_NODES:
-        return whole
+        return undecomposed
     enough = [split for split in _splits(box) if math.prod(split) >= at_least]
     best = min(enough, key=lambda split: seconds(box, split, alone), default=box.cells)
-    most = WORTH_SPLITTING * seconds(box, whole, alone)
+    most = WORTH_SPLITTING * seconds(box, undecomposed, alone)
     if at_least == 1 and seconds(box, best, alone) > most:
-        return whole
+        return undecomposed
     return best
 
 

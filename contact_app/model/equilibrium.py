@@ -90,9 +90,9 @@ def body_balances(
         found = balance(comm, both, contact_rows, load, float(scale[group].sum()), cones)
         if found.escape is not None:
             both_kinds = both, contact_rows
-            said = _no_equilibrium(scene, comm, group, both_kinds, load, found.escape, cones)
+            message = _no_equilibrium(scene, comm, group, both_kinds, load, found.escape, cones)
             hints = far_obstacle_hints(scene, contact.gaps, contact.sources, comm)
-            raise NoEquilibriumError("\n  ".join([said, *hints]))
+            raise NoEquilibriumError("\n  ".join([message, *hints]))
         shares = by_body(found.free_motions, MOTIONS[d])
         sliding = np.zeros((both.shape[1], 0))
         if group.max() < elastic:
@@ -301,12 +301,12 @@ def _leaving(names: Sequence[str], group: NDArray[np.int64], escape: NDArray[np.
     """Phrase with the bodies of a group that leave, and their directions."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
-    said = [
+    directions = [
         f"{names[b]} from leaving along {directions_in_words(motion[:, None])}"
         for b, motion, s in zip(group, motions, size, strict=True)
         if s > 1e-6 * size.max()
     ]
-    return " and ".join(said)
+    return " and ".join(directions)
 
 
 def body_frame(body: Body) -> tuple[NDArray[np.float64], float]:

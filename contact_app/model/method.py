@@ -175,10 +175,10 @@ def subdomains_of(scene: Scene, comm: MPI.Intracomm) -> None | int | tuple[int, 
     A method for undecomposed bodies has the fewest possible: one for each body, and one for each
     rank.
     """
-    asked = scene.decomposition.subdomains
-    if asked is None and is_undecomposed(scene):
+    subdomains = scene.decomposition.subdomains
+    if subdomains is None and is_undecomposed(scene):
         return max(len(scene.bodies), comm.size)
-    return asked
+    return subdomains
 
 
 def feti_options(scene: Scene) -> TotalFetiOptions | None:

@@ -168,9 +168,9 @@ class Outline:
 
         With friction all bodies float, as its active sets need a coarse problem.
         """
-        whole = np.array([n == 1 for n in self.partition.subdomains_of_body])
-        held = np.array([b.held for b in self.balances[: len(whole)]])
-        return whole & held & (self.friction is None)
+        single = np.array([n == 1 for n in self.partition.subdomains_of_body])
+        held = np.array([b.held for b in self.balances[: len(single)]])
+        return single & held & (self.friction is None)
 
 
 Tell = Callable[[Scene, Outline], None]
@@ -368,8 +368,10 @@ def left_out_notes(scene: Scene, known: Outline) -> list[str]:
     """A sentence on each kind of contact rows that are left out (collective)."""
     comm, count = known.partition.comm, len(scene.touching)
     sources = known.left_out.sources
-    far = known.left_out.gaps > known.reach[sources]
-    numbers = [np.bincount(s, minlength=count) for s in (sources[far], sources[~far])]
+    unreachable = known.left_out.gaps > known.reach[sources]
+    numbers = [
+        np.bincount(s, minlength=count) for s in (sources[unreachable], sources[~unreachable])
+    ]
     numbers.append(np.bincount(known.contact.sources, minlength=count))
     out, repeated, near = comm.allreduce(np.stack(numbers))
     held = "; if the answer penetrates them, they get rows and the scene is solved again"

@@ -57,9 +57,9 @@ def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
 
     A row about a node on a plane is that of the whole, and half its pressure's force is here.
     """
-    kept = found.nodes < total
-    number = np.cumsum(kept) - 1
-    here = kept[found.row]
+    original = found.nodes < total
+    number = np.cumsum(original) - 1
+    here = original[found.row]
     row, component = number[found.row[here]], found.component[here]
     of_image, node = np.divmod(found.node[here], total)
     value, points = found.value[here].copy(), found.entry_points[here]
@@ -71,14 +71,14 @@ def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
     key, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
     value = np.bincount(place.reshape(-1), value, minlength=len(key)).astype(np.float64)
     some = np.abs(value) > NEGLIGIBLE
-    planes = on_planes(scene, found.points[kept]).sum(axis=0)
+    planes = on_planes(scene, found.points[original]).sum(axis=0)
     return MeanGaps(
-        nodes=found.nodes[kept],
-        points=found.points[kept],
-        areas=found.areas[kept] * 0.5**planes,
-        gaps=found.gaps[kept],
-        normals=found.normals[kept],
-        moments=found.moments[kept],
+        nodes=found.nodes[original],
+        points=found.points[original],
+        areas=found.areas[original] * 0.5**planes,
+        gaps=found.gaps[original],
+        normals=found.normals[original],
+        moments=found.moments[original],
         row=key[some, 0],
         node=key[some, 1],
         component=key[some, 2],

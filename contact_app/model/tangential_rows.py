@@ -100,13 +100,13 @@ def tangential_rows(
     """
     d = contact.normals.shape[1]
     parts, coefficients, limits = [contact.none()], [np.zeros(0)], [np.zeros(0)]
-    taken = _taken_over(rough, contact, merged)
+    reused = _taken_over(rough, contact, merged)
     for each in rough:
         mine = contact.sources == each.number
         own = contact.of(mine)
         rows, left = each.slips(own)
         parts.append(rows.of(left))
-        limits.append(np.repeat(each.limits(own) + taken[mine], d - 1)[left])
+        limits.append(np.repeat(each.limits(own) + reused[mine], d - 1)[left])
         coefficients.append(np.full(int(left.sum()), each.law.coulomb or 0.0))
     of_rows, of_limits = np.concatenate(coefficients), np.concatenate(limits)
     nodes, sources = (np.concatenate([getattr(p, n) for p in parts]) for n in ("nodes", "sources"))

@@ -116,8 +116,8 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     label = _together(rows, own, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
-    kept = own | (loads.force > 0.0)
-    return ContactLoads(**{name: values[kept] for name, values in loads.__dict__.items()})
+    members = own | (loads.force > 0.0)
+    return ContactLoads(**{name: values[members] for name, values in loads.__dict__.items()})
 
 
 def _size(scene: Scene) -> float:
@@ -253,11 +253,11 @@ def _shares_in_turn(
 
     For rows on averages about vertices, the integrals of linear shape functions. Collective.
     """
-    taken = [np.zeros(0, np.int32) for _ in model.partition.subdomains]
+    chosen_before = [np.zeros(0, np.int32) for _ in model.partition.subdomains]
     for source in sources:
         touching = model.scene.touching[source]
         chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
-        left = [np.setdiff1d(own, t) for own, t in zip(chosen, taken, strict=True)]
+        left = [np.setdiff1d(own, t) for own, t in zip(chosen, chosen_before, strict=True)]
         means = has_averaged_rows(model.scene.bodies[touching.body])
         yield source, surface.shares(model, left, hats=means)
-        taken = [np.union1d(own, t) for own, t in zip(chosen, taken, strict=True)]
+        chosen_before = [np.union1d(own, t) for own, t in zip(chosen, chosen_before, strict=True)]

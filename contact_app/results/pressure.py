@@ -309,10 +309,10 @@ class _Boundary:
         copies = self._surface.copies(pressure)
         mean = self.about_vertices(copies)
         change = self.about_vertices(copies - self.extended(mean))
-        taken, given = np.minimum(change, 0.0), np.maximum(change, 0.0)
-        cut = np.maximum(taken, -mean)
-        sums = self._surface.exchange.comm.allreduce(np.stack([taken, cut]) @ self.areas)
-        return mean + cut + given * (sums[1] / sums[0] if sums[0] < 0.0 else 1.0)
+        lowered, raised = np.minimum(change, 0.0), np.maximum(change, 0.0)
+        cut = np.maximum(lowered, -mean)
+        sums = self._surface.exchange.comm.allreduce(np.stack([lowered, cut]) @ self.areas)
+        return mean + cut + raised * (sums[1] / sums[0] if sums[0] < 0.0 else 1.0)
 
     def about_vertices(self, copies: Array) -> Array:
         """P: averages about the vertices of values at copies, (owned,); 0 elsewhere."""

@@ -68,15 +68,15 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
     for i in range(d):
         force[:, i] = np.bincount(place, arrived[:, i], minlength=size)
     add_contact(model.problem, model.node_exchange, solution, force)
-    taken = np.zeros((size, 3), bool)
+    assigned = np.zeros((size, 3), bool)
     found = []
     for condition, copies in zip(conditions, held, strict=True):
         holds = np.zeros((size, 3), bool)
         on = np.zeros(size, bool)
         on[place[exchange.to_owners(copies.on)]] = True
         holds[:, :d] = on[:, None] & [value is not None for value in condition.values]
-        mine = np.where(holds & ~taken, force, 0.0)
-        taken |= holds
+        mine = np.where(holds & ~assigned, force, 0.0)
+        assigned |= holds
         shares = exchange.to_owners(copies.weight)
         weights = np.bincount(place, shares, minlength=size).astype(float)
         found.append(summed(model.comm, nodes.points, on, mine, weights))
@@ -117,11 +117,11 @@ def hold_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     np.add.at(sums, rows.sources, force)
     sums = model.comm.allreduce(sums)
     names, records = MOTION_NAMES[scene.dimension], []
-    for asked, total in zip(scene.bodies, sums, strict=True):
-        if asked.hold:
-            whole_force = Resultant(total[:3], total[3:], body_frame(asked)[0], 1.0)
+    for body, total in zip(scene.bodies, sums, strict=True):
+        if body.hold:
+            whole_force = Resultant(total[:3], total[3:], body_frame(body)[0], 1.0)
             records.append({
-                "on": asked.name, "hold": [names[k] for k in asked.hold],
+                "on": body.name, "hold": [names[k] for k in body.hold],
                 **joined([whole_force], scene.dimension),
             })  # fmt: skip
     return records

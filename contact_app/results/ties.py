@@ -35,10 +35,12 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
         nodes, at = np.unique(rows.nodes[mine], return_inverse=True)
         size = np.zeros(len(nodes))
         np.maximum.at(size, at.reshape(-1), area)
-        whole = np.zeros((len(nodes), 3))
-        np.add.at(whole, at.reshape(-1), f / area[:, None])
-        smoothed = smoothed_tractions(model, tie, nodes, whole)
-        peaks = [float(np.linalg.norm(t, axis=1).max(initial=0.0)) for t in (whole, smoothed)]
+        displacements = np.zeros((len(nodes), 3))
+        np.add.at(displacements, at.reshape(-1), f / area[:, None])
+        smoothed = smoothed_tractions(model, tie, nodes, displacements)
+        peaks = [
+            float(np.linalg.norm(t, axis=1).max(initial=0.0)) for t in (displacements, smoothed)
+        ]
         sums = np.concatenate([
             [area.sum(), size.sum(), len(nodes)], area @ x, f.sum(axis=0),
             (np.cross(x, f) + turn[mine]).sum(axis=0),

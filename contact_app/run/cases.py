@@ -110,11 +110,11 @@ class Overview:
     @property
     def warnings(self) -> list[str]:
         """Warnings: each sentence once, with its cases."""
-        said = []
+        messages = []
         for sentence, names in self._warnings.items():
             of = "all cases" if len(names) == len(self._scene.cases) > 1 else ", ".join(names)
-            said.append(f"{of}: {sentence}")
-        return said_once(said, [body.name for body in self._scene.bodies])
+            messages.append(f"{of}: {sentence}")
+        return said_once(messages, [body.name for body in self._scene.bodies])
 
     @property
     def summary(self) -> dict[str, Any]:

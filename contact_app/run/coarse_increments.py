@@ -132,13 +132,13 @@ class CoarseIncrements:
             return ""
         self._checked.add(step)
         seen = "; ".join(suspicions)
-        said = f"friction may depend on how large this increment is ({seen})"
+        text = f"friction may depend on how large this increment is ({seen})"
         if now.model.scene.rigid_bodies:
-            return f"{said}, which is not tested with rigid bodies: try more increments"
+            return f"{text}, which is not tested with rigid bodies: try more increments"
         change = halved(self._models, middle(), now, monitor())
         if change is None:
             return (
-                f"{said}, and its halves were not solved in the iterations allowed for that: try "
+                f"{text}, and its halves were not solved in the iterations allowed for that: try "
                 "the step with more increments"
             )
         if not change.matters:

@@ -26,9 +26,9 @@ def on_first(comm: MPI.Intracomm, action: Callable[[], object]) -> None:
             action()
         except (OSError, ContactError) as error:
             fault = error
-    told = comm.bcast(fault)
-    if told is not None:
-        raise fault or told
+    first_fault = comm.bcast(fault)
+    if first_fault is not None:
+        raise fault or first_fault
 
 
 HALO = "VecScatterBegin"

@@ -155,13 +155,13 @@ def _has_room(problem: DualProblem, dofs: int) -> bool:
 
 def cause(scene: Scene) -> str:
     """The cause of rounding errors in a scene, as a phrase in parentheses; may be empty."""
-    said = []
+    notes = []
     for body in scene.bodies:
         extent = np.subtract(body.mesh.upper, body.mesh.lower)
         slender = float(extent.max() / extent.min())
         if slender >= SLENDER:
-            said.append(f"{body.name} is {slender:.0f} times as long as thick")
+            notes.append(f"{body.name} is {slender:.0f} times as long as thick")
     moduli = [m.young for body in scene.bodies for m in body.materials]
     if max(moduli) >= CONTRAST * min(moduli):
-        said.append(f"Young's moduli differ by a factor of {max(moduli) / min(moduli):.1g}")
-    return f" ({'; '.join(said)})" if said else ""
+        notes.append(f"Young's moduli differ by a factor of {max(moduli) / min(moduli):.1g}")
+    return f" ({'; '.join(notes)})" if notes else ""

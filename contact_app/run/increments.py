@@ -153,11 +153,11 @@ def solved_increments(
             if isinstance(solved, NoWayLeftError):
                 raise solved
             half_way = Place(step, (part[0] + part[1]) / 2, place.number)
-            said = coarse.warning(
+            message = coarse.warning(
                 step, part[1] == 1, partial(_loaded, scene, half_way),
                 (last.solved if last else None, solved), partial(monitor_of, place),
             )  # fmt: skip
-            solved = warned(solved, [said]) if said else solved
+            solved = warned(solved, [message]) if message else solved
             models.add(solved)
             number += 1
             dissipated += float(solved.summary["solution"].get("dissipated_work", 0.0))

@@ -154,18 +154,18 @@ def _straight_facets(answer: Answer) -> Iterator[str]:
             continue
         names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
         second = "degree: 2 and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
-        said = (
+        message = (
             "the facets decide the gaps and the largest pressure; use `round: true` of the contact "
             f"and max_smoothed_pressure, or {second}"
         )
         if pair.round:
-            said = (
+            message = (
                 "the facets decide the largest pressure; use max_smoothed_pressure instead, or "
                 f"{second}"
             )
         yield (
             f"{pair.source}: {names} are round there and meet by flat facets, which lie up to "
-            f"{sagitta:.2g} beside the curve (h²/8R), {share}: {said}"
+            f"{sagitta:.2g} beside the curve (h²/8R), {share}: {message}"
         )
 
 
@@ -429,7 +429,7 @@ def _yielding(answer: Answer) -> list[str]:
 
 def _moved_far(answer: Answer) -> list[str]:
     """Bodies whose strains or contact forces are comparable with rounding errors."""
-    model, measures, said = answer.model, answer.solution.measures, []
+    model, measures, sentences = answer.model, answer.solution.measures, []
     elastic, every = model.scene.bodies, slice(len(model.scene.bodies))
     for body, moved, scale, rounding, force in zip(
         elastic, measures.displacements[every], measures.scales[every],
@@ -437,17 +437,17 @@ def _moved_far(answer: Answer) -> list[str]:
     ):  # fmt: skip
         share = float(np.sqrt(rounding / scale)) if scale > 0.0 else 0.0
         if share > ROUNDED_STRAINS:
-            said.append(
+            sentences.append(
                 f"{body.name} moves by {moved:.3g} and is hardly strained: rounding errors of its "
                 f"displacements reach {100.0 * share:.2g} % of its strains; draw the body nearer "
                 "to its final place"
             )
         elif scale == 0.0 and force > 0.0:
-            said.append(
+            sentences.append(
                 f"{body.name} moves by {moved:.3g} and its strains are rounding errors: so are its "
                 f"contact forces, {force:.2g} in total"
             )
-    return said
+    return sentences
 
 
 def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDArray[np.float64]:

@@ -123,10 +123,10 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
         points, size = contact.points[mine], float(moved[item.body])
         if not len(points) or size == 0.0:
             continue
-        told, normal = _told(scene, places, item, points)
+        distance, normal = _told(scene, places, item, points)
         gap, turned = after.contacts[number].gap_and_normal(points)
         near = pressed[mine] | (gap <= size)
-        error = np.abs(gap - told) / size + np.linalg.norm(turned - normal, axis=1)
+        error = np.abs(gap - distance) / size + np.linalg.norm(turned - normal, axis=1)
         worst = max(worst, float(error[near].max(initial=0.0)))
     return float(model.comm.allreduce(worst, op=MPI.MAX))
 

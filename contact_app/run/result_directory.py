@@ -51,10 +51,10 @@ def clear(directory: Path, resume: bool) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     _clear_cases(directory)
     going_on = resume and (directory / CHECKPOINT).is_file()
-    kept = _kept(directory) if going_on else ()
+    retained = _kept(directory) if going_on else ()
     increments = [path.name for path in directory.iterdir() if OF_INCREMENTS.fullmatch(path.name)]
     for name in (*RESULTS, *increments):
-        if name not in kept:
+        if name not in retained:
             (directory / name).unlink(missing_ok=True)
     if not going_on:
         remove_checkpoint(directory)

@@ -155,10 +155,10 @@ def solve_scene(
             "without them"
         )
     scene = chosen(scene)
-    asked = _Request(
+    request = _Request(
         scene, comm, monitor, checkpoint, tell, start, Timings(), needed=needed, cases=cases
     )
-    solved = _at_rest(asked)
+    solved = _at_rest(request)
     if not scene.guaranteed:
         return solved
     from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
@@ -171,45 +171,45 @@ def solve_scene(
     return replace(solved, guaranteed=found, summary=summary)
 
 
-def _at_rest(asked: _Request) -> SolvedScene:
+def _at_rest(request: _Request) -> SolvedScene:
     """Solve a scene repeatedly until the placements of its rigid bodies agree with the answer."""
     relaxation = Relaxation()
     for count in range(PLACINGS):
         try:
-            solved = _certified(asked)
+            solved = _certified(request)
         except NoEquilibriumError as error:
             raise (leaves_where_placed(error) if count else error) from None
         places = placed_anew(solved)
         if places is None:
             return solved
-        if asked.comm.rank == 0:
+        if request.comm.rank == 0:
             log.info("rigid bodies have moved: solving again with new placements")
         places = relaxation.towards(solved.model.scene.placements, places)
-        asked = replace(
-            asked, scene=asked.scene.placed(places), start=SameRows(solved.solution.multiplier),
+        request = replace(
+            request, scene=request.scene.placed(places), start=SameRows(solved.solution.multiplier),
             checkpoint=None, spent=solved.solution.counts, tell=None,
         )  # fmt: skip
     solved = never_placed(solved)
     return replace(solved, summary=summary_of(solved))
 
 
-def _certified(asked: _Request) -> SolvedScene:
+def _certified(request: _Request) -> SolvedScene:
     """Solve a scene by the first method that ends with a certificate (collective)."""
 
     def solve_one_way(scene: Scene, spent: Counts, first: bool) -> SolvedScene:
-        checkpoint = asked.checkpoint if first else None
-        return _solved(replace(asked, scene=scene, checkpoint=checkpoint, spent=spent))
+        checkpoint = request.checkpoint if first else None
+        return _solved(replace(request, scene=scene, checkpoint=checkpoint, spent=spent))
 
-    keeps = asked.cases is not None and asked.cases.keeps_subdomains
-    return first_certified(asked.scene, asked.comm, solve_one_way, asked.spent, keeps)
+    keeps = request.cases is not None and request.cases.keeps_subdomains
+    return first_certified(request.scene, request.comm, solve_one_way, request.spent, keeps)
 
 
-def _solved(asked: _Request) -> SolvedScene:
+def _solved(request: _Request) -> SolvedScene:
     """Solve a scene, and again if the answer penetrates omitted contacts (collective)."""
-    comm = asked.comm
+    comm = request.comm
     comm.barrier()  # processes begin at different times: waiting must not count as time of a stage
     for _ in range(EXTENSIONS):
-        solved = _solve_once(asked)
+        solved = _solve_once(request)
         model, solution, slack = solved.model, solved.solution, solved.nodes.slack
         sizes = _lengths_of_contacts(solved)[model.left_out.sources]
         crossed = slack < -min(solution.tolerance, CROSSED) * sizes
@@ -225,8 +225,8 @@ def _solved(asked: _Request) -> SolvedScene:
             comm.allreduce(int(needed.sum() - model.needed.sum())),
         )
         # the checkpoint remains that of the first solve, with which a resumed run begins
-        asked = replace(asked, checkpoint=None, spent=solution.counts, needed=needed)
-    return _solve_once(replace(asked, needed="all"))
+        request = replace(request, checkpoint=None, spent=solution.counts, needed=needed)
+    return _solve_once(replace(request, needed="all"))
 
 
 def _lengths_of_contacts(solved: SolvedScene) -> NDArray[np.float64]:
@@ -236,24 +236,24 @@ def _lengths_of_contacts(solved: SolvedScene) -> NDArray[np.float64]:
                      for item in bodies])  # fmt: skip
 
 
-def _solve_once(asked: _Request) -> SolvedScene:
+def _solve_once(request: _Request) -> SolvedScene:
     """Solve with the needed contact rows, after some work spent before (collective)."""
-    comm, timings = asked.comm, asked.timings
+    comm, timings = request.comm, request.timings
     for whose in (PETSc.COMM_SELF, comm):  # free the memory of earlier solves
         PETSc.garbage_cleanup(whose)
     try:
-        model = asked.model()
+        model = request.model()
     except FAILURES as error:
         raise NoAnswerError(failure_text(error)) from error
     communication = Communication(comm)
-    estimator = asked.estimator(model)
+    estimator = request.estimator(model)
     with timings.measure("solve"):
-        solution, failed = _solution_of(model, estimator, asked)
+        solution, failed = _solution_of(model, estimator, request)
     give_back()  # return freed memory to the system, so that the estimate of free memory sees it
-    said = communication.per_multiplication(solution.counts)
+    record = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
-        solution = replace(solution, accuracy=accuracy, counts=asked.spent + solution.counts)
+        solution = replace(solution, accuracy=accuracy, counts=request.spent + solution.counts)
     with timings.measure("output"):
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)
@@ -264,11 +264,13 @@ def _solve_once(asked: _Request) -> SolvedScene:
             solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
         )
         nodal = nodal_stresses(model, solution, estimator)
-    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, said)
+    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
     return replace(solved, summary=summary_of(solved))
 
 
-def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tuple[Solution, str]:
+def _solution_of(
+    model: Model, estimator: ErrorEstimator, request: _Request
+) -> tuple[Solution, str]:
     """The answer of the dual methods; if they fail in the fewest subdomains, of Newton's method.
 
     Returns
@@ -281,10 +283,10 @@ def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tu
         The solver failed, and Newton's method failed or is not to be tried yet.
     """
     scene, options, solution = model.scene, model.scene.solver, None
-    begin = asked.start.on(model) if asked.start is not None else None
+    begin = request.start.on(model) if request.start is not None else None
     try:
         solution = solve(
-            model.problem, options, asked.monitor, asked.checkpoint, estimator.accuracy, begin
+            model.problem, options, request.monitor, request.checkpoint, estimator.accuracy, begin
         )
         if is_final(model, solution, options.max_iterations):
             return solution, ""
@@ -296,7 +298,7 @@ def _solution_of(model: Model, estimator: ErrorEstimator, asked: _Request) -> tu
     fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
     if fewest and not is_undecomposed(scene) and not scene.has_friction:
         tolerance = options.tightest if options.tolerance == "auto" else options.tolerance
-        direct = solve_directly(model.problem, model.dofs, tolerance, solution, asked.monitor)
+        direct = solve_directly(model.problem, model.dofs, tolerance, solution, request.monitor)
         if direct is not None and (solution is None or direct.converged):
             return direct, (
                 f"the dual problem could not be solved to a certificate ({why}){cause(scene)}: "

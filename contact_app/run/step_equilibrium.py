@@ -68,8 +68,8 @@ def leaving_in_step(
         except NoEquilibriumError as earlier:
             leaves, error = share, earlier
         share = 0.5 * (stands + leaves)
-    said = str(error).removeprefix(f"{scene.source}: ")
+    message = str(error).removeprefix(f"{scene.source}: ")
     found = 0.5 * (stands + leaves) if stands else 0.0
     where = f"from its factor {found:.3g} on" if stands else "from its start on"
-    text = f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {said}"
+    text = f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {message}"
     return LeavesInStepError(text, found)

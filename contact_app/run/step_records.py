@@ -55,7 +55,7 @@ def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Reco
     known = list(final["certificate"]["warnings"])
     for record in records[:-1]:
         for sentence in record["certificate"]["warnings"]:
-            if not any(sentence in told for told in known):
+            if not any(sentence in earlier for earlier in known):
                 known.append(f"step {record['step']}, factor {record['factor']:.6g}: {sentence}")
     keys = dict.fromkeys(key for record in records for key in record["timings"])
     timings = {key: sum(record["timings"].get(key, 0.0) for record in records) for key in keys}

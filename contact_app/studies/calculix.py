@@ -104,8 +104,8 @@ def scene_of(part: Part, mesh: Path | None = None) -> dict[str, Any]:
         body["mesh"]["file"] = str((mesh or own).resolve())
         if part.degree is not None:
             body["degree"] = part.degree
-    kept = [c for c in made["conditions"] if part.factors.get(c.get("name"), 1.0 - ("name" in c))]
-    made["conditions"] = kept
+    active = [c for c in made["conditions"] if part.factors.get(c.get("name"), 1.0 - ("name" in c))]
+    made["conditions"] = active
     return made
 
 

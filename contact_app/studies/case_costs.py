@@ -97,8 +97,8 @@ def with_cases(loaded: Loaded, numbers: Sequence[int]) -> dict[str, Any]:
             body["mesh"]["file"] = str((path.parent / body["mesh"]["file"]).resolve())
     if loaded.cells is not None:
         made["bodies"][0]["mesh"]["box"]["cells"] = list(loaded.cells)
-    kept = [c for c in made["conditions"] if "displacement" in c]
-    made["conditions"] = [*kept, *loaded.loads]
+    supports = [c for c in made["conditions"] if "displacement" in c]
+    made["conditions"] = [*supports, *loaded.loads]
     names = [load["name"] for load in loaded.loads if "name" in load]
     factors = np.linspace(loaded.first, loaded.last, CASES)
     made["cases"] = {

@@ -342,9 +342,9 @@ def chart(
         Functions that run the reference and the points.
     """
     runs = runs or Runs()
-    told = [variant.describe(sweep.scene) for variant in sweep.references]
+    descriptions = [variant.describe(sweep.scene) for variant in sweep.references]
     text = config.read_text(encoding="utf-8")
-    stored = StoredPoints(output, [text, *overrides, *told], resume)
+    stored = StoredPoints(output, [text, *overrides, *descriptions], resume)
     for sentence in sweep.left_out:
         yield Progress(f"left out: {sentence}")
     if stored.points:

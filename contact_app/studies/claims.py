@@ -30,7 +30,7 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene import configuration
 from contact_app.scene.build import build_scene
 from contact_app.scene.scene import Scene
-from contact_app.studies.claims_reference import FineSolution, truth
+from contact_app.studies.claims_reference import FineSolution, fine_solution
 from contact_app.studies.claims_scenes import ClaimScene, claim_scene
 from solver import QPError
 
@@ -77,10 +77,10 @@ class Claim:
 
     def row(self, words: str) -> str:
         """The row of the table."""
-        said = "met" if self.met else self.missed
+        outcome = "met" if self.met else self.missed
         return (
             f"| {self.seed} | {words} | {100 * self.target:g} % | {100 * self.claimed:.2f} % | "
-            f"{100 * self.measured:.2f} % | {self.ratio:.2f} | {said} | {self.levels} | "
+            f"{100 * self.measured:.2f} % | {self.ratio:.2f} | {outcome} | {self.levels} | "
             f"{self.dofs:,} | {self.seconds:.1f} |"
         )
 
@@ -121,7 +121,7 @@ def study(
         claim = claim_scene(seed, dimension)
         try:
             with time_limit(4 * limit):
-                known = truth(claim, scene_of(claim, None), cache)
+                known = fine_solution(claim, scene_of(claim, None), cache)
         except (ContactError, QPError, OutOfTime, RuntimeError) as error:
             yield f"left out: {seed}: {claim.words}: {_message(error)}"
             continue

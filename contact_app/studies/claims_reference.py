@@ -174,13 +174,13 @@ def _with(line: Array, wanted: Array, size: float) -> Array:
     return np.unique(line)
 
 
-def truth(claim: ClaimScene, scene: Scene, cache: Path) -> FineSolution:
+def fine_solution(claim: ClaimScene, scene: Scene, cache: Path) -> FineSolution:
     """The solution on the fine mesh, solved once and stored in a directory."""
     path = cache / f"reference-{scene.dimension}d-{claim.seed}.pickle"
     if path.is_file():
         with path.open("rb") as file:
-            kept: FineSolution = pickle.load(file)  # written by this study
-        return kept
+            stored: FineSolution = pickle.load(file)  # written by this study
+        return stored
     solved = _solved(scene, reference_lines(claim, scene.dimension))
     for _ in range(ROUNDS):
         if solved.accuracy.discretisation < EXACT:

@@ -73,8 +73,8 @@ def main() -> None:
     try:
         for c in comparisons(directory):
             numbers = " | ".join(
-                f"{told:.2g} | {took:.2g} | {told / took:.2f}"
-                for told, took in (c.seconds, c.memory)
+                f"{estimated:.2g} | {measured:.2g} | {estimated / measured:.2f}"
+                for estimated, measured in (c.seconds, c.memory)
             )
             print(f"| {c.name} | {numbers} |", flush=True)
     except RunError as error:

@@ -31,7 +31,7 @@ Numbers = NDArray[np.int64]
 BATCH = 4_000
 """Number of cells processed at once: some 100 MB for hexahedra of degree 2."""
 
-KEPT = 4
+STORED = 4
 """Number of meshes with a stored interpolation: 100 MB each for a finest mesh of 10⁶ nodes."""
 
 SHARES = {2: (1, 1), 3: (1, 1, 2), (3, 3): (1, 1, 1), 6: (1, 1, 1, 3, 3, 3),
@@ -79,7 +79,7 @@ class PointsOfMesh:
         kind = b"first" if first_order and body.degree > 1 else b"own"
         key = sha256(body.points.tobytes() + body.cells.tobytes() + kind).digest()
         if key not in self._known:
-            if len(self._known) == KEPT:
+            if len(self._known) == STORED:
                 del self._known[next(iter(self._known))]
             self._known[key] = interpolation(body, self._finest.points, first_order)
         return np.asarray(self._known[key] @ values.reshape(len(body.points), -1))

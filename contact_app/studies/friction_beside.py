@@ -180,8 +180,8 @@ def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
                     try:
                         found, row = run(program, name, level, degree, where)
                     except (RuntimeError, subprocess.SubprocessError) as error:
-                        told = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
-                        yield {**_bare(name, program, (level, degree)), "note": told}
+                        note = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
+                        yield {**_bare(name, program, (level, degree)), "note": note}
                         break
                     yield _row(name, program, (level, degree), found, row, judge.errors(found))
             if reason:
@@ -198,8 +198,8 @@ def _row(
     errors: dict[str, float],
 ) -> dict[str, Any]:  # fmt: skip
     unknowns = sum(points.size for points in found.points)
-    kept = {key: row[key] for key in ("cpu", "clock", "note")}
-    return {**_bare(name, program, mesh), "unknowns": unknowns, **kept, **errors}
+    measured = {key: row[key] for key in ("cpu", "clock", "note")}
+    return {**_bare(name, program, mesh), "unknowns": unknowns, **measured, **errors}
 
 
 def table(found: Sequence[dict[str, Any]], name: str) -> Iterator[str]:

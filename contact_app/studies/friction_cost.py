@@ -288,14 +288,15 @@ def law_of(rubbed: FrictionScene) -> str:
 
 
 def _cells(name: str, method: str, before: Work, after: Work, most: float) -> str:
-    took, without = after.applications, before.applications
+    applications, without = after.applications, before.applications
     told_method = f"{method} (auto)" if method == method_of_auto(name) else method
     cells = [name, told_method, "none" if without is None else f"{without}"]
-    told = "no answer" if took is None else f"{took}" + ("" if after.passed else ", not certified")
-    over = "" if took is None or took <= most else " (above)"
-    ratio = f"{took / without:.1f}" if took is not None and without else ""
+    passed = "" if after.passed else ", not certified"
+    shown = "no answer" if applications is None else f"{applications}{passed}"
+    over = "" if applications is None or applications <= most else " (above)"
+    ratio = f"{applications / without:.1f}" if applications is not None and without else ""
     sets = len(after.sets)
-    return "| " + " | ".join([*cells, told, f"{most:.0f}{over}", ratio, f"{sets}"]) + " |"
+    return "| " + " | ".join([*cells, shown, f"{most:.0f}{over}", ratio, f"{sets}"]) + " |"
 
 
 def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
@@ -320,8 +321,8 @@ def active_set_lines(names: Sequence[str], methods: Sequence[str]) -> Iterator[s
             known = SCENES | HISTORIES
             found = counted(scene_of(known[name], method, increments=10))
             yield f"{name} {method}: {found.applications}"
-            for (part, number), (took, rows) in found.sets.items():
-                yield f"  increment {part + 1}, set {number}: {took} steps, {rows} active rows"
+            for (part, number), (count, rows) in found.sets.items():
+                yield f"  increment {part + 1}, set {number}: {count} steps, {rows} active rows"
 
 
 def main() -> None:

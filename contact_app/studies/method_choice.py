@@ -59,8 +59,8 @@ def row(path: Path, degree: int, limit: float, run: Run = run_once) -> str:
     done = [one for one in found.values() if not isinstance(one, str)]
     unknowns = f"{done[0]['unknowns']:,}" if done else ""
     used = found["auto"]
-    took = "" if isinstance(used, str) else used["used"]
-    return f"| {path.stem} | {degree} | {unknowns} | {took} | {' | '.join(cells)} | {ratio} |"
+    winner = "" if isinstance(used, str) else used["used"]
+    return f"| {path.stem} | {degree} | {unknowns} | {winner} | {' | '.join(cells)} | {ratio} |"
 
 
 def _seconds(found: Row | str) -> float | None:

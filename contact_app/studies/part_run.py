@@ -67,9 +67,9 @@ def ours(
     path: Path, overrides: Sequence[str], method: str, tolerance: float, once: bool = False
 ) -> dict[str, Any]:
     """Solve a scene with this application, and unless `once` again with the contact known."""
-    asked = [*overrides, f"solver.method={method}", f"solver.tolerance={tolerance}"]
+    changes = [*overrides, f"solver.method={method}", f"solver.tolerance={tolerance}"]
     clock = _Clock()
-    scene = scene_of(path, asked, MPI.COMM_WORLD)
+    scene = scene_of(path, changes, MPI.COMM_WORLD)
     reading, cpu_reading = clock.seconds()
     clock = _Clock()
     solved = solve_scene(scene, MPI.COMM_WORLD)
@@ -197,8 +197,8 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, default=1e-8)
     parser.add_argument("--once", action="store_true", help="no solve with the contact known")
     given = parser.parse_args()
-    asked = given.scene, given.overrides, given.method, given.tolerance
-    row = ours(*asked, once=given.once) if given.method in OURS else peer(*asked)
+    request = given.scene, given.overrides, given.method, given.tolerance
+    row = ours(*request, once=given.once) if given.method in OURS else peer(*request)
     row |= {"memory": float(MPI.COMM_WORLD.allreduce(peak_rss_gb())), "ranks": MPI.COMM_WORLD.size}
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(row), flush=True)

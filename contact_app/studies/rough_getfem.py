@@ -131,8 +131,8 @@ class Program:
             ends = scene.bodies[b].points[np.unique(scene.bodies[b].sides[fixed.side])]
             plane = ends[0, fixed.axis]
             held |= (dofs % d == fixed.axis) & (np.abs(where[fixed.axis] - plane) < 1e-9)
-        kept = dofs[~held]
-        model.add_fem_variable("force", gf.MeshFem("partial", space, kept))
+        free = dofs[~held]
+        model.add_fem_variable("force", gf.MeshFem("partial", space, free))
         facets = scene.bodies[b].sides[side]
         size = float(np.ptp(scene.bodies[b].points[facets[:, :2]], axis=1).max(axis=1).mean())
         model.add_initialized_data("r", AUGMENTATION * scene.bodies[b].young / size)
@@ -157,7 +157,7 @@ class Program:
             u = model.variable(f"u{b}")
             u[d - 1 :: d] = -ENTERING * size
             model.set_variable(f"u{b}", u)
-        return kept, space
+        return free, space
 
     def solve(self) -> tuple[Outcome, list[int]]:
         """The solution at the end of the history, and the Newton steps of each increment.

@@ -269,8 +269,8 @@ def grid(
     nx, ny = (count(c, size) for c in cells)
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
     if keep is not None:
-        kept = keep(lengths[0] * (i + 0.5) / nx, lengths[1] * (j + 0.5) / ny)
-        i, j = i[kept], j[kept]
+        inside = keep(lengths[0] * (i + 0.5) / nx, lengths[1] * (j + 0.5) / ny)
+        i, j = i[inside], j[inside]
     i, j = i.ravel(), j.ravel()
     following = (i + 1) % nx if closed else i + 1
     quads = np.column_stack([i * (ny + 1) + j, following * (ny + 1) + j,

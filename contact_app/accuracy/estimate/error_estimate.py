@@ -224,13 +224,13 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
     """
     measures = solution.measures
     groups, count = measures.groups, len(measures.gaps)
-    square, norm, rounding, told = (
+    square, norm, rounding, reported = (
         np.bincount(groups, values, count)
         for values in (*squares, measures.roundings, measures.scales + measures.pressed)
     )
-    whole, strained = float(norm.sum()), norm > STRAINLESS * rounding
-    if (~strained & (told > 0.0)).any():  # forces, but no strains to be relative to
-        return Accuracy(np.nan, np.nan, np.nan, whole, np.nan)
+    total, strained = float(norm.sum()), norm > STRAINLESS * rounding
+    if (~strained & (reported > 0.0)).any():  # forces, but no strains to be relative to
+        return Accuracy(np.nan, np.nan, np.nan, total, np.nan)
     if not strained.any():
         return Accuracy(0.0, 0.0, 0.0, 0.0, 0.0)
     solver = measures.error_squares()
@@ -243,7 +243,7 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
         discretisation=float(errors[0]),
         algebraic=float(errors[1]),
         total=float(np.sqrt(totals[worst])),
-        square=whole,
+        square=total,
         round_off=float(errors[2]),
         bodies=tuple((float(mesh), float(error)) for mesh, error in bodies.T),
     )

@@ -307,8 +307,8 @@ def pseudo_inverse(A: Array, weak: float, dimension: int) -> Array:
         diagonal = np.einsum("nii->ni", A)[:, begin:end]
         scale = _outer(np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
         values, vectors = np.linalg.eigh(left / scale)
-        kept = values > weak
-        own = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+        determined = values > weak
+        own = np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)
         corner = np.einsum("nij,nj,nkj->nik", vectors, own, vectors) / scale
         side = known @ corner
         inverse = np.block(

@@ -111,8 +111,8 @@ class Surface:
             begin, end = np.searchsorted(self._exterior, copies.starts[cls : cls + 2])
             row, member = np.divmod(self._exterior[begin:end] - copies.starts[cls], values.shape[1])
             mine, before = changes[begin:end], values[own[row], member]
-            taken = mine[:, : s * s].reshape(-1, s, s) @ before[..., None]
-            values[own[row], member] = before - taken[..., 0] + mine[:, s * s :]
+            removed = mine[:, : s * s].reshape(-1, s, s) @ before[..., None]
+            values[own[row], member] = before - removed[..., 0] + mine[:, s * s :]
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,22 +47,24 @@ def locally_refined(scene: Scene, solved: SolvedScene, wanted: float) -> Scene:
     total = sum(float(part.sum()) for part in squares)
     degree = min(body.degree for body in scene.bodies)
     theta = float(np.clip((1.0 - wanted**2) / (1.0 - 4.0**-degree), LEAST, MOST))
-    whole = [not _divisible(body) for body in scene.bodies]
+    indivisible = [not _divisible(body) for body in scene.bodies]
     left = (1.0 - theta) * total / len(scene.bodies)
-    bodies, taken = [], 0.0
-    for body, part, together in zip(scene.bodies, squares, whole, strict=True):
+    bodies, marked_share = [], 0.0
+    for body, part, together in zip(scene.bodies, squares, indivisible, strict=True):
         if together and part.sum() > left:
-            taken += float(part.sum())
+            marked_share += float(part.sum())
             body = _finer(body)
         bodies.append(body)
-    some = np.concatenate([np.zeros(0), *(p for p, w in zip(squares, whole, strict=True) if not w)])
+    some = np.concatenate(
+        [np.zeros(0), *(p for p, w in zip(squares, indivisible, strict=True) if not w)]
+    )
     ordered = np.sort(some)[::-1]
-    enough = np.searchsorted(np.cumsum(ordered), theta * total - taken)
-    if len(ordered) and theta * total > taken:
+    enough = np.searchsorted(np.cumsum(ordered), theta * total - marked_share)
+    if len(ordered) and theta * total > marked_share:
         least = ordered[min(int(enough), len(ordered) - 1)]
         for b, (body, part) in enumerate(zip(bodies, squares, strict=True)):
             marked = np.flatnonzero(part >= least)
-            if not whole[b] and len(marked):
+            if not indivisible[b] and len(marked):
                 assert isinstance(body.mesh, CellMesh)
                 bodies[b] = replace(body, mesh=bisected(body.mesh, marked))
     return replace(scene, bodies=tuple(bodies))

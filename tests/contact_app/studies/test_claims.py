@@ -9,7 +9,7 @@ import pytest
 
 from contact_app.scene.material import Material
 from contact_app.studies.claims import run_claim, scene_of
-from contact_app.studies.claims_reference import truth
+from contact_app.studies.claims_reference import fine_solution
 from contact_app.studies.claims_scenes import claim_scene
 from contact_app.studies.grid_fields import GridField, square_distance
 
@@ -42,7 +42,7 @@ def test_the_distance_of_fields_on_different_grids() -> None:
 def test_a_random_claim_holds(dimension: int, seed: int, target: float, tmp_path: Path) -> None:
     """They were wrong by 1.3 to 3.8 times: discs on few cells, ν = 0.49 in bending."""
     scene = claim_scene(seed, dimension)
-    known = truth(scene, scene_of(scene, None), tmp_path)
+    known = fine_solution(scene, scene_of(scene, None), tmp_path)
     claim = run_claim(scene, target, known)
     assert claim.met
     assert claim.ratio <= 1.05
@@ -53,6 +53,6 @@ def test_a_random_claim_holds(dimension: int, seed: int, target: float, tmp_path
 def test_random_claims_hold(dimension: int, tmp_path: Path) -> None:
     for seed in range(6):
         scene = claim_scene(seed, dimension)
-        known = truth(scene, scene_of(scene, None), tmp_path)
+        known = fine_solution(scene, scene_of(scene, None), tmp_path)
         claim = run_claim(scene, 0.3, known)
         assert not claim.met or claim.ratio <= 1.25
