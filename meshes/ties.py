@@ -26,6 +26,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -81,11 +82,20 @@ class Decided:
         return result
 
 
-def mean_jumps(on: Surface, against: Surface, decided: Decided, *, gives: bool = True) -> MeanJumps:
-    """The mortar rows of two tied surfaces.
+def mean_jumps(
+    on: Surface,
+    against: Surface,
+    decided: Decided,
+    comm: MPI.Intracomm = MPI.COMM_SELF,
+    *,
+    gives: bool = True,
+) -> MeanJumps:
+    """The mortar rows of two tied surfaces (collective).
 
     Parameters
     ----------
+    comm
+        Ranks that have both surfaces and share the work.
     gives
         Whether functions of nodes with known displacements are distributed to neighbours; otherwise
         each node has its own rows.
@@ -95,7 +105,7 @@ def mean_jumps(on: Surface, against: Surface, decided: Decided, *, gives: bool =
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    found = overlaps(on, against, tilted=True)
+    found = overlaps(on, against, tilted=True, comm=comm)
     made = _Ties.of(on, against, found)
     here, there = decided.of(made.nodes), decided.of(made.others)
     beyond = abs(made.jump[:, len(made.nodes) :])

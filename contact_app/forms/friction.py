@@ -38,7 +38,8 @@ def jumps_of(
             jumps.append(None)
         else:
             on, against = own.surfaces
-            jumps.append(mean_jumps(on, against, decided_by(exchange, held), gives=False))
+            decided = decided_by(exchange, held)
+            jumps.append(mean_jumps(on, against, decided, exchange.comm, gives=False))
     return tuple(jumps)
 
 

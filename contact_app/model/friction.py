@@ -92,7 +92,8 @@ def _jumps(
         side = gather_surface(scene, partition, facets_of(scene.bodies, partition, body, boundary))
         assert side is not None  # its contact rows were written
         sides.append(side)
-    return mean_jumps(sides[0], sides[1], decided_by(exchange, held), gives=False)
+    decided = decided_by(exchange, held)
+    return mean_jumps(sides[0], sides[1], decided, partition.comm, gives=False)
 
 
 def _shares(

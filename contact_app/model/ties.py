@@ -70,7 +70,7 @@ def tied_rows(
     for number, tie in enumerate(scene.ties):
         sides = _sides(scene, partition, tie)
         try:
-            found = mean_jumps(*sides, decided)
+            found = mean_jumps(*sides, decided, partition.comm)
         except SurfacesApartError as error:
             raise ConfigurationError(f"{scene.at(tie.source)}: {error}") from error
         if found.gap > FAR * found.size:

@@ -1,4 +1,4 @@
-"""Ranks that share the checks of a mesh, or the rows of a pair, find what one rank finds."""
+"""Ranks that share the checks of a mesh, or the rows of pairs, find what one rank finds."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from mpi4py import MPI
 from meshes import MeshError
 from meshes.mortar import mean_gaps
 from meshes.repair import load_mesh
+from meshes.ties import Decided, mean_jumps
 from tests import meshfiles
 from tests.meshes.test_mortar import cap, patch
 from tests.ranks import execute
@@ -41,7 +42,7 @@ def message(mesh: meshio.Mesh, comm: MPI.Intracomm) -> str:
 
 
 def compare_with_one_rank() -> None:
-    """Messages, and the rows of pairs; one of them has a single facet."""
+    """Messages, and the rows of pairs in contact and tied; one of them has a single facet."""
     comm = MPI.COMM_WORLD
     for words, mesh in broken().items():
         told = message(mesh, comm)
@@ -54,6 +55,12 @@ def compare_with_one_rank() -> None:
         together, alone = mean_gaps(on, against, comm), mean_gaps(on, against)
         for name, values in vars(alone).items():
             np.testing.assert_allclose(getattr(together, name), values, rtol=1e-12, atol=1e-14)
+        nothing = Decided(np.zeros(0, np.int64), np.zeros((0, 3), bool), np.zeros(0, np.int64))
+        shared, own = mean_jumps(on, against, nothing, comm), mean_jumps(on, against, nothing)
+        assert shared.gap == pytest.approx(own.gap, abs=1e-14)
+        for rows, expected in zip(shared.rows, own.rows, strict=True):
+            for name, values in vars(expected).items():
+                np.testing.assert_allclose(getattr(rows, name), values, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.mpi
