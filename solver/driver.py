@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.active_set import ActiveSetOptions
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
 from solver.contact.monitoring import with_bounds
 from solver.contact.options import Method, SolverOptions

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import Generic
 
 import numpy as np
@@ -21,6 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.law import ContactLaw, Found, Frictionless
 from solver.contact.monitoring import on_active_set
 from solver.errors import QPError
@@ -30,94 +32,6 @@ from solver.qp.result import Counts, Monitor, Reason
 from solver.vectors import largest_magnitude
 
 Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class ActiveSetOptions:
-    """The tuned numbers of the active-set loop.
-
-    Attributes
-    ----------
-    most_sets
-        Largest number of active sets. Where contact peels off row by row, each set costs a handful
-        of operator applications.
-    first_reduction, next_reduction
-        Reduction of the residual before the first evaluation of the KKT residuals on a set and
-        between later ones.
-    sets_before_levels
-        Number of sets on all contact rows after which the loop begins anew on the coarsest level of
-        the constraint hierarchy. Most contact of thin bodies settles in fewer sets: a disc pressed
-        on a plane (`configs/cylinder.yaml`) takes 67 operator applications, and 149 on levels.
-    steady
-        The loop begins on levels earlier if rows leave in two sets in a row and no row joins, the
-        second time at least by this ratio to the number of the first time. Where Newton's method
-        converges, the numbers fall faster.
-    few
-        Number of rows that leave at any edge of contact, whether it peels off or not.
-    coarse_reduction
-        `first_reduction` on the coarser levels of the constraint hierarchy: the next level has to
-        undo wrong decisions of a coarser one.
-    evaluations
-        Evaluations on a set before it is solved to the end.
-    significant
-        Relative forces and distances from which on a row changes its status, over the estimate of
-        the error.
-    largest_error
-        Estimate of the error in energy norm, over the energy norm of the answer, above which the
-        answer on a set does not change the set.
-    first_share
-        The contacts that close within this share of the load after the first contact closes join an
-        empty set.
-    margin
-        Share of the largest admissible jump below which an answer is given to the stopping test.
-    tighten
-        Factor on the residual after a rejected answer.
-    deeper
-        Factor on `first_reduction` each time the loop returns to an earlier set.
-    patience
-        Number of sets after which `first_reduction` is multiplied by `tighten`, repeatedly: with
-        friction no two sets are equal, so the loop cannot detect a decision made too early by a
-        repeated set. Zero for never.
-    peeled
-        Share of the active rows that leave in two sets in a row, from which on the contact is said
-        to peel off.
-    release_at_edge
-        Whether rows leave together with their mirror image across the edge of contact.
-    rejoining
-        Share of the rows released as mirror images that may join later sets again. A larger share
-        shows that the contact edge is not where the rule expects it, for example where most of a
-        base lifts off. The sets would nearly cycle, so the rule is switched off.
-    looks_ahead
-        Whether a law may release points before the state of a set shows that they slide
-        (`solver.contact.slip_front`). Where the sets fail, the loop runs once more without.
-    returning
-        Share of the points so released that may stick again before the rule is switched off.
-    """
-
-    most_sets: int = 60
-    first_reduction: float = 0.3
-    next_reduction: float = 0.1
-    sets_before_levels: int = 8
-    steady: float = 0.5
-    few: int = 2
-    coarse_reduction: float = 0.1
-    evaluations: int = 3
-    significant: float = 0.1
-    largest_error: float = math.inf
-    first_share: float = 0.02
-    margin: float = 0.7
-    tighten: float = 0.3
-    deeper: float = 0.1
-    patience: int = 0
-    peeled: float = 0.1
-    release_at_edge: bool = True
-    rejoining: float = 0.25
-    looks_ahead: bool = True
-    returning: float = 0.5
-
-    def peels(self, gone: list[int]) -> bool:
-        """Whether contact peels off, by the number of rows that left in each set."""
-        return len(gone) > 1 and 0 < self.steady * gone[-2] <= gone[-1] and gone[-1] > self.few
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +48,14 @@ class Start:
         A function that returns another initial active set (collective). The loop calls it where
         contact peels off from the first set on: if a body lies flat and most of it lifts off, the
         loop alone would remove row after row.
+    statuses
+        Statuses of the first set; those that the law takes from `active` if None.
     """
 
     active: Mask
     multiplier: NDArray[np.float64] | None = None
     alternative: Callable[[], Mask] | None = None
+    statuses: Statuses | None = None
 
 
 @dataclass(frozen=True)
@@ -238,87 +155,138 @@ def active_set_loop(
     The caller may then go on with SMALBE-M, whose convergence is proved.
     """
     options, law = options or ActiveSetOptions(), law or Frictionless()
-    found, guessed = _sets(backend, start, test, inner, monitor, saver, options, law)
-    if found.reason is not None or not guessed:
-        return found
-    # the failure does not come from points released ahead of the states
-    spent, options = found.counts, replace(options, looks_ahead=False)
-    backend.forget()
-    left = replace(inner, max_iterations=inner.max_iterations - spent.inner)
-    saver = replace(saver, before=saver.before + spent) if saver else None
-    found, _ = _sets(backend, start, test, left, monitor, saver, options, law)
-    return replace(found, counts=spent + found.counts)
+    run = _Run(backend, test, inner, monitor, saver, options)
+    found, failure = run.sets(start, law)
+    if failure is _Failure.WILD:
+        found, statuses = run.after(found).contact_without_friction(start, law)
+        patient = replace(run, options=replace(options, settling=0))
+        found, failure = patient.after(found).sets(replace(start, statuses=statuses), law)
+    if failure is _Failure.AHEAD:  # the sets may settle if no point is released ahead of a state
+        backend.forget()
+        patient = replace(run, options=replace(options, looks_ahead=False, settling=0))
+        found, _ = patient.after(found).sets(start, law)
+    return found
 
 
-def _sets(
-    backend: Backend[S],
-    start: Start,
-    test: StoppingTest[S],
-    inner: MPRGP,
-    monitor: Monitor | None,
-    saver: StateSaver[S] | None,
-    options: ActiveSetOptions,
-    law: ContactLaw,
-) -> tuple[Outcome[S], bool]:
-    """Run `active_set_loop` once; also return whether points were released ahead of a state."""
-    comm, multiplier = backend.comm, start.multiplier
-    coarsened, flat, peeled = multiplier is not None, True, list[int]()
-    hierarchy, ahead = backend.hierarchy(coarsened=False), options.looks_ahead
-    update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge, ahead)
-    seen, counts, reduction = set[int](), Counts(), options.first_reduction
-    statuses = law.initial(start.active, start.multiplier)
-    released, again = np.zeros_like(start.active), np.zeros_like(start.active)
-    found: Outcome[S] = Outcome(None, None, statuses, counts)
-    for number in range(options.most_sets):
-        if not coarsened and (number == options.sets_before_levels or options.peels(peeled)):
-            update, statuses = update.on_levels(statuses)
-            coarsened = True
-            if not update.hierarchy.finest:
-                reduction = options.coarse_reduction
-        fingerprint = statuses.fingerprint(comm)
-        if fingerprint in seen and not update.hierarchy.finest:  # the next level decides
-            update.hierarchy.refine()
-            seen.clear()
-        elif fingerprint in seen:  # decided too early, or the sets do not settle
-            reduction *= options.deeper
-            update = replace(update, release_at_edge=False, looks_ahead=False)
-            seen.clear()
-        seen.add(fingerprint)
-        if options.patience and number and number % options.patience == 0:
-            reduction *= options.tighten
-        try:
-            on_set = backend.on_set(statuses, multiplier)
-        except ArithmeticError:  # a body is held by rows that have left the set
-            break
-        left = replace(inner, max_iterations=inner.max_iterations - counts.inner)
-        watch = replace(saver, before=saver.before + counts).watch(on_set) if saver else None
-        try:
-            tells = on_active_set(
-                monitor, number + 1, comm.allreduce(int(statuses.active.sum())), counts.inner
-            )
-            found = solve_on_set(on_set, update, test, left, tells, watch, reduction)
-        except QPError:  # the active rows hold a body so badly that rounding lets it go
-            counts = counts + on_set.counts
-            found = Outcome(None, None, statuses, counts)
-            break
-        counts = counts + found.counts
-        del on_set, watch  # the memory of this set is freed before the next set allocates its own
-        backend.release()
-        if found.reason is not None or found.state is None:
-            break
-        following = found.following
-        gone, share = _peeled(backend, statuses, following)
-        peeled.append(gone)
-        flat = flat and share > options.peeled
-        if flat and number == 1 and start.alternative is not None:
-            fewer = following.active & (start.alternative() | ~backend.contact_rows)
-            following = law.consistent(replace(following, active=fewer))
-        again |= released & following.active
-        released |= found.released if found.released is not None else False
-        update = update.without_failed(again, released)
-        multiplier, statuses = found.state.multiplier, following
-    guessed = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
-    return replace(found, counts=counts), guessed
+class _Failure(Enum):
+    """Why sets did not settle."""
+
+    AHEAD = "points were released ahead of a state"
+    WILD = "with friction each set has other contact"
+    OTHER = "other reasons"
+
+
+@dataclass(frozen=True, eq=False)
+class _Run(Generic[S]):
+    """One run of sets, after the work of earlier runs.
+
+    Attributes
+    ----------
+    spent
+        Work of earlier runs.
+    """
+
+    backend: Backend[S]
+    test: StoppingTest[S]
+    inner: MPRGP
+    monitor: Monitor | None
+    saver: StateSaver[S] | None
+    options: ActiveSetOptions
+    spent: Counts = field(default_factory=Counts)
+
+    def after(self, found: Outcome[S]) -> _Run[S]:
+        """The run after another one."""
+        return replace(self, spent=found.counts)
+
+    def contact_without_friction(
+        self, start: Start, law: ContactLaw
+    ) -> tuple[Outcome[S], Statuses | None]:
+        """Active set without friction, and the statuses of the law at its state (collective).
+
+        None where bodies are held by friction alone.
+        """
+        settled = StoppingTest[S](lambda state: 1.0, lambda state: True)
+        found, _ = replace(self, test=settled).sets(start, Frictionless())
+        state, before = found.state, found.following
+        if found.reason is not Reason.ACCEPTED or state is None:
+            return found, None
+        error = self.options.significant * self.options.first_reduction
+        strongest = largest_magnitude(self.backend.comm, state.multiplier[before.active])
+        data = Found(
+            state.multiplier, state.jumps, state.distance, error * strongest, error, strongest
+        )
+        return found, law.following(before.active, data, before, False)[0]
+
+    def sets(self, start: Start, law: ContactLaw) -> tuple[Outcome[S], _Failure]:
+        """Solve on sets until they settle or fail (collective).
+
+        Returns
+        -------
+        The last outcome with the work of all runs, and the reason if the sets failed.
+        """
+        backend, options, multiplier = self.backend, self.options, start.multiplier
+        comm = backend.comm
+        coarsened, flat, peeled, changed = multiplier is not None, True, list[int](), list[float]()
+        hierarchy, ahead = backend.hierarchy(coarsened=False), options.looks_ahead
+        update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge, ahead)
+        seen, counts, reduction = set[int](), self.spent, options.first_reduction
+        statuses = start.statuses or law.initial(start.active, start.multiplier)
+        released, again = np.zeros_like(start.active), np.zeros_like(start.active)
+        found: Outcome[S] = Outcome(None, None, statuses, counts)
+        for number in range(options.most_sets):
+            if not coarsened and (number == options.sets_before_levels or options.peels(peeled)):
+                update, statuses = update.on_levels(statuses)
+                coarsened = True
+                if not update.hierarchy.finest:
+                    reduction = options.coarse_reduction
+            fingerprint = statuses.fingerprint(comm)
+            if fingerprint in seen and not update.hierarchy.finest:  # the next level decides
+                update.hierarchy.refine()
+                seen.clear()
+            elif fingerprint in seen:  # decided too early, or the sets do not settle
+                reduction *= options.deeper
+                update = replace(update, release_at_edge=False, looks_ahead=False)
+                seen.clear()
+            seen.add(fingerprint)
+            if options.patience and number and number % options.patience == 0:
+                reduction *= options.tighten
+            try:
+                on_set = backend.on_set(statuses, multiplier)
+            except ArithmeticError:  # a body is held by rows that have left the set
+                break
+            left = replace(self.inner, max_iterations=self.inner.max_iterations - counts.inner)
+            saver = self.saver
+            watch = replace(saver, before=saver.before + counts).watch(on_set) if saver else None
+            active = comm.allreduce(int(statuses.active.sum()))
+            tells = on_active_set(self.monitor, number + 1, active, counts.inner)
+            try:
+                found = solve_on_set(on_set, update, self.test, left, tells, watch, reduction)
+            except QPError:  # the active rows hold a body so badly that rounding lets it go
+                counts = counts + on_set.counts
+                found = Outcome(None, None, statuses, counts)
+                break
+            counts = counts + found.counts
+            del on_set, watch  # their memory is free before the next set allocates its own
+            backend.release()
+            if found.reason is not None or found.state is None:
+                break
+            following = found.following
+            joined, gone, before = _turnover(backend, statuses, following)
+            peeled.append(0 if joined else gone)
+            changed.append((joined + gone) / max(before + joined, 1))
+            flat = flat and peeled[-1] > options.peeled * before
+            if flat and number == 1 and start.alternative is not None:
+                fewer = following.active & (start.alternative() | ~backend.contact_rows)
+                following = law.consistent(replace(following, active=fewer))
+            again |= released & following.active
+            released |= found.released if found.released is not None else False
+            update = update.without_failed(again, released)
+            multiplier, statuses = found.state.multiplier, following
+            if not law.settles and start.multiplier is None and options.is_wild(changed):
+                return replace(found, counts=counts), _Failure.WILD
+        ahead = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
+        failed_ahead = ahead and found.reason is None
+        return replace(found, counts=counts), _Failure.AHEAD if failed_ahead else _Failure.OTHER
 
 
 def solve_on_set(
@@ -459,12 +427,11 @@ def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
     return float(few) / max(float(all_rows), 1.0)
 
 
-def _peeled(backend: Backend[S], statuses: Statuses, following: Statuses) -> tuple[int, float]:
-    """Number and share of the active contact rows that leave; zero if any joins (collective)."""
+def _turnover(backend: Backend[S], statuses: Statuses, following: Statuses) -> tuple[int, int, int]:
+    """Contact rows that join and that leave, and the active ones before (collective)."""
     rows = backend.contact_rows
     active, next_active = statuses.active & rows, following.active & rows
     joined, gone, before = backend.comm.allreduce(
         np.array([(next_active & ~active).sum(), (active & ~next_active).sum(), active.sum()])
     )
-    gone = 0 if joined else int(gone)
-    return gone, gone / max(int(before), 1)
+    return int(joined), int(gone), int(before)

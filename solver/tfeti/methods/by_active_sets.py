@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.contact.active_set import (
-    ActiveSetOptions,
     Outcome,
     Start,
     StateSaver,
     StoppingTest,
     active_set_loop,
 )
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from solver.contact.active_set import ActiveSetOptions
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Checkpoint
 from solver.contact.stopping import StoppingRule
 from solver.qp.mprgp import MPRGP

@@ -16,7 +16,7 @@ from contact_app.run.progress import together
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from solver import Counts, Reason, Step
-from solver.contact.active_set import ActiveSetOptions
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Attention, Checkpoint, CheckpointError, Saver
 from solver.driver import Solution, solve
 from solver.qp.outer_state import Restart

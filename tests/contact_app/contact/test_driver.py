@@ -20,7 +20,7 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from solver.backend import Statuses
-from solver.contact.active_set import ActiveSetOptions
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.driver import solve
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason

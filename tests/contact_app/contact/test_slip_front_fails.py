@@ -6,7 +6,8 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.contact.active_set import ActiveSetOptions, Outcome, StoppingTest, active_set_loop
+from solver.contact.active_set import Outcome, StoppingTest, active_set_loop
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.friction_law import Friction
 from solver.contact.slip_front import SlipFront
 from solver.qp.mprgp import MPRGP

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.contact.active_set import ActiveSetOptions
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.driver import solve
 from solver.tfeti.constraints.contact_edge import SLACK, mirror_image
 from solver.tfeti.dual import DualProblem

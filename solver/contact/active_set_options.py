@@ -1,0 +1,106 @@
+"""The tuned numbers of the active-set loop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ActiveSetOptions:
+    """The tuned numbers of the active-set loop, each with the reason for its value.
+
+    Attributes
+    ----------
+    most_sets
+        Largest number of active sets. Where contact peels off row by row, each set costs a handful
+        of operator applications.
+    first_reduction, next_reduction
+        Reduction of the residual before the first evaluation of the KKT residuals on a set and
+        between later ones.
+    sets_before_levels
+        Number of sets on all contact rows after which the loop begins anew on the coarsest level of
+        the constraint hierarchy. Most contact of thin bodies settles in fewer sets: a disc pressed
+        on a plane (`configs/cylinder.yaml`) takes 67 operator applications, and 149 on levels.
+    steady
+        The loop begins on levels earlier if rows leave in two sets in a row and no row joins, the
+        second time at least by this ratio to the number of the first time. Where Newton's method
+        converges, the numbers fall faster.
+    few
+        Number of rows that leave at any edge of contact, whether it peels off or not.
+    coarse_reduction
+        `first_reduction` on the coarser levels of the constraint hierarchy: the next level has to
+        undo wrong decisions of a coarser one.
+    evaluations
+        Evaluations on a set before it is solved to the end.
+    significant
+        Relative forces and distances from which on a row changes its status, over the estimate of
+        the error.
+    largest_error
+        Estimate of the error in energy norm, over the energy norm of the answer, above which the
+        answer on a set does not change the set.
+    first_share
+        The contacts that close within this share of the load after the first contact closes join an
+        empty set.
+    margin
+        Share of the largest admissible jump below which an answer is given to the stopping test.
+    tighten
+        Factor on the residual after a rejected answer.
+    deeper
+        Factor on `first_reduction` each time the loop returns to an earlier set.
+    patience
+        Number of sets after which `first_reduction` is multiplied by `tighten`, repeatedly: with
+        friction no two sets are equal, so the loop cannot detect a decision made too early by a
+        repeated set. Zero for never.
+    peeled
+        Share of the active rows that leave in two sets in a row, from which on the contact is said
+        to peel off.
+    release_at_edge
+        Whether rows leave together with their mirror image across the edge of contact.
+    rejoining
+        Share of the rows released as mirror images that may join later sets again. A larger share
+        shows that the contact edge is not where the rule expects it, for example where most of a
+        base lifts off. The sets would nearly cycle, so the rule is switched off.
+    settling, unsettled
+        With friction the loop begins anew from the contact without friction if at least this many
+        sets did not settle and each of the last three changed this share of the closed rows.
+        Friction forces of a wrong contact are wrong, too: a clip that snaps over a round edge took
+        2,442 operator applications without this and 146 with it. In thirteen scenes of
+        `contact_app.studies.friction_cost` the share is below 0.25 from the sixth set on.
+    looks_ahead
+        Whether a law may release points before the state of a set shows that they slide
+        (`solver.contact.slip_front`). Where the sets fail, the loop runs once more without.
+    returning
+        Share of the points so released that may stick again before the rule is switched off.
+    """
+
+    most_sets: int = 60
+    first_reduction: float = 0.3
+    next_reduction: float = 0.1
+    sets_before_levels: int = 8
+    steady: float = 0.5
+    few: int = 2
+    coarse_reduction: float = 0.1
+    evaluations: int = 3
+    significant: float = 0.1
+    largest_error: float = math.inf
+    first_share: float = 0.02
+    margin: float = 0.7
+    tighten: float = 0.3
+    deeper: float = 0.1
+    patience: int = 0
+    peeled: float = 0.1
+    release_at_edge: bool = True
+    rejoining: float = 0.25
+    settling: int = 8
+    unsettled: float = 0.25
+    looks_ahead: bool = True
+    returning: float = 0.5
+
+    def peels(self, gone: list[int]) -> bool:
+        """Whether contact peels off, by the number of rows that left in each set."""
+        return len(gone) > 1 and 0 < self.steady * gone[-2] <= gone[-1] and gone[-1] > self.few
+
+    def is_wild(self, changed: list[float]) -> bool:
+        """Whether contact does not settle, by the share of closed rows that each set changed."""
+        return 0 < self.settling <= len(changed) and min(changed[-3:]) >= self.unsettled
