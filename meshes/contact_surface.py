@@ -88,7 +88,7 @@ class Surface:
     def height(
         self, facets: NDArray[np.int64], hats: NDArray[np.float64]
     ) -> NDArray[np.float64] | float:
-        """Of the smooth surface over points of facets (q,) with hats (q, v)."""
+        """Height of the smooth surface over points of facets (q,) with hats (q, v)."""
         if self.bulge is None:
             return 0.0
         return 0.5 * np.einsum("qa,qab,qb->q", hats, self.bulge[facets], hats)

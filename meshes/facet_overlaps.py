@@ -280,7 +280,7 @@ def _upright(polygons: NDArray[np.float64]) -> bool:
 def _rectangles(
     flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """As `_polygons`, for rectangles along the axes: takes a third of the points."""
+    """Like `_polygons` for rectangles along the axes, with a third of the points."""
     at, share = np.polynomial.legendre.leggauss(5 if curved else 2 if linear else 3)
     lower = np.maximum(flat.min(axis=1), other.min(axis=1))
     half = 0.5 * (np.minimum(flat.max(axis=1), other.max(axis=1)) - lower)

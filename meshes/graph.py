@@ -240,7 +240,7 @@ def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
 
 
 def _labels(cells: Cells, rows: Rows) -> NDArray[np.int32]:
-    """Part of each cell; -1 for cells in none of the parts."""
+    """Part of each cell; -1 for cells in no part."""
     label = np.full(cells.total_cells, -1, np.int32)
     for part, inside in rows.items():
         label[inside] = part

@@ -144,7 +144,7 @@ def _opposite(
 def _suspects(
     pairs: NDArray[np.int64], topology: Topology, turned: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of two cells on the same side of a facet: the one to report, and the other, (pairs,) each.
+    """The cell to report and the other one of two cells on one side of a facet, (pairs,) each.
 
     The reported cell has the larger share of its inner facets in such pairs. If shares are equal,
     it is the one with the rarer orientation in the file.

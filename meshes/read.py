@@ -51,7 +51,7 @@ NUMBERED = ("gmsh:physical", "medit:ref", "cell_tags")
 """Names of meshio's cell data that hold the numbers of groups."""
 
 LARGEST_COORDINATE = 1e50
-"""As for the numbers of a scene: products of lengths stay finite."""
+"""Largest magnitude of a coordinate, as of numbers in a scene: products of lengths stay finite."""
 
 NASTRAN = (".bdf", ".fem", ".nas")
 """Endings of Nastran's bulk data."""

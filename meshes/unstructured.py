@@ -60,7 +60,7 @@ def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArra
 
 
 def row_places(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row of `table` that equals each row of `wanted`, -1 where there is none; rows are sorted."""
+    """Row of `table` that equals each row of `wanted`, -1 if no row does; rows are sorted."""
     keys = _row_keys(np.concatenate([table, wanted]))
     own, requested = keys[: len(table)], keys[len(table) :]
     order = np.argsort(own)

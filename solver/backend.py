@@ -4,7 +4,7 @@ A contact row is one direction at one contact point: its normal, or a direction 
 frame. On a set the rows that are active hold with equality (closed in the normal, sticking in the
 frame); the multipliers of all others are prescribed: zero where the point is open, the slip
 traction where it slides. In space statuses may turn the frames, so that the first of the two
-directions is that in which a point slides; in the second one it gives way with a compliance C,
+directions is that in which a point slides; in the second one the row has a compliance C,
 B u - c = C λ. So a backend is independent of the contact law (`solver.contact.law`), and a law of
 the backend.
 """
@@ -193,7 +193,7 @@ class Backend(Protocol[S]):
 
     @property
     def contact_rows(self) -> Mask:
-        """Which local rows are contact rows, (rows,)."""
+        """Mask of the contact rows among the local rows, (rows,)."""
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> SetSolve[S]:
         """The problem of a set, beginning near a multiplier if one is given (collective).

@@ -63,8 +63,8 @@ def reason_text(solution: Solution) -> str:
     if solution.reason is Reason.MAX_OUTER_ITERATIONS:  # constraints of a scene are consistent
         return (
             "SMALBE-M reached its limit of outer iterations before the tolerance; with friction it "
-            "need not converge. A looser solver.tolerance may help, or solver.method auto where "
-            "smalbe was asked for."
+            "need not converge. A looser solver.tolerance may help, or solver.method auto in place "
+            "of smalbe."
         )
     if solution.reason.converged:
         return "Rounding errors keep the certificate from coming below the tolerance."
@@ -90,7 +90,7 @@ def solve(
     assess
         Estimates the errors of an answer; an automatic tolerance needs it.
     start : (dual,)
-        Initial multipliers; the paper's algorithm begins at zero whatever they are.
+        Initial multipliers; the paper's algorithm ignores them and begins at zero.
     active_sets
         Options of the active-set loop.
     """

@@ -1,7 +1,7 @@
 """Restrict the OpenMP loops of other libraries to one thread.
 
 CHOLMOD up to its version 3 gives the loops of a supernodal factorization four threads of OpenMP
-whatever ``OMP_NUM_THREADS`` says. The loops are short: on two cores the threads wait for each other
+regardless of ``OMP_NUM_THREADS``. The loops are short: on two cores the threads wait for each other
 half of the time, and nearly all of the time where ranks share the cores. Products inside a factor
 are BLAS's and keep its own threads.
 """

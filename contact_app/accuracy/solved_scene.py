@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class SolvedScene:
     """A solved scene: the model, the answer, its fields and its summary.
 
-    `nodal` holds the recovered stresses at nodes by the names of their fields, `guaranteed` what
-    was found where a guaranteed bound of the error was asked for.
+    `nodal` holds the recovered stresses at nodes by the names of their fields, `guaranteed` the
+    guaranteed bound of the error, if the scene requests one.
     """
 
     model: Model

@@ -67,7 +67,7 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     Raises
     ------
     ConfigurationError
-        The decomposition asked for is impossible.
+        The requested decomposition is impossible.
     """
     try:
         shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
@@ -98,9 +98,9 @@ class Outline:
     linear
         The tractions of total forces and moments.
     probes
-        The cells of points whose displacement is asked for.
+        The cells of the probes' points.
     sections
-        The cells on either side of planes at which section forces are asked for.
+        The cells on either side of planes with requested section forces.
     loads
         Load vector of each subdomain of this rank; None without loads.
     tied

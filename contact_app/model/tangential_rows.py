@@ -192,7 +192,7 @@ def _taken_over(rough: Sequence[RoughContact], contact: ContactRows, merged: Con
 def _without_held(
     exchange: NodeExchange, found: FrictionRows, held: HeldRows, tied: ContactRows
 ) -> FrictionRows:
-    """Rows without what is held, and without those that tied rows decide (collective)."""
+    """Rows without held components and without rows that tied rows determine (collective)."""
     count = len(found.rows.nodes)
     numbered = replace(found.rows, areas=np.arange(count, dtype=float))  # they tell which are left
     cut = cut_held(exchange, numbered, held, 0.0, one_sided=False)
@@ -203,7 +203,7 @@ def _without_held(
 
 
 def _held_at(nodes: NDArray[np.int64], held: HeldRows) -> NDArray[np.bool_] | None:
-    """Which components of some nodes are held, (n, d); None where nothing is held."""
+    """Mask of the held components of some nodes, (n, d); None if nothing is held."""
     if not len(held.nodes):
         return None
     at = np.minimum(np.searchsorted(held.nodes, nodes), len(held.nodes) - 1)

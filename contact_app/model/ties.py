@@ -1,4 +1,4 @@
-"""Tied pairs of a scene: rows that hold two surfaces together, whatever their meshes."""
+"""Tied pairs of a scene: rows that join two surfaces of arbitrary meshes."""
 
 from __future__ import annotations
 

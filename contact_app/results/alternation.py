@@ -129,7 +129,7 @@ class _Ends:
         self.go_on = (self.count > 0.0) & (length < STRAIGHT * self.count)
 
     def sums(self, values: NDArray[Any]) -> Array:
-        """Of values at the first ends, then the last ones."""
+        """Sums at nodes of values at the first ends, then at the last ends."""
         return self._meet(_sum(self._nodes, values, self._copies))
 
 

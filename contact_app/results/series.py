@@ -48,7 +48,7 @@ class Series:
 
     @property
     def number(self) -> int:
-        """Of the next frame, from one."""
+        """Number of the next frame, from one."""
         return len(self.times)
 
     def numbers_of(self, text: Path) -> Path:

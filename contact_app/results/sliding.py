@@ -1,4 +1,4 @@
-"""How far bodies slide along obstacles, and along each other, where they touch."""
+"""Distances by which bodies slide along obstacles and along each other, where they touch."""
 
 from __future__ import annotations
 

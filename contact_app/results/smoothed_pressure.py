@@ -123,7 +123,7 @@ def smoothed_tractions(model: Model, tie: Tie, nodes: NDArray[np.int64], tractio
 
 
 def _places(numbers: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Where numbers that are wanted stand among others; -1 for those that do not."""
+    """Positions of the wanted numbers in another list; -1 for missing numbers."""
     order = np.argsort(numbers)
     place = np.minimum(np.searchsorted(numbers[order], wanted), len(numbers) - 1)
     return np.where(numbers[order][place] == wanted, order[place], -1)

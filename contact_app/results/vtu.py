@@ -3,7 +3,7 @@
 The text that names the arrays comes first, the numbers follow it as they are in memory ("appended",
 "raw", after an underscore), each array behind its length in bytes. All lengths are known
 beforehand, so that an array is written slab by slab at its place and no process holds all of it.
-Room is taken from the file system at once; the file appears under its own name when it is whole.
+Room is taken from the file system at once; the file appears under its own name when it is complete.
 
 Format: VTK's XML format, https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html.
 """
@@ -25,7 +25,7 @@ from contact_app.machine.disk import is_full, no_room, reserve
 from contact_app.results.xdmf import CELL_TYPES, as_components, three_columns
 
 LENGTH_BYTES = 8
-"""Of the number before each array that says how long it is."""
+"""Bytes of the length that precedes each array."""
 
 AT_ONCE = 1_000_000
 """Cells whose offsets and types are written at once."""
@@ -212,7 +212,7 @@ class VTUWriter:
         self._file.seek(0)
 
     def _write_types(self) -> None:
-        """Where the nodes of each cell end, and VTK's number of its type."""
+        """Write the end of each cell's nodes in the list of nodes, and VTK's number of its type."""
         first = corner = 0
         for kind, count in self._kinds:
             for begin in range(0, count, AT_ONCE):

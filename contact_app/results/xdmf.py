@@ -41,7 +41,7 @@ class XDMFError(ContactError):
 
 @dataclass(frozen=True)
 class CellType:
-    """How XDMF names a cell: its topology, its number in mixed grids, how many nodes.
+    """A cell type of XDMF: name of its topology, number in mixed grids, number of nodes.
 
     `vtk` is VTK's number for it.
     """
@@ -325,7 +325,7 @@ def _empty_file() -> bytes:
 
 
 class _Runs:
-    """Where the cells of each run stand in the topology's array."""
+    """Positions of the cells of each run in the topology's array."""
 
     def __init__(self, runs: list[tuple[CellType, int]]) -> None:
         self.runs = runs

@@ -1,7 +1,7 @@
 """The model of a scene, what it leaves out, and what it costs, without solving it.
 
 The outline of the model (subdomains, conditions, loads and their equilibrium) is the first stage of
-a run. So `check` refuses whatever a run would refuse before it assembles a matrix.
+a run. So `check` refuses every scene that a run would refuse before it assembles a matrix.
 """
 
 from __future__ import annotations

@@ -192,7 +192,7 @@ def _solved(
     tell: Tell | None,
     models: IncrementModels,
 ) -> SolvedScene | NoWayLeftError:
-    """The answer to an increment, or the reason why there is none (collective)."""
+    """The solution of an increment, or the reason for its failure (collective)."""
     loaded = _loaded(scene, place)
     try:
         return solve_scene(loaded, comm, monitor_of(place), tell=tell, start=models, cases=models)

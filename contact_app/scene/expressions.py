@@ -274,7 +274,7 @@ def _number(node: ast.expr, values: dict[str, Any]) -> Any:
 
 
 def _condition(node: ast.expr, values: dict[str, Any]) -> Decided:
-    """Where a condition is true and where it is false."""
+    """Masks of points at which a condition is true, and at which it is false."""
     match node:
         case ast.Constant(value=bool(value)):
             return np.bool_(value), np.bool_(not value)

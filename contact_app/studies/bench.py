@@ -167,7 +167,7 @@ def _ordered(rows: dict[tuple[str, int, str], dict[str, Any]]) -> list[dict[str,
 
 
 def _place(series: str, cells: int, method: str) -> tuple[int, int, int]:
-    """Where a row stands in the table."""
+    """Position of a row in the table."""
     names, methods = [s.name for s in SERIES], (OURS, *CONTACT, *LINEAR)
     return names.index(series), cells, methods.index(method)
 
@@ -244,7 +244,7 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def slopes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """How time and memory of each method grow with the unknowns: slopes of lines of logarithms.
+    """Growth of time and memory of each method with the unknowns: slopes in logarithms.
 
     >>> list(slopes([{"method": "m", "dofs": n, "seconds": n, "peak_rss_gb": n} for n in (10, 90)]))
     ['Slopes of m in the unknowns: time 1.00, memory 1.00.']

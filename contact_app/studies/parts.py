@@ -38,7 +38,7 @@ CHOSEN = (LINEAR, "linear-boomeramg", "primal", "active-set", "tao-bnls", "tao-b
 COLUMNS = ("part", "meshes", "degree", "method", "unknowns", "used", "read", "assembly", "solve",
            "seconds", "cpu", "iterations", "known", "memory", "ranks", "converged", "energy",
            "note")  # fmt: skip
-"""Of the CSV; seconds, memory in GB summed over ranks, energy in the units of the scene."""
+"""Columns of the CSV: seconds, memory in GB summed over ranks, energy in the units of the scene."""
 
 TEXTS = ("part", "meshes", "method", "used", "note")
 """Columns of words."""

@@ -1,8 +1,8 @@
 """The checkpoint of a stopped run: the state of the solver at one of its steps.
 
-A checkpoint is written every 30 seconds and when the run is asked to stop, whatever the algorithm
-does at that step. `Attention` decides at each step, on all ranks together, and the running
-algorithm then gives its state. The penalty ρ distinguishes two kinds of states:
+A checkpoint is written every 30 seconds and when the run is asked to stop, at any stage of the
+algorithm does at that step. `Attention` decides at each step, on all ranks together, and the
+running algorithm then gives its state. The penalty ρ distinguishes two kinds of states:
 
 - ρ > 0: SMALBE, within an outer iteration or at its end. x and μ, and all scalars.
 - ρ = 0: conjugate gradients on an active set, or MPRGP alone. x is λ itself, and the second vector

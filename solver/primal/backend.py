@@ -2,8 +2,8 @@
 
 On a set, conjugate gradients solve K u = f - C_Aᵀ λ, C_A u = c_A in the displacements that leave
 the active rows alone: every residual is projected by Πᵀ, every correction of the V-cycle by Π
-(`solver.primal.projector`). A set begins where the last one ended. Prescribed multipliers, as of
-sliding points, are loads; rows that give way are springs (`solver.primal.springs`).
+(`solver.primal.projector`). A set begins where the last one ended. Prescribed multipliers, for
+instance of sliding points, are loads; rows with a compliance are springs (`solver.primal.springs`).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ UNKNOWN = 0.1
 """Assumed smallest eigenvalue before any set has taken so many steps."""
 
 CHANGED = 0.3
-"""Changed rows, over the rows of the set, above which the V-cycle is truncated anew.
+"""Changed rows, relative to the rows of the set, above which the V-cycle is truncated anew.
 
 The changes count from the set for which the V-cycle was truncated.
 """
@@ -73,10 +73,10 @@ class PrimalState:
     Attributes
     ----------
     multiplier, jumps, sizes : (dual,)
-        λ; B u - c; what each row's jump is relative to. Zero, zero and one but in contact,
-        tangential and tied rows.
+        λ; B u - c; the length relative to which each row's jump is measured. Rows other than
+        contact, tangential and tied rows have zero, zero and one.
     lengths : (bodies,)
-        What lengths are relative to.
+        Lengths relative to which displacements are measured.
     u : (unknowns,)
     active : (dual,)
         Contact and tangential rows that hold with equality.
@@ -120,7 +120,7 @@ class Multigrid:
     Attributes
     ----------
     u : (unknowns,)
-        Where the next set begins.
+        Initial displacement of the next set.
     """
 
     def __init__(self, problem: DualProblem, factors: FactorOptions | None = None) -> None:
@@ -149,7 +149,7 @@ class Multigrid:
 
     @property
     def contact_rows(self) -> Mask:
-        """Which rows of B are contact rows, (dual,)."""
+        """Mask of the contact rows of B, (dual,)."""
         return self.problem.inequality
 
     def begin_at(self, u: Array, left: Array | None = None) -> None:
@@ -214,7 +214,7 @@ class Multigrid:
         return self.thin and self.direct and self.problem.held_without_contact
 
     def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
-        """No rows: the sets settle without this rule."""
+        """An empty mask: the sets settle without this rule."""
         return np.zeros_like(active)
 
     def closing_share(self, state: PrimalState, penetrated: Mask) -> Array:
@@ -279,7 +279,7 @@ class PrimalSet:
         it.counts.hessian += 1  # of the right-hand side
         self._scale = it.reduction.norm(system.load) or it.b_norm or 1.0
         self._first_norm = it.projected_gradient_norm
-        # rows that may be redundant leave that share of their forces
+        # redundant rows leave this share of their forces
         self._held = it.reduction.norm(self._left - rhs)
         self._lanczos = Lanczos(self._preconditioner.square)
         self._steps, self._stalls = 0, False
@@ -287,7 +287,7 @@ class PrimalSet:
     def _made(self) -> _Preconditioner:
         backend, projector, springs = self._backend, self._projector, self._springs
         cycle = backend.correction(self._system, projector, springs)
-        if springs.empty or isinstance(cycle, Factor):  # a factor knows of springs
+        if springs.empty or isinstance(cycle, Factor):  # the factor includes springs
             return _Preconditioner(cycle, projector, self._rigid)
         active = np.zeros(len(self._system.rows), bool)
         active[projector.rows] = active[springs.rows] = True
@@ -345,7 +345,7 @@ class PrimalSet:
         """Go on to a relative residual; `inner` limits all iterations on this set (collective)."""
 
         def see(it: Iterate) -> None:
-            if it.counts.cg > self._steps and it.curvature > 0.0:  # it also sees the start
+            if it.counts.cg > self._steps and it.curvature > 0.0:  # also called at the start
                 self._lanczos.add(it.slope / it.curvature, self._preconditioner.square)
             self._steps = it.counts.cg
             if watch is not None:
@@ -381,7 +381,7 @@ class PrimalSet:
         return it.counts.cg >= options.slow_digit * digits
 
     def state(self) -> PrimalState:
-        """Where the solve stands (collective)."""
+        """Present state of the solve (collective)."""
         backend, system, it = self._backend, self._system, self._iterate
         problem = system.problem
         assert it.image is not None
@@ -411,7 +411,7 @@ class PrimalSet:
         )
 
     def _shares(self, square: float) -> Array:
-        """Of the squared error in each group, for each of its bodies, (bodies,) (collective)."""
+        """Share of each body in the squared error of its group, (bodies,) (collective)."""
         bodies, it = self._system.problem.bodies, self._iterate
         parts = bodies_alone(self._system, it.z * it.free)
         by_group = np.maximum(bodies.sum_by_group(parts), 0.0)
@@ -442,7 +442,7 @@ class _ProjectedStiffness:
 
 
 class _Preconditioner:
-    """Π M⁻¹ with a V-cycle M⁻¹; with rows that give way as `solver.primal.springs` has it.
+    """Π M⁻¹ with a V-cycle M⁻¹; rows with a compliance are added as in `solver.primal.springs`.
 
     Attributes
     ----------

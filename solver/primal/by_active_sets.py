@@ -32,8 +32,8 @@ A V-cycle takes two or three steps for it; decisions with a larger residual are 
 SETS_BEFORE_LEVELS = 0
 """Levels of contact rows from the first set on.
 
-Each set costs a factor, and a slender strip that lifts off takes 48 instead of 34 operator
-applications where it first tries eight sets on all rows.
+Each set costs a factor. A slender strip that lifts off takes 48 operator applications if it first
+tries eight sets on all rows, and 34 with levels.
 """
 
 
@@ -45,7 +45,7 @@ def solve_by_multigrid(
 ) -> Solution:
     """Solve by active sets, from the contact on coarse levels or from a guess (collective).
 
-    A guess whose sets leave no answer is dropped: its rows may hold no body under other loads.
+    A guess whose sets fail is dropped: under other loads its rows may leave bodies without support.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def solve_by_multigrid(
     Raises
     ------
     ArithmeticError
-        The sets left no answer.
+        The active sets found no answer.
     """
     try:
         if guess is None or restart is not None:
@@ -119,12 +119,12 @@ def _solve(
 
 
 def _answer(test: _CertificateTest, found: Outcome[PrimalState], before: Counts) -> Solution:
-    """The certified answer of the loop, or the best one it left.
+    """The certified answer of the loop, or its best one.
 
     Raises
     ------
     ArithmeticError
-        It left none.
+        The loop found no answer.
     """
     answer, reason = test.answer, found.reason
     if reason is not Reason.ACCEPTED:

@@ -21,7 +21,7 @@ def factored(matrix: PETSc.Mat) -> PETSc.PC:
     Raises
     ------
     ArithmeticError
-        The matrix has none.
+        The matrix has no Cholesky factor.
     """
     pc = PETSc.PC().create(matrix.comm)
     pc.setOperators(matrix)
@@ -37,10 +37,10 @@ def factored(matrix: PETSc.Mat) -> PETSc.PC:
 
 
 class SmallInverse:
-    """The inverse of a matrix that is small beside K; every rank has the whole factor.
+    """The inverse of a matrix much smaller than K; every rank has the whole factor.
 
-    A factor that ranks share would cost more messages than work. A diagonal matrix needs none of
-    either.
+    The messages of a distributed factor would cost more than its work. A diagonal matrix needs no
+    factor.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """A sparse factor in place of the V-cycle: for small problems, and where multigrid is slow.
 
 Smoothed aggregation cannot resolve the bending of thin plates and strips: it takes a hundred
-iterations per set and more. Their factors are cheap, since their separators are small. On a set
+iterations per set and more. Their factors are inexpensive, since separators are small. On a set
 
     K + C_Aᵀ W C_A + faint springs on open rows
 
@@ -143,7 +143,7 @@ NEAR = 1e-12
 
 
 SPREAD = 1e-2
-"""Stiffness of the springs of a row that holds a rigid motion in the mean, over that of an
+"""Stiffness of the springs of a row that holds a rigid motion in the mean, relative to that of an
 unknown."""
 
 
@@ -164,8 +164,9 @@ def row_stiffness(system: MergedSystem) -> Array:
 def spread_means(system: MergedSystem) -> Array:
     """Springs for rows that hold rigid motions in the mean, over the diagonal of K, (unknowns,).
 
-    Each row has a share of the stiffness of an unknown in all, divided among its unknowns as its
-    squared entries are: the motion is held, and hardly anything else is stiffened (collective).
+    The springs of a row add up to a share of the stiffness of an unknown, divided among its
+    unknowns like its squared entries. They hold the motion and hardly stiffen other displacements
+    (collective).
     """
     squares = squared_rows(system)
     sums = multiply(squares, np.ones(system.size))

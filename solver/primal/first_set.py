@@ -93,7 +93,7 @@ def find_first_set(
 def _on_every_rank(level: SharedLevel) -> Array:
     """The solution of a small level; every rank solves the whole problem (collective).
 
-    A small problem that ranks share costs more messages than work.
+    The messages of a small distributed problem cost more than its work.
     """
     whole = DenseLevel.gathered(level)
     x = whole.minimise(np.zeros(len(whole.load)), level.options.exact_steps)
@@ -110,7 +110,7 @@ def _with_means(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Ma
     springs = spread_means(system) * system.diagonal
     result = []
     for k, operator in enumerate(hierarchy.operators):
-        if k == 0 and hierarchy.prolongations:  # coarser levels alone are asked for
+        if k == 0 and hierarchy.prolongations:  # only coarser levels are needed
             result.append(operator)
             springs = multiply_transposed(squared(hierarchy.prolongations[0]), springs)
             continue

@@ -1,4 +1,4 @@
-"""The energy of the strains where some unknowns are held away from zero."""
+"""The strain energy if some unknowns are held at values other than zero."""
 
 from __future__ import annotations
 

@@ -26,10 +26,10 @@ class MultigridOptions:
     Attributes
     ----------
     threshold
-        Couplings below that share are left out of aggregates: they follow thin walls then.
+        Couplings below this share are left out of aggregates, so that aggregates follow thin walls.
     aggressive
-        Levels that are coarsened twice at once. The second level has a thirtieth of the unknowns
-        then, and a cycle costs little more than its smoothing steps on the finest level.
+        Number of levels with aggressive (squared) coarsening. The second level then has a thirtieth
+        of the unknowns, and a cycle costs little more than its smoothing steps on the finest level.
     smoothing
         Chebyshev steps before and after each coarse correction.
     smallest
@@ -90,7 +90,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         "pc_gamg_aggressive_coarsening": options.aggressive,
         "mg_levels_ksp_max_it": options.smoothing,
         "mg_levels_pc_type": "jacobi",
-        "mg_coarse_pc_type": "none",  # its factor is not asked for
+        "mg_coarse_pc_type": "none",  # its factor is not needed
         "mg_coarse_ksp_type": "preonly",
     }
     with lent_options(prefix, given), lent_options("", _products(system.comm)):

@@ -12,7 +12,7 @@ class Lanczos:
     Attributes
     ----------
     lengths
-        Of the steps so far.
+        Lengths of the steps so far.
     squares
         rᵀ M⁻¹ r before the first step and after each.
     """
@@ -25,8 +25,7 @@ class Lanczos:
     def add(self, length: float, square: float) -> None:
         """One more step.
 
-        The matrix ends where a step is made of rounding errors: they have no length, or leave a
-        residual without one.
+        The matrix ends at a step of rounding errors, whose length or residual is no finite number.
         """
         if self._ended or not (length > 0.0 and square > 0.0):
             self._ended = True

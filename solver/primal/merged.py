@@ -4,8 +4,8 @@
 
 Tangential rows of points with friction are among them, too. Rows that hold a rigid motion hold with
 equality. Gluing rows are gone, and held unknowns have their displacement: their rows and columns of
-K are those of a scaled identity. C is what is left of B, with its scaling, so that the multipliers
-of both are the same numbers. Unknowns of rigid bodies have no stiffness
+K are those of a scaled identity. C consists of the remaining rows of B with their scaling, so that
+B and C have the same multipliers. Unknowns of rigid bodies have no stiffness
 (`solver.primal.rigid_bodies`).
 """
 
@@ -48,13 +48,13 @@ class MergedSystem:
     c : (rows,)
         Right-hand side of these.
     rows : (rows,)
-        Which rows of B these are.
+        Numbers of these rows in B.
     load : (unknowns,)
         f - K u_held, and K u_held on held unknowns.
     held : (unknowns,)
-        Which unknowns are held.
+        Mask of the held unknowns.
     stiffless : (unknowns,)
-        Which unknowns are those of rigid bodies, held ones left out. They come last.
+        Mask of the unknowns of rigid bodies without held ones. They come last.
     rigid : (unknowns, motions)
         The rigid motions of all bodies, each about its middle.
     body : (unknowns,)
@@ -86,7 +86,7 @@ class MergedSystem:
 
     @cached_property
     def diagonal(self) -> Array:
-        """Of K; its largest entry on unknowns of rigid bodies."""
+        """Diagonal of K, with its largest entry on unknowns of rigid bodies."""
         own = np.asarray(self.K.getDiagonal().getArray())
         top = self.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX)
         return np.where(self.stiffless, top, own)
@@ -355,7 +355,7 @@ def _transfer(comm: MPI.Intracomm, columns: NDArray[np.int64], size: int) -> PET
 def _renamed(
     comm: MPI.Intracomm, rows: sparse.csr_matrix, columns: NDArray[np.int64], size: int
 ) -> PETSc.Mat:
-    """Rows of B on the merged unknowns (collective): a product with all ranks' picks, but renamed.
+    """Rows of B on the merged unknowns, by renumbering of columns (collective).
 
     PETSc's product on two ranks takes a second on a part of 50,000 unknowns.
     """

@@ -1,4 +1,4 @@
-"""The nodes of the undecomposed problem: every node once, whatever subdomains share it."""
+"""The nodes of the undecomposed problem: nodes that subdomains share count once."""
 
 from __future__ import annotations
 

@@ -18,9 +18,9 @@ equations*, SIAM J. Optim. 7, 1997). A step takes a sparse factor of
 
     K + ε D + E^T W E + C_A^T W C_A,   A the rows with λ + W (C u - c) > 0.
 
-No force between subdomains has to be found by conjugate gradients, so slender bodies, whose dual
-operators are lost in rounding errors, cost no more than others. ε is zero where gluing and held
-rows stop every rigid motion.
+Forces between subdomains are not computed by conjugate gradients. Slender bodies, whose dual
+operators are dominated by rounding errors, therefore cost no more than others. ε is zero where
+gluing and held rows stop every rigid motion.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from solver.vectors import largest_magnitude
 Array = NDArray[np.float64]
 
 NOISE = 0.5
-"""Residual over that which rounding the displacements leaves, below which steps change their last
-digits alone: a strip of 16,010 unknowns ends at a tenth of it."""
+"""Residual, relative to that caused by rounding the displacements, below which steps change only
+the last digits: a strip of 16,010 unknowns ends at a tenth of it."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def _minimise(
 
 
 class _Clock:
-    """Counts Newton steps, tells the monitor and asks it whether to stop."""
+    """Counts Newton steps, informs the monitor and asks it whether to stop."""
 
     def __init__(
         self, comm: MPI.Intracomm, monitor: Monitor | None, options: NewtonOptions
@@ -191,9 +191,9 @@ class _Clock:
 
 
 class _System:
-    """K, B and what Newton's method does with them, on the free unknowns of all subdomains.
+    """K, B and the operations of Newton's method on the free unknowns of all subdomains.
 
-    Those of rigid bodies, without stiffness, count as stiff as the stiffest in norms and in D; the
+    Unknowns of rigid bodies have no stiffness: norms and D use the largest stiffness for them, and
     penalties are those of the other side of their rows.
     """
 

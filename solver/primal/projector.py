@@ -32,7 +32,7 @@ Dependent rows then share their force, and leave jumps of this size.
 
 
 class Projector:
-    """Π and what belongs to it for one active set.
+    """Π and its data for one active set.
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ class Projector:
     def truncating(self, P: PETSc.Mat) -> PETSc.Mat:
         """E in Π P ≈ P - E for a prolongation P: D⁻¹ C_Aᵀ X with X near S⁻¹ C_A P.
 
-        S is lumped, which changes nothing for rows at single nodes. What rows over several nodes
-        leave is taken out by Π. Two more steps towards S⁻¹ saved no iteration on three pairs and
-        took four times as long. Rows that hold a motion in the mean are left to Π: E would be full.
+        S is lumped, which changes nothing for rows at single nodes. For rows over several nodes Π
+        removes the rest. Two more steps towards S⁻¹ saved no iteration on three pairs and took four
+        times as long. Rows that hold a motion in the mean are left to Π: E would be full.
         """
         narrow = np.flatnonzero(~self.system.means[self.rows])
         C, sums = self.C, self._row_sums()

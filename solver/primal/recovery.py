@@ -1,7 +1,7 @@
-"""From merged displacements to those of the subdomains, and to all multipliers.
+"""Displacements of subdomains and all multipliers, from merged displacements.
 
-Those of contact and tied rows are the solver's. Rows of gluing and of held unknowns are orthonormal
-and see what is left at their nodes: λ = B (f - K u - B_Cᵀ λ_C).
+The solver provides the multipliers of contact and tied rows. Rows of gluing and of held unknowns
+are orthonormal and balance the remaining forces at their nodes: λ = B (f - K u - B_Cᵀ λ_C).
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """Rigid bodies in the undecomposed problem: six unknowns more each, three in the plane.
 
-Their rows and columns of K are zero, and only contact rows, tied rows and rows that hold rigid
-motions reach them. With q their unknowns and u all others, a row reads C_u u + C_q q.
+Their rows and columns of K are zero; only contact rows, tied rows and rows that hold rigid motions
+have entries in them. With q their unknowns and u all others, a row reads C_u u + C_q q.
 
 The projector moves u alone, D⁻¹ = 0 on q: S keeps its narrow band, and Π e_j of a unit motion of a
-rigid body drags the nodes of active rows along. These motions are part of the coarse space of
-`solver.primal.rigid_space`, which meets the balance of each rigid body exactly. What is left to the
-V-cycle is the problem in which rigid bodies are held. Rows of q alone, as those of a rigid body on
-held nodes, are held by a projector of their own (`RowsOfMotions`).
+rigid body moves the nodes of active rows along with the body. These motions are part of the coarse
+space of `solver.primal.rigid_space`, which meets the balance of each rigid body exactly. The
+V-cycle only has to treat the problem in which rigid bodies are held. Rows of q alone, as those of a
+rigid body on held nodes, are held by a projector of their own (`RowsOfMotions`).
 
-On the coarse levels that find the first set q is carried along as it is (`with_motions`).
+The coarse levels that find the first set contain q unchanged (`with_motions`).
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ DEPENDENT = 1e-10
 class RowsOfMotions:
     """Active rows of unknowns of rigid bodies alone: C_q q = c (collective).
 
-    Every rank has all of them, since they are few and so are these unknowns.
+    Every rank has all of these rows, since the rows and their unknowns are few.
 
     Parameters
     ----------
     C : (active, unknowns)
         The active rows.
     chosen : (active,)
-        Which of this rank's they are.
+        Mask of these rows among the active rows of this rank.
     """
 
     def __init__(self, system: MergedSystem, C: PETSc.Mat, chosen: NDArray[np.bool_]) -> None:
@@ -90,8 +90,8 @@ def with_motions(
     operators
         Stiffness of each level.
     springs : (unknowns,)
-        What holds rigid bodies on coarser levels of a cycle, which need an inverse: the springs of
-        all contact rows together.
+        Springs that hold rigid bodies on coarser levels of a cycle, which need an inverse: the sum
+        of the springs of all contact rows.
 
     Returns
     -------

@@ -1,15 +1,16 @@
 """A coarse space of rigid motions, for bodies that contact holds.
 
-A ball between two grooves can turn although no load makes it: facets and friction-free contact hold
-its spin by next to nothing. Such motions, changed at the nodes of active rows so that these stay
-closed, W = Π R, have so little energy that neither smoothing nor truncated coarse spaces see
-them. With Q = W (Wᵀ K W)⁻¹ Wᵀ the correction M⁻¹ r becomes
+A ball between two grooves can rotate without a load: facets and frictionless contact hardly resist
+its rotation. Such motions, changed at the nodes of active rows so that these stay closed, W = Π R,
+have very little energy, and neither smoothing nor truncated coarse spaces reduce errors in them.
+With Q = W (Wᵀ K W)⁻¹ Wᵀ the correction M⁻¹ r becomes
 
     (I - Q K) M⁻¹ r + Q r
 
 (J. M. Tang, R. Nabben, C. Vuik, Y. A. Erlangga, *Comparison of two-level preconditioners derived
 from deflation, domain decomposition and multigrid methods*, 2009: A-DEF2). K W vanishes away from
-the contact. Rigid bodies are such bodies, too: their motions have no other preconditioner.
+the contact. Rigid bodies are treated in the same way, since their motions have no other
+preconditioner.
 """
 
 from __future__ import annotations
@@ -30,28 +31,30 @@ HELD = 1e-8
 do not stop it."""
 
 SINGULAR = 1e-13
-"""Energy of a motion, over that of the largest, below which it is none but rounding errors."""
+"""Energy of a motion, relative to the largest, below which it consists of rounding errors."""
 
 LEAST = 0.1
-"""Energy of the motion with the largest that counts at least; in the norm of D motions have one."""
+"""Least value for the largest energy of a motion; in the norm of D motions have energy one."""
 
 ROUNDING = 1e-14
-"""Magnitude of K w over the root of K below which it is rounding errors alone."""
+"""Magnitude of K w over the root of K below which it consists of rounding errors."""
 
 FULL = 18
-"""Motions up to which W is stored as a full matrix: that of more is mostly zeros."""
+"""Largest number of motions for which W is stored as a full matrix: with more it is mostly
+zeros."""
 
 UNBALANCED = 1e-8
 """Work of a residual on a motion without energy, over that of the magnitudes of the load."""
 
 MOST = 50
-"""Bodies up to which the space has elastic ones: its matrix is dense."""
+"""Largest number of bodies for which the space contains motions of elastic bodies: its matrix is
+dense."""
 
 
 def floating_motions(system: MergedSystem) -> Array:
     """Rigid motions of bodies that held unknowns do not stop, (unknowns, motions) (collective).
 
-    Where more than `MOST` bodies have such, those of rigid bodies alone.
+    If more than `MOST` bodies have such motions, only those of rigid bodies.
     """
     rigid, bodies, found = system.rigid, system.problem.bodies, {}
     for number in range(bodies.count):
@@ -69,14 +72,14 @@ def floating_motions(system: MergedSystem) -> Array:
 
 
 class RigidSpace:
-    """W and what belongs to it for one active set (collective).
+    """W and its data for one active set (collective).
 
     Parameters
     ----------
     motions : (unknowns, motions)
         R, from `floating_motions`.
     stiffness
-        A product with K and what springs add to it.
+        Product with K including springs.
     """
 
     def __init__(
@@ -114,9 +117,9 @@ class RigidSpace:
         Parameters
         ----------
         residual : (unknowns,)
-            Of the start, projected.
+            Initial residual, projected.
         load : (unknowns,)
-            What it is small beside.
+            Load with which the residual is compared.
         """
         if self.empty or not self._free.shape[1]:
             return False
@@ -125,7 +128,7 @@ class RigidSpace:
         return bool(np.abs(self._free.T @ work).max() > UNBALANCED * scale.max(initial=0.0))
 
     def balance(self, residual: Array, moved: Array) -> Array:
-        """Q (r - K v) for a displacement v (unknowns,), where the space is not empty."""
+        """Q (r - K v) for a displacement v (unknowns,) if the space is not empty."""
         work = self._comm.allreduce(self._Wt @ residual - self._KWt @ moved)
         return np.asarray(self._W @ (self._inverse @ work))
 

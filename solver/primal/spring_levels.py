@@ -30,7 +30,7 @@ from solver.tfeti.constraints.matrix import lent, local_rows
 Array = NDArray[np.float64]
 
 SMALL = 1e-2
-"""Share of the largest stiffness of a level that an unknown counts as if it had at least.
+"""Least stiffness of an unknown, relative to the largest of the level.
 
 Aggregates with held or too few nodes have unknowns without any stiffness."""
 
@@ -42,19 +42,19 @@ class FirstSetOptions:
     Attributes
     ----------
     faint
-        w. A hundredth moves contact zones visibly; below 1e-6 bodies that nothing else holds are
-        moved so far that no digits are left.
+        w. With a hundredth contact zones move visibly; below 1e-6 bodies that only these springs
+        hold move so far that no digits are left.
     exact_steps, steps
         Most Newton steps on the coarsest level, which a factor solves, and on finer ones: with five
         on these ten trial parts and two pairs take the same sets, the flange one more. Its shipped
         mesh of degree 2 takes 94, 85 and 80 applications on one to three ranks, with five 82, 91,
         88.
     reduction, iterations
-        Of the conjugate gradients of one Newton step. With 0.03 and eight steps the first set takes
-        half as long again, and the sets after it no fewer iterations (pillow block 31, flange 58
-        instead of 52).
+        Residual reduction, and largest number of iterations, of the conjugate gradients in one
+        Newton step. With 0.03 and eight steps the first set takes half as long again, and the sets
+        after it no fewer iterations (pillow block 31, flange 58 instead of 52).
     near
-        Added to the diagonal, relatively: for motions that no row and no support stops.
+        Relative addition to the diagonal, for motions that no row and no support stops.
     largest
         Unknowns up to which a level is solved by a factor, a dense one. On a bracket of hexahedra
         (66,843 unknowns) one of 2,100 takes a quarter of the whole solve; from the level below, of
@@ -83,7 +83,7 @@ class Rows:
     c, stiffness : (rows,)
         Right-hand side, and stiffness of the springs.
     normal, equality : (rows,)
-        Which are contact rows, and which hold with equality.
+        Masks of the contact rows, and of the rows that hold with equality.
     """
 
     comm: MPI.Intracomm
@@ -109,7 +109,7 @@ class Level(ABC):
     load
         b.
     diagonal
-        Of A.
+        Diagonal of A.
     """
 
     def __init__(self, rows: Rows, load: Array, diagonal: Array, options: FirstSetOptions) -> None:
@@ -144,7 +144,7 @@ class Level(ABC):
         return np.asarray(self.rows.normal & (self.images(x) > self.rows.c))
 
     def minimise(self, x: Array, steps: int) -> Array:
-        """The minimum, or what so many steps come to (collective)."""
+        """The minimum, or the result of the given number of steps (collective)."""
         jump = self.images(x) - self.rows.c
         Ax = self.stiffness(x)
         for _ in range(steps):
@@ -216,7 +216,7 @@ class SharedLevel(Level):
         return multiply_transposed(self.Q, tensions)
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
-        """By a sparse factor of the Hessian."""
+        """Newton step by a sparse factor of the Hessian."""
         pc = factored(with_springs(self.A, self.Q, weights, self.near))
         out = np.empty_like(residual)
         with lent(self.comm, residual, out) as (x, y):
@@ -228,8 +228,8 @@ class SharedLevel(Level):
 class CycleLevel(SharedLevel):
     """A level whose steps a few conjugate gradients find, with a cycle from there down.
 
-    The Hessian is put together for the smoother alone, with the first springs. The levels below
-    have none of contact rows: these cost more than the steps they save.
+    The Hessian is assembled only for the smoother, with the first springs. Levels below have no
+    springs of contact rows: they would cost more than the steps they save.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ class CycleLevel(SharedLevel):
         return x
 
     def _cycle_of(self, weights: Array) -> Cycle:
-        """The cycle, made with the springs it is first asked for (collective)."""
+        """The cycle, made with the springs of the first call (collective)."""
         if self._cycle is None:
             levels = self._hierarchy
             top = with_springs(self.A, self.Q, weights, self.near)
@@ -298,7 +298,7 @@ class DenseLevel(Level):
 
     @classmethod
     def gathered(cls, level: SharedLevel) -> DenseLevel:
-        """The whole of a level that ranks share, on each of them (collective)."""
+        """A distributed level, gathered on every rank (collective)."""
         comm = level.comm
         A, Q = (
             sparse.csr_matrix(sparse.vstack(comm.allgather(local_rows(matrix))))
@@ -320,7 +320,7 @@ class DenseLevel(Level):
         return np.asarray(self._Qt @ tensions)
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
-        """By a dense factor of the Hessian."""
+        """Newton step by a dense factor of the Hessian."""
         changes = weights - self._weights_of_hessian
         for sign in (1.0, -1.0):
             some = np.flatnonzero(sign * changes > 0.0)

@@ -1,7 +1,7 @@
-"""Rows of an active set that give way: sliding points in space, across their slip.
+"""Rows of an active set with a compliance: sliding points in space, across their slip.
 
 In such a row B u - c = C λ with a compliance C (`solver.backend.Statuses`). It is a spring of
-stiffness 1/C: K becomes K + Bᵀ C⁻¹ B. The V-cycle does not know of it. With all active rows in B,
+stiffness 1/C: K becomes K + Bᵀ C⁻¹ B. The V-cycle does not contain it. With all active rows in B,
 C = 0 in those that hold exactly, D the diagonal of K and S = B D⁻¹ Bᵀ,
 
     Π = I - D⁻¹ Bᵀ (S + C)⁻¹ B,      z = Π M⁻¹ Πᵀ r + D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r
@@ -21,12 +21,12 @@ from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_t
 Array = NDArray[np.float64]
 
 STIFFEST = 1e4
-"""Largest stiffness of such a row, over what K holds against it. What slips by so little hardly
-turns, and a stiffer spring takes digits from its force."""
+"""Largest stiffness of such a row, relative to the stiffness of K against it. A point with such a
+small slip hardly changes its direction, and a stiffer spring takes digits from its force."""
 
 
 class Springs:
-    """The rows of a set that give way.
+    """The rows of a set that have a compliance.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""From which slenderness on a body counts as thin."""
+"""Slenderness from which on a body counts as thin."""
 
 THIN = 12.0
 """Longest over shortest extent of a body from which on its contact may peel off row by row, and its

@@ -1,9 +1,9 @@
-"""From degree 2 to degree 1: displacements at the vertices of cells, taken linear between them.
+"""The level of degree 1 below degree 2: displacements at vertices, linear between them.
 
 Smoothed aggregation is slow on cells of degree 2: their matrices have positive couplings and twice
 the entries a row. The displacements of degree 1 on the same cells are a subspace of those of degree
-2 (where edges are straight), and GAMG works well on their stiffness Pᵀ K P. P takes nodes amid
-edges, faces and cells as means of the vertices about them.
+2 (where edges are straight), and GAMG works well on their stiffness Pᵀ K P. P maps vertices to
+midside nodes and nodes inside faces and cells as means of the adjacent vertices.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class VertexLevel:
     Attributes
     ----------
     P
-        To the unknowns of the problem; zero on held unknowns, those of rigid bodies, and from held
-        vertices.
+        Matrix from vertices to the unknowns of the problem; zero on held unknowns and unknowns of
+        rigid bodies, and from held vertices.
     rigid : (vertex unknowns, motions)
         The rigid motions, zero where held.
     """

@@ -149,7 +149,7 @@ class SafeguardedCG:
     Attributes
     ----------
     kappa : float
-        κ, the part of the standard expansion's guaranteed decrease that is asked for.
+        κ, the required part of the standard expansion's guaranteed decrease.
     standard : float
         Length of the standard expansion's segment in units of 1/‖A‖.
     """

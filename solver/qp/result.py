@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 
 class Reason(Enum):
-    """Why a solve ended; the value is a sentence for the user."""
+    """Reasons why a solve ended; the value is a sentence for the user."""
 
     CONVERGED = "The projected gradient and the equality residual are below the tolerance."
     ACCEPTED = "The caller's own test accepted the solution."

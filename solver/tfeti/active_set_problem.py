@@ -46,8 +46,8 @@ Rounding errors make this part, and no step of conjugate gradients can remove it
 """
 
 SOFTENED = 0.3
-"""Stiffness against a row of several nodes whose surroundings give way, over that by the diagonal
-of K: 1 took 8 % more operator applications on blocks of tetrahedra, 0.1 as many."""
+"""Stiffness against a row of several nodes with elastic surroundings, relative to that by the
+diagonal of K: 1 took 8 % more operator applications on blocks of tetrahedra, 0.1 as many."""
 
 SHORT = 4
 """Steps on an active set up to which that part is not computed: it costs a projection."""

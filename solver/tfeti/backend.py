@@ -55,7 +55,7 @@ class TotalFeti:
 
     @cached_property
     def _coupled(self) -> CoupledRows | None:
-        """Of all sets (collective when first asked)."""
+        """Coupled rows of all sets (collective at the first call)."""
         return coupled_rows(self.problem)
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:

@@ -82,7 +82,7 @@ def coupled_rows(problem: DualProblem) -> CoupledRows | None:
 
 
 class _Factor:
-    """The factor of M on the free rows that were asked for last."""
+    """The factor of M on the free rows of the last call."""
 
     def __init__(self, matrix: sparse.csc_matrix) -> None:
         self._matrix = matrix

@@ -150,11 +150,11 @@ class ErrorEstimator:
 
     @cached_property
     def _sampled(self) -> list[Array | None]:
-        """Of each class a basis of what samples tell, by component; None where they are no better.
+        """Basis of fields that samples determine, by class and component; None if not used.
 
-        Those of mean dilatation are not: the part of the volume is the same all over a cell. Nor
-        are those of a nearly incompressible material, whose pressure is in error at the samples by
-        as much as elsewhere.
+        None is used where stresses are no more accurate at the samples than elsewhere: with mean
+        dilatation, whose volumetric part is constant over a cell, and for a nearly incompressible
+        material, whose pressure has the same error everywhere.
         """
         recovery, result = self.recovery, []
         for cells, averaged, materials in zip(

@@ -32,8 +32,8 @@ THIN = 1e-3
 polynomial: 0.1 to 0.2 for a symmetric patch."""
 
 OWN = 32.0
-"""How often the cells around a vertex count besides, where those of its neighbours help them out:
-these tell only what the few cannot."""
+"""Additional weight of the cells around a vertex in a fit with the cells of its neighbours, which
+serve only what the few cells leave undetermined."""
 
 WEAK = 1e-2
 """Directions of a fit with eigenvalues below this share of the largest are left out."""
@@ -177,7 +177,7 @@ class Meeting:
         )
 
     def places_of(self, part: Meeting) -> NDArray[np.int64]:
-        """Where values at the nodes of a part of these are, in its order."""
+        """Positions here of the nodes of an exchange between a part of these nodes."""
         result = np.empty(len(part.known), np.int64)
         result[part._place] = self._place[np.searchsorted(self.known, part.known)]
         return result
@@ -226,7 +226,7 @@ class Copies(Meeting):
         super().__init__(self._comm, numbers, self._total)
 
     def some(self, copies: NDArray[np.integer[Any]]) -> Meeting:
-        """Of some copies and their owners (collective)."""
+        """Exchange between some of the copies and their owners (collective)."""
         return Meeting(self._comm, self._numbers[copies], self._total)
 
     def of_class(self, values: NDArray, cls: int) -> NDArray:
@@ -287,10 +287,11 @@ def _outer(root: Array) -> Array:
 
 
 def pseudo_inverse(A: Array, weak: float, dimension: int) -> Array:
-    """Of moments (n, monomials, monomials), without the directions they hardly determine.
+    """Pseudo-inverse of moments (n, monomials, monomials) without weakly determined directions.
 
-    Low degrees come first: of the polynomials that fit as well the one with the least slopes is
-    meant, and of these the one with the least curvature. A body one cell thick is constant across.
+    Low degrees come first: of several polynomials with the same fit, the one with the smallest
+    slopes is chosen, and of these the one with the smallest curvature. A body one cell thick is
+    constant across.
 
     Parameters
     ----------

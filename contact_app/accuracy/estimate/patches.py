@@ -177,7 +177,7 @@ class Cells:
 
     @property
     def samples(self) -> Table:
-        """Where stresses are taken."""
+        """Sampling points of stresses."""
         return self.table(self.degree)
 
     def sampled(self, rule: int) -> Array | None:

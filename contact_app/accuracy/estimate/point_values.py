@@ -131,7 +131,7 @@ def _around(pieces: Sequence[_Piece], bodies: int) -> Array:
 
 
 def _inside(boxes: Array, points: Array) -> NDArray[np.bool_]:
-    """Which points (n, 3) lie in boxes (…, 2, 3)."""
+    """Whether each of points (n, 3) lies in each of boxes (…, 2, 3)."""
     inside = (points >= boxes[..., 0, :]) & (points <= boxes[..., 1, :])
     return np.asarray(inside.all(axis=-1))
 

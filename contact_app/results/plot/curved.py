@@ -20,12 +20,12 @@ HALF = np.array([0.375, 0.75, -0.125])
 """N of a side's end, middle and other end at a quarter of an edge."""
 
 INNER = np.array([-0.125, -0.125, 0.5, 0.5, 0.25])
-"""N amid two middles: of the two vertices that both edges do not share, the two middles, the third
-middle."""
+"""N half-way between two midpoints: for the two vertices that the edges do not share, the two
+midpoints, and the third midpoint."""
 
 _DRAWN = ((False, True, True), (True, False, True), (True, True, False), (False, False, False))
-"""Of the quarters at the three vertices and the one between the middles: whether the edge opposite
-each corner is part of one of the side."""
+"""For the three quarters at the vertices and the one between the midpoints: whether the edge
+opposite each corner is part of an edge of the side."""
 
 
 def finer(stored: Stored) -> Stored:

@@ -94,7 +94,7 @@ class ContactEntries:
 
     @classmethod
     def none(cls) -> ContactEntries:
-        """No entries."""
+        """An empty table of entries."""
         number = np.zeros(0, np.int64)
         return cls(number, number, np.zeros((0, 3)), number, np.zeros(0))
 
