@@ -12,9 +12,10 @@ p_s = M p + M(p - M p) (twicing, J. W. Tukey, *Exploratory Data Analysis*, 1977,
 is below zero is cut off, and the whole scaled so that its integral is that of p. Constant pressures
 are exact.
 
-It is right where the contact is several facets wide and the gap is that of the round surfaces
-(`round` of a contact between bodies, or a round obstacle). It is too low where three facets or
-fewer carry the contact, and at corners, where the pressure itself is singular.
+It is right to about 5 % where at least six facets lie across the contact and the gap is that of the
+round surfaces (`round` of a contact between bodies, or a round obstacle); to 7 % from four facets
+on (`contact_app.studies.smoothed_peaks`). It is too low where three facets or fewer carry the
+contact, and at corners and ends, where the pressure itself is singular.
 """
 
 from __future__ import annotations
@@ -36,10 +37,8 @@ from meshes.contact_surface import Surface
 Array = NDArray[np.float64]
 
 REACH = 1.5
-"""Radius of the mean over the longest edge there. In a shrink fit of tetrahedra (hub_on_shaft.yaml
-with degree 1 and `round`) the peak is 202 with 1.25, 149 with 1.5 and 128 with 2; degree 2 has 149.
-In Hertz's ball (hertz_sphere.yaml) it is 0.4 % too low with 1.5, where single nodes are 6.7 % too
-high."""
+"""Radius of the mean over the longest edge there. In Hertz's ball (hertz_sphere.yaml) the peak is
+0.3 % too low, where single nodes are 6.7 % too high (`contact_app.studies.smoothed_peaks`)."""
 
 
 def smoothed_pressure(

@@ -47,10 +47,10 @@ from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Solution
 from solver.driver import reason_text
 
-SMOOTHED = "and max_smoothed_pressure may be a tenth off, too"
-"""Sentence on the smoothed pressure in warnings of few facets across a contact: with 2.6 across
-Hertz's ellipse (ball_in_grooves.yaml) it is 7 % and 4 % below Hertz, and 13 % and 2 % below that of
-meshes whose peaks agree (docs/guide/results.md)."""
+SMOOTHED = "and max_smoothed_pressure may be a fifth off, too"
+"""Sentence on the smoothed pressure in warnings of few facets across a contact: with 2.2 to 2.7
+across Hertz's ellipse (ball_in_grooves.yaml, its ball turned by five angles) it is 2 % to 22 % too
+low, with 3.5 to 4.3 it is 3 % to 7 % too high (`contact_app.studies.smoothed_peaks`)."""
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
 """Strain, and rotation in radians, above which a warning says that they are not small."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from meshes.contact_surface import Surface
 from meshes.mortar import mean_gaps
@@ -44,7 +45,7 @@ def test_heights_of_round_surfaces(deep: int, cut: bool, outward: float) -> None
     found = surface.height(np.arange(len(surface.nodes)), middles)
     away = np.linalg.norm(surface.centres[:, :2], axis=1)
     right = outward * (RADIUS - away)
-    np.testing.assert_allclose(found, right, rtol=0.25 if cut else 0.02)
+    np.testing.assert_allclose(found, right, rtol=0.01)
 
 
 def test_corners_stay_sharp() -> None:
@@ -61,4 +62,31 @@ def test_the_gap_of_arcs_is_that_of_circles() -> None:
     bore, shaft = strip(RADIUS, 13, -1.0), strip(RADIUS - 0.05, 8, 1.0)
     flat, smooth = mean_gaps(bore, shaft).gaps, mean_gaps(bore.smooth(), shaft.smooth()).gaps
     assert np.abs(flat - 0.05).max() > 0.02
-    np.testing.assert_allclose(smooth, 0.05, rtol=0.03)
+    np.testing.assert_allclose(smooth, 0.05, rtol=0.01)
+
+
+@pytest.mark.parametrize("outward", [1.0, -1.0])
+def test_heights_on_uneven_triangles_of_a_ball_and_a_cylinder(outward: float) -> None:
+    """Vertices at random on the surface: an error of a fiftieth of the largest height."""
+    random = np.random.default_rng(4)
+    t = np.linspace(-0.9, 0.9, 8)
+    plane = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
+    inside = (np.abs(plane) < 0.89).all(axis=1)
+    plane[inside] += 0.07 * random.uniform(-1, 1, (int(inside.sum()), 2))
+    triangles = Delaunay(plane).simplices
+    for axes in (1, 2):
+        below = RADIUS - np.sqrt(RADIUS**2 - ((4.0 * plane[:, :axes]) ** 2).sum(axis=1))
+        points = np.column_stack([4.0 * plane, -below])[triangles]
+        inside_of = points.mean(axis=1) - [0.0, 0.0, outward]
+        surface = Surface.of(3, triangles, points, inside_of).smooth()
+        middles = surface.centres
+        away = middles + [0.0, 0.0, RADIUS]
+        right = outward * (RADIUS - np.linalg.norm(_across(away, axes), axis=1))
+        found = surface.height(np.arange(len(middles)), np.full((len(middles), 3), 1.0 / 3.0))
+        assert np.abs(right).max() > 0.02
+        np.testing.assert_allclose(found, right, atol=0.02 * np.abs(right).max())
+
+
+def _across(points: np.ndarray, axes: int) -> np.ndarray:
+    """Components of points from the axis of a cylinder along y, or from the centre of a ball."""
+    return points[:, [0, 2]] if axes == 1 else points
